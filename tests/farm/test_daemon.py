@@ -22,7 +22,7 @@ def test_unwritable_state_folder_is_reported_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("logging.basicConfig", lambda **_: None)
     state = StateFolder(tmp_path / "state")
     state.make()
-    state.lock.mkdir()  # like a full or read-only disk, it refuses the lock
+    state.lock.mkdir()  # prevents the lock, as a full or read-only disk does
     with pytest.raises(FarmError, match=r"state folder .* cannot be used .*: check its disk space"):
         run(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
 
@@ -32,7 +32,7 @@ COMMANDS = [f"farm.cli.commands.{path.stem}" for path in Path(commands.__file__)
 
 @pytest.mark.parametrize("module", ["farm.daemon", "farm.planning.tasks", *COMMANDS])
 def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
-    """Limit the imports, so that a restarted daemon and every `farm status` start fast."""
+    """Limit the imports, so that a restarted daemon and every `farm status` start quickly."""
     slow_modules = (
         "numpy",
         "scipy",
@@ -60,7 +60,7 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     monkeypatch.setattr(daemon._agents.hosts, "on_clock_set", lambda by_s: reports.append("hosts"))
     monkeypatch.setattr(daemon._controller, "handle", lambda *events: reports.extend(events))
     monkeypatch.setattr(time, "time", lambda: real_time() + 6 * 3600.0)
-    before_s = daemon._clock.now()
+    old_s = daemon._clock.now()
 
     async def follow_clock():
         follow_task = asyncio.get_running_loop().create_task(daemon._follow_clock())
@@ -71,7 +71,7 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     asyncio.run(follow_clock())
     daemon._workers.close()
     daemon._store.close()
-    assert daemon._clock.now() - before_s == pytest.approx(6 * 3600.0, abs=60.0)
+    assert daemon._clock.now() - old_s == pytest.approx(6 * 3600.0, abs=60.0)
     assert reports[:2] == ["timers", "hosts"]
     (event,) = [event for event in reports if isinstance(event, ev.ClockSet)]
     assert event.by_s == pytest.approx(6 * 3600.0, abs=60.0)
@@ -82,7 +82,7 @@ def test_farm_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
-    planning_states, polls, ends = iter([[1], [1], []]), [], []
+    planning_states, polls, polls_at_end = iter([[1], [1], []]), [], []
 
     def list_planning(_):
         polls.append(next(planning_states))
@@ -92,7 +92,7 @@ def test_farm_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch
         pass
 
     async def shut_down_agents():
-        ends.append(list(polls))
+        polls_at_end.append(list(polls))
 
     monkeypatch.setattr(daemon._controller.planning, "list_running_jobs", list_planning)
     monkeypatch.setattr("farm.daemon.asyncio.sleep", skip_sleep)
@@ -100,7 +100,7 @@ def test_farm_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch
     asyncio.run(daemon._end_when_idle(now))
     daemon._workers.close()
     daemon._store.close()
-    assert len(ends[0]) == poll_count
+    assert len(polls_at_end[0]) == poll_count
 
 
 def test_farm_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space(tmp_path, monkeypatch):
@@ -112,7 +112,7 @@ def test_farm_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_
     controller.on_plan_progress(1, PlanProgress(step=PlanStep.SLICING))
     daemon._inspections[tmp_path] = "bunny.stl"
 
-    async def sleep(_):
+    async def record_wait(_):
         waits.append(list(daemon._inspections.values()))
         daemon._inspections.clear()
         if len(waits) == 2:
@@ -121,7 +121,7 @@ def test_farm_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_
     async def shut_down_agents():
         pass
 
-    monkeypatch.setattr("farm.daemon.asyncio.sleep", sleep)
+    monkeypatch.setattr("farm.daemon.asyncio.sleep", record_wait)
     monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
     asyncio.run(daemon._end_when_idle(now=False))
     daemon._workers.close()

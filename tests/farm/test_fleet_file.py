@@ -13,7 +13,7 @@ MODELS = frozenset({"ultimaker2_plus", "ultimaker2_extended_plus"})
 ROOT = Path(__file__).parents[2]
 
 
-def load_text(tmp_path, text, *check):
+def load_fleet_text(tmp_path, text, *check):
     path = tmp_path / "fleet.yaml"
     path.write_text(text)
     return load_fleet(path, MODELS, *check)
@@ -29,7 +29,7 @@ printers:
 
 
 def test_defaults_apply_unless_a_printer_overrides_them(tmp_path):
-    fleet = load_text(tmp_path, VALID_TEXT)
+    fleet = load_fleet_text(tmp_path, VALID_TEXT)
     assert [(p.model, p.colour) for p in fleet.printers] == [
         ("ultimaker2_plus", "red"),
         ("ultimaker2_plus", "blue"),
@@ -39,27 +39,27 @@ def test_defaults_apply_unless_a_printer_overrides_them(tmp_path):
 
 
 def test_printers_have_the_fit_of_the_fleet_unless_they_have_their_own(tmp_path):
-    fleet = load_text(
+    fleet = load_fleet_text(
         tmp_path,
         VALID_TEXT.replace("{name: lab", "{pin_fit_mm: 0.5").replace("blue}", "blue, pin_fit_mm: 0}"),
     )
     assert [p.pin_fit_mm for p in fleet.printers] == [0.5, 0.0]
-    assert [p.pin_fit_mm for p in load_text(tmp_path, VALID_TEXT).printers] == [None, None]
+    assert [p.pin_fit_mm for p in load_fleet_text(tmp_path, VALID_TEXT).printers] == [None, None]
 
 
 def test_reel_has_a_price_if_given(tmp_path):
     priced_text = VALID_TEXT.replace("timezone", "currency: CHF, timezone").replace(
         "colour: red", "price_per_kg: 28.50"
     )
-    fleet = load_text(tmp_path, priced_text.replace("colour: blue", "price_per_kg: 0"))
+    fleet = load_fleet_text(tmp_path, priced_text.replace("colour: blue", "price_per_kg: 0"))
     assert fleet.fleet.currency == "CHF"
     assert [p.compute_price(200.0) for p in fleet.printers] == [pytest.approx(5.70), 0.0]
-    assert [p.compute_price(200.0) for p in load_text(tmp_path, VALID_TEXT).printers] == [None, None]
+    assert [p.compute_price(200.0) for p in load_fleet_text(tmp_path, VALID_TEXT).printers] == [None, None]
 
 
 def test_hours_are_one_window_or_a_list(tmp_path):
     hours = "attended: [mon-fri 08:00-18:00, sat 10:00-14:00], quiet: 22:00-06:00, timezone"
-    fleet_section = load_text(tmp_path, VALID_TEXT.replace("timezone", hours)).fleet
+    fleet_section = load_fleet_text(tmp_path, VALID_TEXT.replace("timezone", hours)).fleet
     assert [len(window.days) for window in fleet_section.attended] == [5, 1]
     assert [len(window.days) for window in fleet_section.quiet] == [7]
 
@@ -193,7 +193,7 @@ def test_fleet_file_of_the_repository_is_valid():
 )
 def test_error_is_reported_in_one_line(tmp_path, text, message):
     with pytest.raises(FleetFileError) as error:
-        load_text(tmp_path, text)
+        load_fleet_text(tmp_path, text)
     assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
     assert not re.search("Input|String|valid|instance|parse|Field", str(error.value))
@@ -225,24 +225,28 @@ def test_error_is_reported_in_one_line(tmp_path, text, message):
 )
 def test_unknown_cura_material_is_reported_as_a_field_error(tmp_path, text, message):
     with pytest.raises(FleetFileError) as error:
-        load_text(tmp_path, text, complete_section)
+        load_fleet_text(tmp_path, text, complete_section)
     assert message in str(error.value)
     assert error.value.exit_code == ExitCode.USAGE
 
 
 def test_printers_are_checked_only_if_the_files_of_cura_exist(tmp_path, monkeypatch):
-    assert len(load_text(tmp_path, VALID_TEXT, complete_section).printers) == 2
+    assert len(load_fleet_text(tmp_path, VALID_TEXT, complete_section).printers) == 2
     monkeypatch.setenv("FARM_CURA_RESOURCES", str(tmp_path))
     assert (
         len(
-            load_text(tmp_path, VALID_TEXT.replace("colour: blue", "nozzle_mm: 7"), complete_section).printers
+            load_fleet_text(
+                tmp_path, VALID_TEXT.replace("colour: blue", "nozzle_mm: 7"), complete_section
+            ).printers
         )
         == 2
     )
 
 
 def test_material_of_a_printer_is_given_by_its_common_name(tmp_path):
-    fleet = load_text(tmp_path, VALID_TEXT.replace("colour: blue", "material: red ABS"), complete_section)
+    fleet = load_fleet_text(
+        tmp_path, VALID_TEXT.replace("colour: blue", "material: red ABS"), complete_section
+    )
     assert [(p.material, p.material_kind) for p in fleet.printers] == [
         ("generic_pla", "PLA"),
         ("generic_abs", "ABS"),
@@ -252,7 +256,7 @@ def test_material_of_a_printer_is_given_by_its_common_name(tmp_path):
 
 def test_folder_of_materials_is_relative_to_the_fleet_file(tmp_path):
     (tmp_path / "mine").mkdir()
-    fleet = load_text(
+    fleet = load_fleet_text(
         tmp_path, VALID_TEXT.replace("name: lab", "name: lab, materials: mine"), complete_section
     )
     assert fleet.fleet.materials == tmp_path / "mine"
@@ -267,7 +271,7 @@ def test_one_port_under_two_paths_is_detected(tmp_path):
         "/dev/serial/by-path/two", str(link)
     )
     with pytest.raises(FleetFileError, match="one port"):
-        load_text(tmp_path, text)
+        load_fleet_text(tmp_path, text)
 
 
 def test_simulated_printers_may_share_an_address(tmp_path):
@@ -275,7 +279,7 @@ def test_simulated_printers_may_share_an_address(tmp_path):
     text = text.replace("/dev/serial/by-path/two", "sim://ultimaker2_plus").replace(
         "timezone", "time_scale: 60, timezone"
     )
-    assert len(load_text(tmp_path, text).printers) == 2
+    assert len(load_fleet_text(tmp_path, text).printers) == 2
 
 
 def test_missing_or_unreadable_file_is_reported(tmp_path):
@@ -285,18 +289,24 @@ def test_missing_or_unreadable_file_is_reported(tmp_path):
         load_fleet(tmp_path, MODELS)
 
 
-MERGES = "".join(f"a{i}: &a{i} {{<<: [{', '.join([f'*a{i - 1}'] * 9)}]}}\n" for i in range(1, 12))
-LISTS = "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
-HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in range(20_000))
+NESTED_MERGES = "".join(f"a{i}: &a{i} {{<<: [{', '.join([f'*a{i - 1}'] * 9)}]}}\n" for i in range(1, 12))
+NESTED_LISTS = "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
+MANY_HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in range(20_000))
 
 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("a0: &a0 {k: v}\n" + MERGES + VALID_TEXT, "expands to more than 100000 values: use fewer aliases"),
-        ("a0: &a0 [v]\n" + LISTS + VALID_TEXT, "expands to more than 100000 values: use fewer aliases"),
         (
-            "fleet:\n attended:\n" + HOURS + "printers: []\n",
+            "a0: &a0 {k: v}\n" + NESTED_MERGES + VALID_TEXT,
+            "expands to more than 100000 values: use fewer aliases",
+        ),
+        (
+            "a0: &a0 [v]\n" + NESTED_LISTS + VALID_TEXT,
+            "expands to more than 100000 values: use fewer aliases",
+        ),
+        (
+            "fleet:\n attended:\n" + MANY_HOURS + "printers: []\n",
             ":3: fleet.attended: has 20000 values; 168 at most",
         ),
         ("# and so on\n" * 50_000 + VALID_TEXT, "is larger than 512 KiB: not a fleet file"),
@@ -305,7 +315,7 @@ HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in rang
 )
 def test_expanding_file_is_refused(tmp_path, text, reason):
     with pytest.raises(FleetFileError) as error:
-        load_text(tmp_path, text)
+        load_fleet_text(tmp_path, text)
     assert str(error.value).endswith(reason)
 
 
@@ -316,8 +326,8 @@ common: &common {model: ultimaker2_plus, colour: red}
 printers: [{<<: *common, name: a, port: /dev/one}]
 """
     with pytest.raises(FleetFileError, match="unknown key"):
-        load_text(tmp_path, text)
-    fleet = load_text(tmp_path, text.replace("common: &common", "defaults: &common"))
+        load_fleet_text(tmp_path, text)
+    fleet = load_fleet_text(tmp_path, text.replace("common: &common", "defaults: &common"))
     assert fleet.printers[0].colour == "red"
 
 
@@ -331,7 +341,7 @@ printers: [{<<: *common, name: a, port: /dev/one}]
     ],
 )
 def test_camera_has_an_http_address(tmp_path, url):
-    fleet = load_text(tmp_path, VALID_TEXT.replace("colour: red", f'camera: "{url}"'))
+    fleet = load_fleet_text(tmp_path, VALID_TEXT.replace("colour: red", f'camera: "{url}"'))
     assert fleet.find_printer("b").camera_url == url.replace("{printer}", "b")
     assert "pass-w0rd" not in repr(fleet)
 
@@ -354,11 +364,11 @@ def test_camera_has_an_http_address(tmp_path, url):
 )
 def test_invalid_camera_addresses_are_refused_without_showing_them(tmp_path, url):
     with pytest.raises(FleetFileError, match=r"fleet.yaml:3: defaults.camera: must be the address") as error:
-        load_text(tmp_path, VALID_TEXT.replace("colour: red", f'camera: "{url}"'))
+        load_fleet_text(tmp_path, VALID_TEXT.replace("colour: red", f'camera: "{url}"'))
     assert "pass-w0rd" not in str(error.value)
 
 
-CLUSTER = VALID_TEXT.replace("timezone", "compute: {scheduler: 'SCHEDULER'CERTIFICATES}, timezone")
+CLUSTER_TEXT = VALID_TEXT.replace("timezone", "compute: {scheduler: 'SCHEDULER'CERTIFICATES}, timezone")
 
 
 @pytest.mark.parametrize(
@@ -374,13 +384,13 @@ CLUSTER = VALID_TEXT.replace("timezone", "compute: {scheduler: 'SCHEDULER'CERTIF
 def test_cluster_without_a_valid_address_or_certificates_is_refused(
     tmp_path, scheduler, certificates, advice
 ):
-    text = CLUSTER.replace("SCHEDULER", scheduler).replace("CERTIFICATES", certificates)
+    text = CLUSTER_TEXT.replace("SCHEDULER", scheduler).replace("CERTIFICATES", certificates)
     with pytest.raises(FleetFileError, match=re.escape(advice)):
-        load_text(tmp_path, text)
+        load_fleet_text(tmp_path, text)
 
 
-def test_certificates_are_named_from_the_folder_of_the_file(tmp_path):
-    text = CLUSTER.replace("SCHEDULER", "tls://pc-a:8786").replace("CERTIFICATES", ", certificates: tls")
-    assert load_text(tmp_path, text).fleet.compute.certificates == tmp_path / "tls"
-    local_text = CLUSTER.replace("SCHEDULER", "tcp://127.0.0.1:8786").replace("CERTIFICATES", "")
-    assert load_text(tmp_path, local_text).fleet.compute.scheduler == "tcp://127.0.0.1:8786"
+def test_path_of_certificates_is_relative_to_the_fleet_file(tmp_path):
+    text = CLUSTER_TEXT.replace("SCHEDULER", "tls://pc-a:8786").replace("CERTIFICATES", ", certificates: tls")
+    assert load_fleet_text(tmp_path, text).fleet.compute.certificates == tmp_path / "tls"
+    local_text = CLUSTER_TEXT.replace("SCHEDULER", "tcp://127.0.0.1:8786").replace("CERTIFICATES", "")
+    assert load_fleet_text(tmp_path, local_text).fleet.compute.scheduler == "tcp://127.0.0.1:8786"

@@ -38,7 +38,7 @@ def test_long_socket_path_is_replaced_by_a_short_one():
 
 @pytest.fixture
 def temporary_folder(tmp_path, monkeypatch):
-    """Return the system's temporary folder, and the path there of a socket whose own path is too long."""
+    """Return the folder for temporary files, and a function that finds the short path of a socket."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = tmp_path / f"farm-{os.getuid()}"
     return folder, lambda: find_farm_paths(Path("/" + "a" * 120), None, None, {"HOME": "/home/ann"}).socket
@@ -94,13 +94,13 @@ def test_inaccessible_folders_are_skipped(tmp_path, monkeypatch):
     """Skip folders of another user: `su` keeps the caller's XDG_RUNTIME_DIR and working folder."""
     env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": "/run/user/0", "XDG_CONFIG_HOME": "/root/.config"}
 
-    def refuse(path):
+    def refuse_access(path):
         if not path.is_relative_to("/opt"):
             raise PermissionError(13, "Permission denied", str(path))
         return True
 
     for check in ("exists", "is_file", "is_dir"):
-        monkeypatch.setattr(Path, check, refuse)
+        monkeypatch.setattr(Path, check, refuse_access)
     paths = find_farm_paths(None, None, None, env, Path("/opt/run/farm.sock"))
     assert (paths.socket, paths.fleet.name) == (Path("/opt/run/farm.sock"), "fleet.yaml")
 

@@ -27,8 +27,8 @@ def test_ambiguous_weekday_is_shown_with_its_date(hours, text):
 
 
 @given(st.timedeltas(timedelta(), timedelta(days=20)), st.integers(0, 3), st.sampled_from([1, -1]))
-def test_two_times_weeks_apart_differ_in_the_past_and_in_the_future(seconds_away, weeks, side):
-    texts = {format_moment(NOW + side * (seconds_away + timedelta(weeks=i)), NOW) for i in (0, weeks)}
+def test_two_times_weeks_apart_differ_in_the_past_and_in_the_future(distance, weeks, side):
+    texts = {format_moment(NOW + side * (distance + timedelta(weeks=i)), NOW) for i in (0, weeks)}
     assert len(texts) == (2 if weeks else 1)
 
 

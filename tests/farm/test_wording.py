@@ -8,7 +8,7 @@ from farm.wording import describe_material, format_filament, format_planning, fo
 
 
 @pytest.mark.parametrize(
-    ("seconds", "expected_text"),
+    ("duration_s", "expected_text"),
     [
         (None, "-"),
         (0.4, "0 s"),
@@ -19,8 +19,8 @@ from farm.wording import describe_material, format_filament, format_planning, fo
         (360000, "100h00"),
     ],
 )
-def test_durations_are_formatted_in_hours_minutes_or_seconds(seconds, expected_text):
-    assert format_duration(seconds) == expected_text
+def test_durations_are_formatted_in_hours_minutes_or_seconds(duration_s, expected_text):
+    assert format_duration(duration_s) == expected_text
 
 
 def test_filament_is_shown_with_its_price_if_known():

@@ -1,4 +1,4 @@
-"""Imports of commands when they are used: tests count loaded modules, as seconds depend on the host."""
+"""Imports of commands when they are used: tests list loaded modules, because times depend on the host."""
 
 import inspect
 import json
@@ -21,7 +21,7 @@ main()
 """
 
 
-def list_modules_after(*arguments, **environment):
+def list_loaded_modules(*arguments, **environment):
     result = subprocess.run(
         [sys.executable, "-c", SCRIPT.format(words=list(arguments))],
         env={**os.environ, **environment},
@@ -38,14 +38,14 @@ def list_commands(modules):
 
 @pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("sumbit",)])
 def test_help_and_unknown_command_load_no_command(arguments):
-    modules = list_modules_after(*arguments)
+    modules = list_loaded_modules(*arguments)
     assert list_commands(modules) == set()
     assert not modules & {"yaml", "serial", "farm.api", "farm.model"}
 
 
 def test_no_command_is_loaded_to_complete_its_name():
-    complete = {"_FARM_COMPLETE": "complete_bash", "COMP_WORDS": "farm st", "COMP_CWORD": "1"}
-    modules = list_modules_after(**complete)
+    completion_variables = {"_FARM_COMPLETE": "complete_bash", "COMP_WORDS": "farm st", "COMP_CWORD": "1"}
+    modules = list_loaded_modules(**completion_variables)
     assert list_commands(modules) == set() and "farm.api" not in modules
 
 
@@ -58,7 +58,7 @@ def test_no_command_is_loaded_to_complete_its_name():
     ],
 )
 def test_command_loads_only_its_own_module(command, module, unused_modules):
-    modules = list_modules_after(command, "--help")
+    modules = list_loaded_modules(command, "--help")
     assert list_commands(modules) == {module}
     assert not modules & unused_modules
 

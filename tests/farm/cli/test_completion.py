@@ -38,7 +38,7 @@ class FakeDaemonHandler(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def daemon(tmp_path):
-    """Serve the socket of a daemon with these names."""
+    """Serve the socket of a daemon that knows `NAMES`."""
     with UnixStreamServer(str(tmp_path / "farm.sock"), FakeDaemonHandler) as server:
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
@@ -47,14 +47,14 @@ def daemon(tmp_path):
         thread.join()
 
 
-def complete_word(kind, incomplete, **params):
+def complete_word(completer, incomplete, **params):
     context = typer.Context(typer.main.get_command(typer.Typer(callback=lambda: None)))
     context.params = params
-    return [name for name, _ in kind(context, incomplete)]
+    return [name for name, _ in completer(context, incomplete)]
 
 
 @pytest.mark.parametrize(
-    ("kind", "incomplete", "names"),
+    ("completer", "incomplete", "names"),
     [
         (completion.printers, "", NAMES.printers),
         (completion.printers, "um2-", ["um2-01", "um2-02"]),
@@ -65,8 +65,8 @@ def complete_word(kind, incomplete, **params):
         (completion.targets, "um2x", ["um2x-01"]),
     ],
 )
-def test_names_with_the_prefix_are_offered(daemon, kind, incomplete, names):
-    assert complete_word(kind, incomplete, socket=str(daemon), job=3) == names
+def test_names_with_the_prefix_are_offered(daemon, completer, incomplete, names):
+    assert complete_word(completer, incomplete, socket=str(daemon), job=3) == names
 
 
 def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):

@@ -33,7 +33,7 @@ class ServerRig:
 
     def __init__(self, folder):
         self.now_s, self.uid = 100.0, 1000
-        self.started, self.clients = [], []
+        self.started_stops, self.clients = [], []
         self.listener = socket.socket(socket.AF_UNIX)
         self.path = str(folder / "s")
         self.listener.bind(self.path)
@@ -42,7 +42,7 @@ class ServerRig:
 
     def start_stop(self, connection, request):
         estop = FakeEstop()
-        self.started.append((request, estop))
+        self.started_stops.append((request, estop))
         return estop
 
     def connect(self, uid, data=b""):
@@ -79,10 +79,10 @@ def is_refused(client):
 
 def test_request_is_passed_on_once_complete(rig):
     client = rig.connect(1000, REQUEST[:5])
-    assert rig.started == []
+    assert rig.started_stops == []
     client.sendall(REQUEST[5:])
     rig.serve_once()
-    assert [request for request, _ in rig.started] == [REQUEST]
+    assert [request for request, _ in rig.started_stops] == [REQUEST]
 
 
 @pytest.mark.parametrize("data", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
@@ -91,33 +91,33 @@ def test_connection_without_a_request_is_ended_after_two_seconds(rig, data):
     rig.serve_once(REQUEST_TIMEOUT_S)
     assert not is_refused(client)
     rig.serve_once(0.1)
-    assert is_refused(client) and rig.started == []
+    assert is_refused(client) and rig.started_stops == []
 
 
 def test_requests_are_limited_per_user(rig):
     clients = [rig.connect(1000) for _ in range(CLIENT_COUNT)]
     assert sum(not is_refused(client) for client in clients) == MAX_REQUESTS_PER_USER
     rig.connect(2000, REQUEST)
-    assert len(rig.started) == 1
+    assert len(rig.started_stops) == 1
 
 
 def test_running_stops_count_until_they_end(rig):
     for _ in range(MAX_REQUESTS_PER_USER):
         rig.connect(1000, REQUEST)
-    assert is_refused(rig.connect(1000, REQUEST)) and len(rig.started) == MAX_REQUESTS_PER_USER
-    rig.started[0][1].code = 0
+    assert is_refused(rig.connect(1000, REQUEST)) and len(rig.started_stops) == MAX_REQUESTS_PER_USER
+    rig.started_stops[0][1].code = 0
     rig.connect(1000, REQUEST)
-    assert len(rig.started) == MAX_REQUESTS_PER_USER + 1
+    assert len(rig.started_stops) == MAX_REQUESTS_PER_USER + 1
 
 
 def test_total_number_of_requests_is_limited(rig):
     for uid in range(MAX_REQUESTS // MAX_REQUESTS_PER_USER + 1):
         for _ in range(MAX_REQUESTS_PER_USER):
             rig.connect(uid, REQUEST)
-    assert len(rig.started) == MAX_REQUESTS
+    assert len(rig.started_stops) == MAX_REQUESTS
 
 
-def test_server_continues_a_second_after_missing_descriptors(rig, monkeypatch):
+def test_server_continues_a_second_after_it_ran_out_of_descriptors(rig, monkeypatch):
     class FullListener:
         def fileno(self):
             return rig.listener.fileno()
@@ -129,10 +129,10 @@ def test_server_continues_a_second_after_missing_descriptors(rig, monkeypatch):
     rig.connect(1000, REQUEST)
     monkeypatch.setattr(rig.server, "_listener", rig.listener)
     rig.serve_once(0.5)
-    assert rig.started == []
+    assert rig.started_stops == []
     rig.serve_once(0.6)
     rig.serve_once()
-    assert len(rig.started) == 1
+    assert len(rig.started_stops) == 1
 
 
 def test_peer_is_identified_by_the_kernel():

@@ -17,13 +17,13 @@ class FakeClient:
 
     def __init__(self, files=None, contents=None):
         self.contents = CONTENTS if contents is None else contents
-        self.announced = self.contents if files is None else files
+        self.announced_files = self.contents if files is None else files
         self.downloads = []
 
     def list_files(self, number):
         rows = [
             api.FileView(name=name, size=len(content), sha256=hashlib.sha256(content).hexdigest())
-            for name, content in self.announced.items()
+            for name, content in self.announced_files.items()
         ]
         return api.JobFiles(job=number, files=rows)
 
@@ -66,7 +66,7 @@ def test_second_fetch_downloads_only_missing_files(tmp_path):
     assert read_folder(tmp_path) == CONTENTS
 
 
-def test_own_file_is_overwritten_with_force_only(tmp_path):
+def test_own_file_is_overwritten_only_with_force(tmp_path):
     (tmp_path / "assembly.png").write_bytes(b"mine")
     client = FakeClient()
     with pytest.raises(Refused, match=r"assembly\.png.*--force"):
@@ -111,7 +111,7 @@ def test_damaged_content_leaves_no_file(tmp_path, sent_content):
     assert read_folder(tmp_path) == {}
 
 
-def test_lost_connection_keeps_complete_files_only(tmp_path):
+def test_lost_connection_keeps_only_complete_files(tmp_path):
     class DisconnectingClient(FakeClient):
         def download(self, number, name, write):
             if self.downloads:
@@ -130,6 +130,6 @@ def test_folder_that_cannot_be_made_is_named(tmp_path):
         fetch_files(FakeClient(), 3, tmp_path / "file" / "folder")
 
 
-def test_report_needs_pictures_and_parts_only(tmp_path):
+def test_report_fetches_only_pictures_and_parts(tmp_path):
     fetch_files(FakeClient(), 3, tmp_path, select=is_picture)
     assert sorted(read_folder(tmp_path)) == ["assembly.png", "p01.stl"]

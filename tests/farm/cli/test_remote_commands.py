@@ -8,7 +8,7 @@ from farm.cli.main import app
 from farm.cli.options import LOCAL_COMMANDS
 from farm.errors import DaemonUnreachable, Refused
 
-REMOTE = {
+REMOTE_COMMANDS = {
     "status": [],
     "submit": ["MODEL"],
     "approve": ["1"],
@@ -46,13 +46,14 @@ def run(tmp_path, monkeypatch):
 
 def test_every_command_is_remote_or_local():
     assert (
-        set(load_commands(app)) - {"setup"} == REMOTE.keys() | LOCAL_COMMANDS.keys() | COMMANDS_WITHOUT_FARM
+        set(load_commands(app)) - {"setup"}
+        == REMOTE_COMMANDS.keys() | LOCAL_COMMANDS.keys() | COMMANDS_WITHOUT_FARM
     )
 
 
-@pytest.mark.parametrize("command", REMOTE)
-def test_remote_command_asks_the_daemon_at_the_url(run, command):
-    result = run(command, *REMOTE[command], "--url", URL)
+@pytest.mark.parametrize("command", REMOTE_COMMANDS)
+def test_remote_command_calls_the_daemon_at_the_url(run, command):
+    result = run(command, *REMOTE_COMMANDS[command], "--url", URL)
     assert isinstance(result.exception, DaemonUnreachable), result.output
     assert URL in str(result.exception)
 
@@ -66,12 +67,12 @@ def test_local_command_refuses_a_url_with_the_reason(run, command):
 
 
 @pytest.mark.parametrize("command", sorted(set(LOCAL_COMMANDS) - LOCAL_AND_REMOTE_COMMANDS))
-def test_farm_url_of_another_farm_changes_nothing_here(run, command, monkeypatch):
+def test_local_command_is_refused_if_farm_url_names_another_farm(run, command, monkeypatch):
     monkeypatch.setenv("FARM_URL", URL)
     assert isinstance(run(command).exception, Refused)
 
 
-def test_farm_url_of_another_farm_allows_an_emergency_stop(run, monkeypatch):
+def test_emergency_stop_is_possible_if_farm_url_names_another_farm(run, monkeypatch):
     monkeypatch.setenv("FARM_URL", URL)
     result = run("estop", "--json")
     assert not isinstance(result.exception, Refused) or "own host" not in str(result.exception)

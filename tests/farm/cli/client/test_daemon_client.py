@@ -87,14 +87,14 @@ def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
 
 
 def test_daemon_that_dies_during_an_answer_is_unreachable(tmp_path, client):
-    def die(listener):
+    def drop_connection(listener):
         connection, _ = listener.accept()
         connection.close()
 
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "farm.sock"))
         listener.listen()
-        thread = threading.Thread(target=die, args=[listener])
+        thread = threading.Thread(target=drop_connection, args=[listener])
         thread.start()
         with pytest.raises(DaemonUnreachable, match="`farm up` starts one"):
             client.fetch_status()
@@ -146,22 +146,22 @@ def test_early_refusal_of_an_upload_keeps_its_message(daemon, client, tmp_path, 
         client.submit(model, JobOptions())
 
 
-class SlowDaemon(Client):
-    """Server that answers a submission after a number of requests for its progress."""
+class SlowDaemonClient(Client):
+    """Client of a daemon that answers a submission after several requests for its progress."""
 
     def __init__(self, path, answers):
         super().__init__(path, answer_timeout_s=10.0)
-        self.answers, self.polled = list(answers), threading.Event()
+        self.answers, self.all_answers_sent = list(answers), threading.Event()
 
     def _send(self, method, path, **options):
         if path == "/jobs":
-            assert self.polled.wait(60.0)
+            assert self.all_answers_sent.wait(60.0)
             return {"job": 7, "again": False}
         if not path.startswith("/uploads/"):
             return STATUS
         answer = self.answers.pop(0)
         if not self.answers:
-            self.polled.set()
+            self.all_answers_sent.set()
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -194,7 +194,7 @@ def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute_clock):
     """Wait an hour for a submission: for a worker, and for the repair of a large broken model."""
     model, reports = tmp_path / "box.stl", []
     model.write_bytes(b"solid")
-    daemon = SlowDaemon(tmp_path, [NO_UPLOAD_ERROR, *[REPAIR_PROGRESS] * 60])
+    daemon = SlowDaemonClient(tmp_path, [NO_UPLOAD_ERROR, *[REPAIR_PROGRESS] * 60])
     assert daemon.submit(model, JobOptions(), report=reports.append).job == 7
     assert {view.step for view in reports} == {"repairing"}
 
@@ -202,7 +202,7 @@ def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute_clock):
 def test_client_gives_up_when_the_daemon_is_silent(tmp_path, minute_clock):
     model = tmp_path / "box.stl"
     model.write_bytes(b"solid")
-    daemon = SlowDaemon(tmp_path, [REPAIR_PROGRESS, *[UNREACHABLE_ERROR] * 9])
+    daemon = SlowDaemonClient(tmp_path, [REPAIR_PROGRESS, *[UNREACHABLE_ERROR] * 9])
     with pytest.raises(DaemonUnreachable, match="may hang"):
         daemon.submit(model, JobOptions(), retry_s=0.0)
-    daemon.polled.set()
+    daemon.all_answers_sent.set()

@@ -18,7 +18,7 @@ def send_stop(tmp_path):
     """Return a function that requests a stop; a thread serves the request with the given `stop`."""
     path = tmp_path / "estop.sock"
 
-    def send(stop, printers):
+    def send_request(stop, printers):
         with socket.socket(socket.AF_UNIX) as listener:
             listener.bind(str(path))
             listener.listen()
@@ -41,7 +41,7 @@ def send_stop(tmp_path):
                 serve_thread.join()
             return results
 
-    return send
+    return send_request
 
 
 def test_results_are_printed_as_they_arrive(send_stop):
@@ -87,12 +87,12 @@ def test_invalid_answer_does_not_confirm_a_stop(tmp_path, invalid_data):
         listener.bind(str(path))
         listener.listen()
 
-        def answer():
+        def send_answer():
             connection, _ = listener.accept()
             with connection:
                 connection.sendall(invalid_data)
 
-        answer_thread = threading.Thread(target=answer)
+        answer_thread = threading.Thread(target=send_answer)
         answer_thread.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
             estop_socket.request_stop(path, [], lambda report: None)
@@ -169,10 +169,10 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
     current_reports, overlaps, results = [], [], []
 
     def make_target(name):
-        def stop(tell):
+        def stop(report_text):
             all_started.wait(10.0)
             for _ in range(20):
-                tell("it cools")
+                report_text("it cools")
             return StopResult(name, 0.0, True, "off", is_still=True)
 
         return stop
@@ -197,7 +197,7 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
 def test_unconfirmed_stop_is_an_error_with_the_name_of_the_printer(
     tmp_path, monkeypatch, seen_off, still, message
 ):
-    targets = {"a": lambda tell: StopResult("a", 0.0, seen_off, "hm", still)}
+    targets = {"a": lambda report_text: StopResult("a", 0.0, seen_off, "hm", still)}
     monkeypatch.setattr(estop, "find_targets", lambda paths: (targets, None))
     results = []
     with pytest.raises(FarmError, match=message):

@@ -10,11 +10,11 @@ from farm.cli.main import app as cli
 from farm.errors import FarmError
 from farm.model import KeyKind, Role
 
-TEXT = "farm_abcd2345_" + "x" * 43
+KEY_TEXT = "farm_abcd2345_" + "x" * 43
 
 
 class Daemon:
-    """Daemon without the network, with one key."""
+    """Stand-in for a daemon that has one key and no network address."""
 
     network = api.NetworkView(address=None, problem=None)
 
@@ -23,7 +23,7 @@ class Daemon:
 
     def add_key(self, request):
         Daemon.request = request
-        return api.NewKey(id="abcd2345", text=TEXT, role=request.role)
+        return api.NewKey(id="abcd2345", text=KEY_TEXT, role=request.role)
 
     def fetch_keys(self):
         key = api.KeyView(
@@ -41,7 +41,7 @@ class Daemon:
         return api.Keys(now="2026-11-20T11:00:00+00:00", network=self.network, keys=[key])
 
     def revoke_key(self, name):
-        Daemon.revoked = name
+        Daemon.revoked_name = name
 
 
 @pytest.fixture(autouse=True)
@@ -57,7 +57,7 @@ def run(*arguments):
 
 def test_only_the_new_key_is_on_stdout(daemon):
     result = run("add", "ann", "--role", "look", "--expires", "4w")
-    assert result.stdout == TEXT + "\n"
+    assert result.stdout == KEY_TEXT + "\n"
     assert "shown only now" in result.stderr
     assert "write `web: {}` into fleet.yaml" in result.stderr
     assert Daemon.request == api.KeyRequest(name="ann", role=Role.LOOK, days=28)
@@ -70,7 +70,7 @@ def test_keys_are_listed_and_revoked_by_id(daemon):
     assert "look" in output
     assert "valid until Mon 30 Nov 10:00" in output
     run("revoke", "abcd2345")
-    assert Daemon.revoked == "abcd2345"
+    assert Daemon.revoked_name == "abcd2345"
 
 
 @pytest.mark.parametrize(
@@ -101,13 +101,13 @@ def test_key_file_is_private_and_has_one_key(tmp_path):
         read_address(url, None)
     with pytest.raises(FarmError, match="cannot be read"):
         read_address(url, file)
-    file.write_text(TEXT + "\n")
+    file.write_text(KEY_TEXT + "\n")
     file.chmod(0o640)
     with pytest.raises(FarmError, match="`chmod 600"):
         read_address(url, file)
     file.chmod(0o600)
     address = read_address(url, file)
-    assert (str(address), address.key) == ("https://farm.lab:8467/printers", TEXT)
+    assert (str(address), address.key) == ("https://farm.lab:8467/printers", KEY_TEXT)
     file.write_text("two\nlines")
     with pytest.raises(FarmError, match="one key and nothing else"):
         read_address(url, file)

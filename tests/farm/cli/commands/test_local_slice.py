@@ -22,7 +22,7 @@ def box(tmp_path):
 
 @pytest.fixture
 def env(tmp_path):
-    """Set folders for temporary files and for the cache."""
+    """Set the environment variables of the folders for temporary files and for the cache."""
     (tmp_path / "tmp").mkdir()
     return {**os.environ, "TMPDIR": str(tmp_path / "tmp"), "XDG_CACHE_HOME": str(tmp_path / "cache")}
 
@@ -32,7 +32,7 @@ def run_slice(env, *arguments):
     return subprocess.run(command, capture_output=True, text=True, env=env, check=False)
 
 
-def test_json_is_one_object_and_slicing_again_is_from_the_cache(box, env, tmp_path):
+def test_json_is_one_object_and_a_second_slice_comes_from_the_cache(box, env, tmp_path):
     first_result = run_slice(env, box, "-o", tmp_path / "a.gcode", "--json")
     assert (first_result.returncode, first_result.stderr) == (0, "")
     report = json.loads(first_result.stdout)
@@ -52,7 +52,7 @@ def test_error_is_printed_in_one_line(box, env, tmp_path):
 
 @pytest.mark.parametrize(("signal_number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, signal_number, code):
-    """Detect the end of the engine by a FIFO, whose end of file comes when no process holds it open."""
+    """Detect the end of the engine with a FIFO, which ends when no process holds it open."""
     os.mkfifo(tmp_path / "fifo")
     engine = tmp_path / "engine"
     lines = ["#!/bin/sh", "[ $1 = help ] && exec CuraEngine help", f"exec 3>{tmp_path / 'fifo'}"]
@@ -63,7 +63,7 @@ def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, signal_nu
         env={**env, "FARM_CURA_ENGINE": str(engine)},
         stderr=subprocess.PIPE,
         text=True,
-        # A shell that runs the tests in the background ignores SIGINT, which is inherited.
+        # A shell that runs the tests in the background ignores SIGINT, and its children inherit this.
         preexec_fn=lambda: signal.signal(signal_number, signal.SIG_DFL),
     )
     with (tmp_path / "fifo").open() as fifo:

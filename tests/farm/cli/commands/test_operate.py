@@ -30,8 +30,8 @@ def test_option_all_selects_the_beds_to_clear():
     hold = Hold(code=HoldCode.BED_NOT_CLEAR, text="")
     states = ("idle", "maintenance", "look", "absent", "connecting")
     fleet = [PrinterView.model_construct(name=state, state=state, print=None, hold=hold) for state in states]
-    clear = PrinterView.model_construct(name="clear", state="idle", print=None, hold=None)
-    assert select_beds_to_clear([*fleet, clear]) == ["idle", "look", "connecting"]
+    clear_printer = PrinterView.model_construct(name="clear", state="idle", print=None, hold=None)
+    assert select_beds_to_clear([*fleet, clear_printer]) == ["idle", "look", "connecting"]
 
 
 @pytest.mark.parametrize(

@@ -31,8 +31,13 @@ def farm(tmp_path, monkeypatch):
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     now_s = farm.controller.clock.now()
     report_print(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)
-    death = {"fault": "agent_died", "reason": "its agent died", "started_s": now_s - 100.0, "ended_s": now_s}
-    report_print(farm, "a", PrintState.FAILED, **death)
+    end_fields = {
+        "fault": "agent_died",
+        "reason": "its agent died",
+        "started_s": now_s - 100.0,
+        "ended_s": now_s,
+    }
+    report_print(farm, "a", PrintState.FAILED, **end_fields)
     daemon = make_app(
         Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None),
         DryRuns(farm.controller),
@@ -43,12 +48,12 @@ def farm(tmp_path, monkeypatch):
             pass
 
         def request(self, method, target, content, headers):
-            async def call():
+            async def send_request():
                 transport = httpx.ASGITransport(call_as(DAEMON_USER, daemon))
                 async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
                     return await client.request(method, target, content=content or b"", headers=headers)
 
-            self._answer = asyncio.run(call())
+            self._answer = asyncio.run(send_request())
 
         def getresponse(self):
             return SimpleNamespace(status=self._answer.status_code, read=lambda: self._answer.content)
@@ -98,7 +103,7 @@ def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
 
 
 def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
-    # A loss that may affect several printers is reported after a delay
+    # A loss that may affect several printers is reported after a delay.
     farm.controller.clock.host_shift_s += 60.0
     farm.report_ready("b")
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
@@ -132,7 +137,7 @@ def test_shutdown_ends_a_print_of_a_part_found_good(farm):
         (("all", "--good", "1/p01"), "exactly one printer"),
     ],
 )
-def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
+def test_part_on_another_bed_cannot_be_confirmed_as_good(farm, arguments, expected_text):
     answer = run_farm("cleared", *arguments)
     assert answer.exit_code != 0
     text = join_lines((answer.output + str(answer.exception or "")).replace("│", " "))
@@ -145,7 +150,7 @@ def test_part_of_a_completed_print_may_be_named_as_good(farm):
     run_farm("cleared", "a")
     farm.controller.clock.host_shift_s += 60.0
     farm.report_ready("a")
-    farm.controller.handle()  # like the daemon's timer
+    farm.controller.handle()  # as the daemon's timer does
     now_s = farm.controller.clock.now()
     report_print(farm, "a", PrintState.DONE, started_s=now_s - 100.0, ended_s=now_s)
     assert run_farm("cleared", "a", "--good", "p01").stdout == "a: bed clear\n"

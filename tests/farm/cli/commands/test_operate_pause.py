@@ -18,9 +18,9 @@ class FakeDaemon:
         return {"/jobs/3/parts/p01/pause": "um2-01"}.get(path, "")
 
     def fetch_status_summary(self) -> api.StatusSummary:
-        hours = api.Todo(code="hours", printers=["a"], text="a needs until Fri 19:00")
-        clear = api.Todo(code="clear", printers=["b"], text="clear 1 bed: b")
-        return api.StatusSummary.model_construct(todo=[hours, clear])
+        hours_task = api.Todo(code="hours", printers=["a"], text="a needs until Fri 19:00")
+        clear_task = api.Todo(code="clear", printers=["b"], text="clear 1 bed: b")
+        return api.StatusSummary.model_construct(todo=[hours_task, clear_task])
 
 
 def test_print_resumed_too_late_gets_a_warning(monkeypatch: pytest.MonkeyPatch):

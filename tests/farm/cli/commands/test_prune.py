@@ -8,7 +8,7 @@ from farm import api
 from farm.cli.client import Client
 from farm.cli.main import main
 
-ANSWER = api.PruneResponse(
+RESPONSE = api.PruneResponse(
     dry_run=True,
     jobs=[
         api.PrunedJob(id=3, name="bunny.stl", size_bytes=480_000_000),
@@ -25,11 +25,11 @@ def run_prune(monkeypatch, capsys, tmp_path):
     """Run `farm prune` with a recording daemon; return its requests and the output."""
     requests = []
 
-    def answer(self, dry_run):
+    def record_request(self, dry_run):
         requests.append(dry_run)
-        return ANSWER.model_copy(update={"dry_run": dry_run})
+        return RESPONSE.model_copy(update={"dry_run": dry_run})
 
-    monkeypatch.setattr(Client, "prune", answer)
+    monkeypatch.setattr(Client, "prune", record_request)
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["farm", "prune", "--state", str(tmp_path), *arguments])
@@ -59,4 +59,4 @@ def test_prune_describes_what_was_deleted(run_prune):
 
 def test_json_of_a_prune_has_the_same_figures(run_prune):
     _, text = run_prune("--json", "--dry-run")
-    assert json.loads(text) == ANSWER.model_dump(by_alias=True)
+    assert json.loads(text) == RESPONSE.model_dump(by_alias=True)

@@ -7,12 +7,12 @@ from farm import api
 from farm.cli.commands import queue
 from farm.cli.main import app
 
-ENTRY = {"state": "printing", "waiting": 2, "eta": None, "submitted_by": "ann"}
+ENTRY_FIELDS = {"state": "printing", "waiting": 2, "eta": None, "submitted_by": "ann"}
 
 
 @pytest.fixture
 def moves(monkeypatch):
-    """List the requested moves."""
+    """Record the requested moves."""
     requests = []
 
     class Daemon:
@@ -20,7 +20,7 @@ def moves(monkeypatch):
             pass
 
         def fetch_queue(self):
-            jobs = [api.QueueEntry(id=n, name=f"m{n}.stl", **ENTRY) for n in (7, 3)]
+            jobs = [api.QueueEntry(id=n, name=f"m{n}.stl", **ENTRY_FIELDS) for n in (7, 3)]
             return api.Queue(now="2026-01-01T00:00:00+00:00", jobs=jobs)
 
         def move(self, number, request):
@@ -34,7 +34,7 @@ def moves(monkeypatch):
     return requests
 
 
-def test_jobs_are_listed_in_their_order(moves):
+def test_jobs_are_listed_in_the_order_of_the_queue(moves):
     lines = CliRunner().invoke(app, ["queue"]).stdout.splitlines()
     assert [line.split()[:3] for line in lines] == [
         ["PLACE", "JOB", "MODEL"],

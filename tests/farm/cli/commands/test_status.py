@@ -24,8 +24,8 @@ def test_empty_history_is_reported_in_a_sentence(monkeypatch: pytest.MonkeyPatch
     assert output in CliRunner().invoke(app, ["history", *options]).stdout
 
 
-class LearnedDaemon(Daemon):
-    """Daemon with prints on a printer whose speed by feature is known, and on one with too few prints."""
+class DaemonWithSpeeds(Daemon):
+    """Daemon of two printers, one with a known speed by feature, and one with too few prints."""
 
     def fetch_history(self, job: int | None, printer: str | None, count: int) -> api.History:
         row = api.HistoryRow(
@@ -58,7 +58,7 @@ class LearnedDaemon(Daemon):
 
 
 def test_history_shows_the_speed_by_feature(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(status, "connect", LearnedDaemon)
+    monkeypatch.setattr(status, "connect", DaemonWithSpeeds)
     monkeypatch.setenv("COLUMNS", "160")
     heading, row = CliRunner().invoke(app, ["history"]).stdout.splitlines()[-2:]
     assert heading.split() == [

@@ -23,8 +23,8 @@ class FakeDaemon:
     jobs: dict[int, SimpleNamespace]
 
     def __init__(self, _):
-        self.jobs, self.cancelled = {}, []
-        FakeDaemon.last = self
+        self.jobs, self.cancelled_jobs = {}, []
+        FakeDaemon.instance = self
 
     def submit(self, model, options, report=None):
         if model.name.startswith("broken"):
@@ -70,7 +70,7 @@ class FakeDaemon:
         )
 
     def cancel(self, number):
-        self.cancelled.append(number)
+        self.cancelled_jobs.append(number)
 
 
 @pytest.fixture
@@ -82,16 +82,16 @@ def run(tmp_path, monkeypatch):
     for name in ("a.stl", "b.stl", "broken.stl", "tall.stl", "c.3mf"):
         (tmp_path / name).write_text("model")
 
-    def invoke(*arguments):
+    def run_submit(*arguments):
         return CliRunner().invoke(app, ["submit", *arguments])
 
-    return invoke
+    return run_submit
 
 
 def test_each_model_is_one_job_and_the_first_failure_sets_the_exit_code(run):
     outcome = run("a.stl", "broken.stl", "tall.stl", "b.stl", "missing.stl")
     assert outcome.exit_code == 5
-    assert [job.name for job in FakeDaemon.last.jobs.values()] == ["a.stl", "tall.stl", "b.stl"]
+    assert [job.name for job in FakeDaemon.instance.jobs.values()] == ["a.stl", "tall.stl", "b.stl"]
     assert outcome.stdout.count("submitted") == 3
     lines = outcome.stderr.splitlines()
     assert lines[0].endswith(REFUSAL)
@@ -104,26 +104,27 @@ def test_each_model_is_one_job_and_the_first_failure_sets_the_exit_code(run):
 def test_pattern_not_expanded_by_the_shell_is_expanded(run, tmp_path):
     for pattern in ("[ab].stl", str(tmp_path / "[ab].stl")):
         assert run(pattern).exit_code == 0
-        assert [job.name for job in FakeDaemon.last.jobs.values()] == ["a.stl", "b.stl"]
+        assert [job.name for job in FakeDaemon.instance.jobs.values()] == ["a.stl", "b.stl"]
     assert "no such file" in run("z*.stl", "a.stl").stderr
-    assert len(FakeDaemon.last.jobs) == 1
+    assert len(FakeDaemon.instance.jobs) == 1
 
 
 def test_existing_file_named_like_a_pattern_is_not_expanded(run, tmp_path):
     (tmp_path / "[ab].stl").write_text("model")
     run("[ab].stl")
-    assert [job.name for job in FakeDaemon.last.jobs.values()] == ["[ab].stl"]
+    assert [job.name for job in FakeDaemon.instance.jobs.values()] == ["[ab].stl"]
 
 
 def test_several_dry_runs_are_shown_one_after_the_other_and_cancelled(run):
     outcome = run("--dry-run", "a.stl", "broken.stl", "tall.stl", "b.stl")
     assert outcome.stdout.splitlines() == ["plan 1", "plan 3"]
-    assert FakeDaemon.last.cancelled == [1, 3]
+    assert FakeDaemon.instance.cancelled_jobs == [1, 3]
     assert outcome.exit_code == 5
     assert "tall.stl: job 2: does not fit" in outcome.stderr
-    result_alone = run("--dry-run", "tall.stl")
-    assert isinstance(result_alone.exception, FarmError)  # the entry point prints it, and exits with its code
-    assert (str(result_alone.exception), result_alone.exception.exit_code) == ("job 1: does not fit", 5)
+    single_outcome = run("--dry-run", "tall.stl")
+    # The entry point prints the error, and exits with its code.
+    assert isinstance(single_outcome.exception, FarmError)
+    assert (str(single_outcome.exception), single_outcome.exception.exit_code) == ("job 1: does not fit", 5)
 
 
 def test_json_of_several_models_is_one_object_with_all_outcomes(run):
@@ -153,7 +154,7 @@ def test_wait_covers_every_submitted_model(run):
 def test_name_note_and_copies_are_sent_with_the_job(run):
     outcome = run("a.stl", "--name", "  left\tbracket ", "--note", "for\nAda", "--copies", "3")
     assert outcome.exit_code == 0
-    assert FakeDaemon.last.jobs[1].options == JobOptions(name="left bracket", note="for Ada", copies=3)
+    assert FakeDaemon.instance.jobs[1].options == JobOptions(name="left bracket", note="for Ada", copies=3)
     assert "left bracket submitted" in outcome.stdout
 
 

@@ -1,4 +1,4 @@
-"""`farm web`."""
+"""Output of `farm web`."""
 
 import json
 
@@ -14,7 +14,7 @@ URL = "http://127.0.0.1:8467/login/" + "x" * 43
 
 
 class Daemon:
-    """Daemon without the network."""
+    """Stand-in for a daemon that makes links and ends sessions."""
 
     url = URL
 

@@ -7,8 +7,8 @@ from rich.text import Text
 from farm.cli.display.blocks import Block, fit_blocks
 
 
-def make_block(name, number, rank, min_lines=0):
-    return Block([Text(f"{name} {i}") for i in range(number)], rank=rank, noun=name, min_lines=min_lines)
+def make_block(name, line_count, rank, min_lines=0):
+    return Block([Text(f"{name} {i}") for i in range(line_count)], rank=rank, noun=name, min_lines=min_lines)
 
 
 def render_blocks(blocks, height):

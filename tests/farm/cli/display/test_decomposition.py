@@ -49,7 +49,7 @@ def test_summary_lists_the_pins_to_cut_and_parts_that_were_not_drilled() -> None
     assert "Check: p02 has no holes and marks: it is no longer one piece (rule drilled)" in lines
 
 
-def test_summary_of_a_good_result() -> None:
+def test_summary_of_a_good_result_has_five_lines() -> None:
     assert summarise_decomposition(make_report(), 4, Path("out")) == [
         "3 parts: 1h00 on 4 printers, 2h30 on a single large one; efficiency E 0.75",
         "By guillotine: at most 8% above the lower bound for cuts along its grid",
@@ -64,7 +64,7 @@ def test_turned_cuts_are_reported() -> None:
     assert message.startswith("By guillotine, turned by 15 degrees about Z: at most 8%")
 
 
-def test_summary_has_seven_lines_at_most() -> None:
+def test_summary_has_at_most_seven_lines() -> None:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": i == 1} for i in range(1, 7)]
     fault = {"part": "p03", "what": "is 5.0 mm thin where it was cut, less than 8 mm"}
     lines = summarise_decomposition(

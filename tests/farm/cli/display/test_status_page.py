@@ -50,14 +50,14 @@ def test_manually_used_printer_needs_an_inspection_with_its_time():
 
 
 def test_text_of_users_is_not_interpreted():
-    maintenance = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
-    books, _ = apply_events(make_night_books(), maintenance)
+    maintenance_event = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
+    books, _ = apply_events(make_night_books(), maintenance_event)
     assert any(
         line.endswith("maintenance --done ([/b] new [belt])") for line in render_page(make_status(books), 200)
     )
 
 
-def test_unstarted_job_shows_known_figures_only():
+def test_unstarted_job_shows_only_known_figures():
     events = (ev.JobSubmitted(at_s=0.0, job=make_job()), ev.PlanningStarted(at_s=0.0, job=1))
     printers = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
     held_plan = make_plan_event(1, 1).model_copy(update={"held": True, "plan": "abc"})
@@ -72,7 +72,7 @@ def test_unstarted_job_shows_known_figures_only():
     )
 
 
-def test_night_with_cancelled_prints_only_is_described():
+def test_night_with_only_cancelled_prints_is_described():
     view = api.NightView.model_construct(
         plates=0, printed=0, failed=0, printing=0, waiting=0, grams=0.0, wasted_grams=26.0
     )
@@ -88,7 +88,7 @@ def test_printer_in_maintenance_shows_its_reason():
 
 
 @pytest.mark.parametrize(("link", "text"), [("absent", "connect"), ("starting", "wait (connecting)")])
-def test_absent_printer_is_a_task_but_not_a_connecting_one(link, text):
+def test_absent_printer_is_a_task_but_a_connecting_one_is_not(link, text):
     hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
     printer_view = (
         make_status(make_night_books()).printers[0].model_copy(update={"state": link, "hold": hold})

@@ -105,7 +105,7 @@ def test_watched_page_fits_the_terminal(width, fleet, height):
 
 
 @WIDTHS
-def test_printing_row_is_complete_in_every_width(width):
+def test_row_of_a_printing_printer_is_complete_at_every_width(width):
     long_row = {"state": "printing", "print": make_progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
     fleet = [
         p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **long_row})

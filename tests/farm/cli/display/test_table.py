@@ -32,7 +32,7 @@ def test_highest_rank_is_omitted_first_and_its_width_is_reused():
     assert render_plain(lay_out_table(COLUMNS, ROWS, 20))[1] == "um2-01  in 5h00"
 
 
-def test_empty_column_is_left_out_before_any_text_is_shortened():
+def test_empty_column_is_omitted_before_any_text_is_shortened():
     rows = [("um2-01", "", "a long sentence", "in 5h00")]
     assert render_plain(lay_out_table(COLUMNS, rows, 36))[1] == "um2-01  a long sentence  in 5h00"
 
