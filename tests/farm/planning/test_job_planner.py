@@ -161,12 +161,8 @@ class RecordingWorkers(SameProcess):
     """Workers that record their tasks, each in its own step of the event loop, and may suspend some calls."""
 
     def __init__(self, held_calls=(), has_idle_worker=True):
-        self.started_calls, self.ended_calls, self.held_calls, self.has_idle_worker = (
-            [],
-            [],
-            held_calls,
-            has_idle_worker,
-        )
+        self.started_calls, self.ended_calls = [], []
+        self.held_calls, self.has_idle_worker = held_calls, has_idle_worker
 
     async def run(self, work, *args, limit=None, group=None):
         name = getattr(work, "target", "slow").rpartition(":")[2]
