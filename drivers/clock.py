@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 def read_wall_s() -> float:
     """Return wall time in seconds since the epoch, unaffected by changes of the host's clock."""
-    return _BOOTED_S + time.clock_gettime(time.CLOCK_BOOTTIME)
+    return _BOOT_TIME_S + time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
-_BOOTED_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
+_BOOT_TIME_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
 _SMALLEST_STEP_S = 1.0  # smaller changes add up until they reach this size
 
 

@@ -14,7 +14,7 @@ from drivers.agent import SD_PRINT_REASON, IdleWatch
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
-from drivers.link import Connected, Link, Report, UnknownLine
+from drivers.link import BoardConnected, Link, Report, UnknownLine
 from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, acquire_lock
 from drivers.ports import Device, Port, identify_device, list_devices, open_port
@@ -23,7 +23,7 @@ from drivers.records import JOURNAL, Journal
 from drivers.remote import AgentClient
 
 BY_PATH = Path("/dev/serial/by-path")
-_BOARD_TIME_OUT_S = 40.0  # wall seconds for the board to answer
+_BOARD_TIMEOUT_S = 40.0  # wall seconds for the board to answer
 _AGENT_TIME_OUT_S = 60.0  # wall seconds for the agent to report the result
 
 
@@ -59,7 +59,8 @@ def list_plugged_devices(
     fleet
         Name and port of each printer.
     devices, by_path
-        Devices to list, None for all of the host; folder with links by USB socket. Tests replace both.
+        Devices to list (default: all devices of the host), and the folder of links named after USB sockets.
+        Tests replace both.
 
     Returns
     -------
@@ -78,7 +79,7 @@ def list_plugged_devices(
 
 
 def verify_reset(
-    url: str, folder: Path | None, firmware: Firmware, time_out_s: float = _BOARD_TIME_OUT_S
+    url: str, folder: Path | None, firmware: Firmware, timeout_s: float = _BOARD_TIMEOUT_S
 ) -> str:
     """Pulse DTR on the port of an idle printer, and verify that its board restarts.
 
@@ -90,7 +91,7 @@ def verify_reset(
         The agent's folder, to whose journal the result is written; None for a printer outside the fleet.
     firmware
         Firmware of the printer.
-    time_out_s
+    timeout_s
         Wall seconds within which the board must answer, before the pulse and after it.
 
     Returns
@@ -112,9 +113,9 @@ def verify_reset(
     try:
         port = open_port(url, Path(), Clock(), firmware.baud_rate)
         try:
-            _verify_idle(port, url, firmware, time_out_s)
+            _verify_idle(port, url, firmware, timeout_s)
             port.reset()
-            identity = _await_restart(port, url, firmware, time_out_s)
+            identity = _await_restart(port, url, firmware, timeout_s)
         finally:
             port.close()
         if folder is not None:
@@ -183,11 +184,14 @@ def find_model(identity: bytes) -> str:
     raise DriverError(f"the board restarted, but its firmware version is unknown: {version!r}")
 
 
-def _verify_idle(port: Port, url: str, firmware: Firmware, time_out_s: float) -> None:
-    """Verify that a printer is idle: it may be printing, unless opening the port has reset its board."""
+def _verify_idle(port: Port, url: str, firmware: Firmware, timeout_s: float) -> None:
+    """Verify that a printer is idle.
+
+    It is if opening the port reset its board; otherwise it may be printing from the card.
+    """
     link, idle_watch = Link(firmware), IdleWatch()
-    for now_s, event in exchange(port, link, time_out_s):
-        if isinstance(event, Connected):
+    for now_s, event in exchange(port, link, timeout_s):
+        if isinstance(event, BoardConnected):
             if event.restarted:
                 return
             link.send(now_s, b"M27")
@@ -202,11 +206,11 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, time_out_s: float) ->
     raise PortError(f"{url}: its printer does not report that it is idle; switch it off and on")
 
 
-def _await_restart(port: Port, url: str, firmware: Firmware, time_out_s: float) -> bytes:
+def _await_restart(port: Port, url: str, firmware: Firmware, timeout_s: float) -> bytes:
     """Wait until the board restarts; return its banner, or its identity if the banner lacks the model."""
     link, identity = Link(firmware), b""
-    for now_s, event in exchange(port, link, time_out_s):
-        if isinstance(event, Connected):
+    for now_s, event in exchange(port, link, timeout_s):
+        if isinstance(event, BoardConnected):
             if not event.restarted:
                 break
             if firmware.version is not None:

@@ -87,7 +87,7 @@ def print_over_noisy_wire(lines: int, damage: float, seed: int = 0) -> Outcome:
         elif is_connected and link.is_drained:
             break
     machine = firmware.machine
-    moves = machine.planner.moves - 1  # without the move in `START_LINES`
+    moves = machine.planner.move_count - 1  # without the move in `START_LINES`
     last_move = make_move(lines - 1)
     is_at_end = (
         b"E%.4f" % machine.position[3] == last_move.split()[-1]

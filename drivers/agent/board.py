@@ -11,7 +11,7 @@ from drivers.agent.emulator_control import EmulatorControl
 from drivers.agent.idle_watch import SD_PRINT_REASON, IdleWatch
 from drivers.clock import Clock, read_wall_s
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
-from drivers.link import Connected, Event, Events, Link, LinkFault, Phase, Report, UnknownLine
+from drivers.link import BoardConnected, Event, Events, Link, LinkFault, Phase, Report, UnknownLine
 from drivers.ports import Port, RecordedPort, WireRecord, identify_device, open_port
 from drivers.printers import Profile
 from drivers.records import BoardState
@@ -290,7 +290,7 @@ class Board:
             self.report = event
             if self.session is None:
                 self._on_idle_report(event, now_s)
-        elif isinstance(event, Connected):
+        elif isinstance(event, BoardConnected):
             log.info("the board answers%s", " after a reset" if event.restarted else "")
             self._on_connected(event)
         elif isinstance(event, UnknownLine):
@@ -308,7 +308,7 @@ class Board:
             if self.session is None:
                 self._on_idle_fault(event, now_s)
 
-    def _on_connected(self, event: Connected) -> None:
+    def _on_connected(self, event: BoardConnected) -> None:
         """Record whether the last pulse of DTR reset the board."""
         self.idle_watch.reset()
         if event.restarted:

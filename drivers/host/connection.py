@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from drivers.errors import AgentError
-from drivers.host.mux import Closed, Message, Mux, Opened, Received
+from drivers.host.mux import DataReceived, Message, Mux, StreamClosed, StreamOpened
 
 LINE_BYTES = 1024 * 1024
 """Maximum length of a line from an agent."""
@@ -36,13 +36,13 @@ class MuxStream(asyncio.Transport):
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Queue bytes for sending."""
         self._owner.write(self._number, bytes(data))
-        if not self._is_writing_paused and self._owner.count_waiting(self._number) > _HIGH_WATER_BYTES:
+        if not self._is_writing_paused and self._owner.count_unsent_bytes(self._number) > _HIGH_WATER_BYTES:
             self._is_writing_paused = True
             self._protocol.pause_writing()
 
     def on_sent(self) -> None:
         """Resume the writer after bytes were sent."""
-        if self._is_writing_paused and self._owner.count_waiting(self._number) <= _LOW_WATER_BYTES:
+        if self._is_writing_paused and self._owner.count_unsent_bytes(self._number) <= _LOW_WATER_BYTES:
             self._is_writing_paused = False
             self._protocol.resume_writing()
 
@@ -156,22 +156,22 @@ class MuxConnection:
             match event:
                 case Message():
                     self._on_message(event.data)
-                case Opened():
+                case StreamOpened():
                     self._accept(event)
-                case Received():
-                    if event.stream in self._streams:
-                        self._streams[event.stream].on_data(event.data)
-                case Closed():
-                    stream = self._streams.pop(event.stream, None)
+                case DataReceived():
+                    if event.number in self._streams:
+                        self._streams[event.number].on_data(event.data)
+                case StreamClosed():
+                    stream = self._streams.pop(event.number, None)
                     if stream is not None:
                         stream.on_closed(event.reason)
         self._output_event.set()  # credit may have been received, or may be due
 
-    def _accept(self, event: Opened) -> None:
+    def _accept(self, event: StreamOpened) -> None:
         if self._on_stream is None:
-            self._mux.close(event.stream, "no streams are opened in this direction")
+            self._mux.close(event.number, "no streams are opened in this direction")
             return
-        stream = self._streams[event.stream] = MuxStream(self, event.stream)
+        stream = self._streams[event.number] = MuxStream(self, event.number)
         self._on_stream(stream, event.name)
 
     # -- called by the streams --------------------------------------------------------------------------
@@ -181,9 +181,9 @@ class MuxConnection:
         self._mux.write(number, data)
         self._output_event.set()
 
-    def count_waiting(self, number: int) -> int:
+    def count_unsent_bytes(self, number: int) -> int:
         """Count the unsent bytes of a stream."""
-        return self._mux.count_waiting(number)
+        return self._mux.count_unsent_bytes(number)
 
     def consume(self, number: int, count: int) -> None:
         """Allow the other end to send `count` more bytes on a stream."""

@@ -22,26 +22,26 @@ _CREDIT = struct.Struct(">I")
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class StreamOpened:
     """The other end has opened a stream."""
 
-    stream: int
+    number: int
     name: str
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class DataReceived:
     """Bytes have arrived on a stream; call `Mux.consume` to allow as many more."""
 
-    stream: int
+    number: int
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class Closed:
+class StreamClosed:
     """The other end has closed a stream, after all of its bytes."""
 
-    stream: int
+    number: int
     reason: str
 
 
@@ -52,7 +52,7 @@ class Message:
     data: bytes
 
 
-MuxEvent = Opened | Received | Closed | Message
+MuxEvent = StreamOpened | DataReceived | StreamClosed | Message
 
 
 @dataclass(slots=True)
@@ -60,14 +60,14 @@ class _Stream:
     outgoing: bytearray = field(default_factory=bytearray)
     send_credit: int = WINDOW_BYTES  # bytes that may still be sent
     receive_credit: int = WINDOW_BYTES  # bytes that the other end may still send
-    consumed: int = 0  # bytes taken from the stream since the last CREDIT frame
-    closing: bytes | None = None  # the reason, to be sent after `outgoing`
+    consumed_bytes: int = 0  # taken from the stream since the last CREDIT frame
+    close_reason: bytes | None = None  # to be sent after `outgoing`
 
     @property
     def is_ready(self) -> bool:
         """True if a frame can be sent."""
         return bool(self.outgoing and self.send_credit > 0) or (
-            not self.outgoing and self.closing is not None
+            not self.outgoing and self.close_reason is not None
         )
 
 
@@ -78,7 +78,7 @@ class Mux:
         self._reader = FrameReader()
         self._streams: dict[int, _Stream] = {}
         self._priority_frames: deque[Frame] = deque()  # sent before all data
-        self._ready_streams: deque[int] = deque()  # numbers of the streams with a frame to send, each once
+        self._ready_numbers: deque[int] = deque()  # of the streams with a frame to send, each once
         self._last_number = 0
 
     def open(self, name: str) -> int:
@@ -88,35 +88,35 @@ class Mux:
         self._priority_frames.append(Frame(FrameKind.OPEN, self._last_number, name.encode()))
         return self._last_number
 
-    def write(self, stream: int, data: bytes) -> None:
+    def write(self, number: int, data: bytes) -> None:
         """Append bytes to a stream; they are dropped if it is closed."""
-        state = self._streams.get(stream)
-        if state is not None and state.closing is None:
-            state.outgoing += data
-            self._queue(stream, state)
+        stream = self._streams.get(number)
+        if stream is not None and stream.close_reason is None:
+            stream.outgoing += data
+            self._queue(number, stream)
 
-    def count_waiting(self, stream: int) -> int:
+    def count_unsent_bytes(self, number: int) -> int:
         """Count the unsent bytes of a stream."""
-        state = self._streams.get(stream)
-        return 0 if state is None else len(state.outgoing)
+        stream = self._streams.get(number)
+        return 0 if stream is None else len(stream.outgoing)
 
-    def close(self, stream: int, reason: str = "") -> None:
+    def close(self, number: int, reason: str = "") -> None:
         """Close a stream after its unsent bytes."""
-        state = self._streams.get(stream)
-        if state is not None and state.closing is None:
-            state.closing = reason.encode()[:FRAME_BYTES]
-            self._queue(stream, state)
+        stream = self._streams.get(number)
+        if stream is not None and stream.close_reason is None:
+            stream.close_reason = reason.encode()[:FRAME_BYTES]
+            self._queue(number, stream)
 
-    def consume(self, stream: int, count: int) -> None:
+    def consume(self, number: int, count: int) -> None:
         """Allow the other end to send `count` more bytes, because as many were taken from the stream."""
-        state = self._streams.get(stream)
-        if state is None:
+        stream = self._streams.get(number)
+        if stream is None:
             return
-        state.consumed += count
-        if state.consumed >= WINDOW_BYTES // 4:  # one frame per piece would double the traffic
-            state.receive_credit += state.consumed
-            self._priority_frames.append(Frame(FrameKind.CREDIT, stream, _CREDIT.pack(state.consumed)))
-            state.consumed = 0
+        stream.consumed_bytes += count
+        if stream.consumed_bytes >= WINDOW_BYTES // 4:  # one frame per piece would double the traffic
+            stream.receive_credit += stream.consumed_bytes
+            self._priority_frames.append(Frame(FrameKind.CREDIT, number, _CREDIT.pack(stream.consumed_bytes)))
+            stream.consumed_bytes = 0
 
     def send_message(self, data: bytes) -> None:
         """Send a message about the host itself."""
@@ -143,22 +143,22 @@ class Mux:
             The other end breaks the protocol.
         """
         for frame in self._reader.feed(data):
-            event = self._read(frame)
+            event = self._handle_frame(frame)
             if event is not None:
                 yield event
 
-    def _queue(self, stream: int, state: _Stream) -> None:
-        if state.is_ready and stream not in self._ready_streams:
-            self._ready_streams.append(stream)
+    def _queue(self, number: int, stream: _Stream) -> None:
+        if stream.is_ready and number not in self._ready_numbers:
+            self._ready_numbers.append(number)
 
     def _take_data(self) -> Frame | None:
-        if not self._ready_streams:
+        if not self._ready_numbers:
             return None
-        number = self._ready_streams.popleft()
+        number = self._ready_numbers.popleft()
         stream = self._streams[number]
         if not stream.outgoing:
             del self._streams[number]
-            return Frame(FrameKind.CLOSE, number, stream.closing or b"")
+            return Frame(FrameKind.CLOSE, number, stream.close_reason or b"")
         size = min(FRAME_BYTES, stream.send_credit, len(stream.outgoing))
         payload = bytes(stream.outgoing[:size])
         del stream.outgoing[:size]
@@ -166,7 +166,7 @@ class Mux:
         self._queue(number, stream)
         return Frame(FrameKind.DATA, number, payload)
 
-    def _read(self, frame: Frame) -> MuxEvent | None:
+    def _handle_frame(self, frame: Frame) -> MuxEvent | None:
         number = frame.stream
         if frame.kind is FrameKind.MESSAGE:
             return Message(frame.payload)
@@ -174,25 +174,25 @@ class Mux:
             if number in self._streams:
                 raise MessageError(f"stream {number} is open already")
             self._streams[number] = _Stream()
-            return Opened(number, frame.payload.decode(errors="replace"))
+            return StreamOpened(number, frame.payload.decode(errors="replace"))
         stream = self._streams.get(number)
         if stream is None:
             return None  # closed here while the frame was in transit
         if frame.kind is FrameKind.CLOSE:
             self._forget(number)
-            return Closed(number, frame.payload.decode(errors="replace"))
+            return StreamClosed(number, frame.payload.decode(errors="replace"))
         if frame.kind is FrameKind.CREDIT:
             if len(frame.payload) != _CREDIT.size:
-                raise MessageError("not a number of bytes")
+                raise MessageError(f"a CREDIT frame has {len(frame.payload)} bytes, not {_CREDIT.size}")
             stream.send_credit += _CREDIT.unpack(frame.payload)[0]
             self._queue(number, stream)
             return None
         stream.receive_credit -= len(frame.payload)
         if stream.receive_credit < 0:
             raise MessageError(f"stream {number} has sent more than it may")
-        return Received(number, frame.payload)
+        return DataReceived(number, frame.payload)
 
     def _forget(self, number: int) -> None:
         del self._streams[number]
-        if number in self._ready_streams:
-            self._ready_streams.remove(number)
+        if number in self._ready_numbers:
+            self._ready_numbers.remove(number)

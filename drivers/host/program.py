@@ -78,4 +78,4 @@ def _stop(start: StartFile, paths: HostPaths) -> StopResult:
     try:
         return stop_printer(StopTarget.from_agent(start, paths.find_agent_folder(start.printer)))
     except (AgentError, OSError) as error:
-        return StopResult(start.printer, None, False, f"cannot be stopped: {error}; switch it off")
+        return StopResult(start.printer, None, False, f"cannot be stopped ({error}); switch the printer off")

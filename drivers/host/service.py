@@ -20,7 +20,6 @@ from typing import Any
 from drivers.discovery import list_plugged_devices
 from drivers.errors import AgentError, DriverError
 from drivers.host.agent_watch import AgentWatch
-from drivers.host.carrier import carry_stream
 from drivers.host.connection import LINE_BYTES, MuxConnection, MuxStream
 from drivers.host.messages import (
     SILENCE_S,
@@ -31,6 +30,7 @@ from drivers.host.messages import (
     PortState,
 )
 from drivers.host.paths import HostPaths, read_version
+from drivers.host.relay import relay_stream
 from drivers.host.update import AgentsUpdate
 from drivers.locks import acquire_lock, write_pid
 from drivers.log_file import rotate_log
@@ -62,7 +62,7 @@ class HostService:
         self._ports: tuple[PortState, ...] = ()
         self._change_event = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._report_s = 1.0
+        self._report_interval_s = 1.0
         self._version, self._installation = read_version(), Installation.from_this_process()
         self._update = AgentsUpdate(self._installation, self._on_update)
         for start, kept_installation in paths.read_agents().values():
@@ -160,7 +160,7 @@ class HostService:
             self._daemon_writer.transport.abort()  # the old connection may have ended unnoticed
         connection = MuxConnection(reader, writer, self._on_message, self._on_stream)
         self._daemon, self._daemon_writer = connection, writer
-        self._last_message_s, self._report_s = time.monotonic(), request.report_s
+        self._last_message_s, self._report_interval_s = time.monotonic(), request.report_s
         log.info("the daemon has connected; it names %d printers", len(request.starts))
         self._set_agents(request.starts)
         self._change_event.set()
@@ -195,7 +195,7 @@ class HostService:
         if watch is None:
             stream.close(f"this host has no printer {name}")
             return
-        self._spawn(carry_stream(stream, self._paths.find_agent_folder(name), self._report_s))
+        self._spawn(relay_stream(stream, self._paths.find_agent_folder(name), self._report_interval_s))
 
     async def _send_states(self) -> None:
         """Send the host's state when it changes, and every `STATE_S` as the heartbeat."""

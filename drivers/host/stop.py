@@ -12,7 +12,7 @@ from drivers.records import StartFile
 from drivers.remote import build_ssh_command
 from drivers.safety import StopResult
 
-_STOP_TIME_OUT_S = 200.0  # wall seconds for all emergency stops
+_STOP_TIMEOUT_S = 200.0  # wall seconds for all emergency stops
 
 
 def stop_host(
@@ -21,7 +21,7 @@ def stop_host(
     farm: str,
     starts: Sequence[StartFile],
     on_result: Callable[[StopResult], None],
-    timeout_s: float = _STOP_TIME_OUT_S,
+    timeout_s: float = _STOP_TIMEOUT_S,
 ) -> None:
     """Stop printers on another host. Never raises; each printer gets one result.
 
@@ -67,4 +67,6 @@ def stop_host(
     except (OSError, ValueError, TypeError) as error:
         reason = str(error)
     for printer in sorted(missing_printers):
-        on_result(StopResult(printer, None, False, f"cannot be stopped: {host}: {reason}; switch it off"))
+        on_result(
+            StopResult(printer, None, False, f"cannot be stopped ({host}: {reason}); switch the printer off")
+        )

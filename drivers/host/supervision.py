@@ -49,22 +49,22 @@ class ReportFilter:
     """Filter that selects the lines of an agent to send to the daemon.
 
     Replies pass at once, and so do snapshots that differ in more than temperatures and progress. Other
-    snapshots pass if the last one passed at least `report_s` earlier.
+    snapshots pass if the last one passed at least `report_interval_s` earlier.
 
     Parameters
     ----------
-    report_s
+    report_interval_s
         Wall seconds between two snapshots that differ only in temperatures and progress.
     """
 
-    def __init__(self, report_s: float) -> None:
-        self._report_s = report_s
+    def __init__(self, report_interval_s: float) -> None:
+        self._report_interval_s = report_interval_s
         self._last_passed_s = -math.inf
         self._last_fields: dict[str, Any] | None = None
 
     def passes(self, line: bytes, now_s: float) -> bool:
-        """Return whether to carry a line that was received at `now_s` of a monotonic clock."""
-        if self._report_s <= 1.0:
+        """Return whether to relay a line that was received at `now_s` of a monotonic clock."""
+        if self._report_interval_s <= 1.0:
             return True
         try:
             fields = _read_fields(line)
@@ -72,7 +72,7 @@ class ReportFilter:
             return True  # the daemon handles an invalid line
         if fields is None:
             return True
-        if fields == self._last_fields and now_s - self._last_passed_s < self._report_s:
+        if fields == self._last_fields and now_s - self._last_passed_s < self._report_interval_s:
             return False
         self._last_fields, self._last_passed_s = fields, now_s
         return True

@@ -30,6 +30,16 @@ the link acts on it only after all of its lines have arrived, as its ok acknowle
 from drivers.link.link import Link
 from drivers.link.opening import Phase
 from drivers.link.outbox import Source
-from drivers.link.replies import Connected, Event, Events, LinkFault, Report, UnknownLine
+from drivers.link.replies import BoardConnected, Event, Events, LinkFault, Report, UnknownLine
 
-__all__ = ["Connected", "Event", "Events", "Link", "LinkFault", "Phase", "Report", "Source", "UnknownLine"]
+__all__ = [
+    "BoardConnected",
+    "Event",
+    "Events",
+    "Link",
+    "LinkFault",
+    "Phase",
+    "Report",
+    "Source",
+    "UnknownLine",
+]

@@ -10,7 +10,7 @@ from drivers.link import replies
 from drivers.link.opening import Opening, OpeningLine, Phase
 from drivers.link.outbox import Outbox, Source
 from drivers.link.recovery import MAX_QUERIES, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
-from drivers.link.replies import Connected, Event, Events, LinkFault, UnknownLine
+from drivers.link.replies import BoardConnected, Event, Events, LinkFault, UnknownLine
 
 SILENT_REASON = "the board does not answer"
 SILENCE_S = 0.3  # silence before the first query; doubled with each query
@@ -214,7 +214,7 @@ class Link:
         self._is_refused = self._opening.is_refused
         self._poll_at_s = now_s + self.poll_every_s
         self._outbox.begin()
-        events.append(Connected(self._opening.has_restarted, self._opening.banner))
+        events.append(BoardConnected(self._opening.has_restarted, self._opening.banner))
         self._send_next(now_s)
 
     def _handle_report(self, line: bytes, now_s: float, events: list[Event]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum, StrEnum
 
 from drivers.firmware import Firmware
-from drivers.link.recovery import TRIES
+from drivers.link.recovery import MAX_ATTEMPTS
 
 START_TIME_OUT_S = (
     10.0  # maximum time from the opening of the port to ``start``; the bootloader takes one second
@@ -101,7 +101,7 @@ class Opening:
     def take_next_query(self) -> bytes | None:
         """Return the next query for a board that did not restart; None after the last one."""
         self._tries += 1
-        if self._tries > TRIES:
+        if self._tries > MAX_ATTEMPTS:
             return None
         commands = self._unconfirmed if self.is_refused or self._tries > 1 else b""
         self.is_refused = False

@@ -15,7 +15,7 @@ from drivers.firmware import Firmware
 CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers at most two lines
 # The link is too noisy at this number of repairs in this number of lines.
 NOISE_REPAIRS, NOISE_LINES = 10, 200
-TRIES = 4  # number of queries to a silent board, and of contradictory answers in a row
+MAX_ATTEMPTS = 4  # maximum number of queries to a silent board, and of contradictory answers in a row
 MAX_QUERIES = 4  # more queries may not fit into the board's receive buffer behind a line
 
 
@@ -178,7 +178,9 @@ class Recovery:
         if number > 0 and last_line not in (number - 1, number, self._unconfirmed_line):
             self._unconfirmed_line = last_line
             self._contradictions += 1
-            return Decision(Action.GIVE_UP_NOISY if self._contradictions > TRIES else Action.QUERY_AGAIN)
+            return Decision(
+                Action.GIVE_UP_NOISY if self._contradictions > MAX_ATTEMPTS else Action.QUERY_AGAIN
+            )
         self._unconfirmed_line = self.resend_number = -1
         self._contradictions = 0
         if last_line == number:

@@ -22,7 +22,7 @@ _CARD_OK = b"echo:SD card ok"
 
 
 @dataclass(frozen=True, slots=True)
-class Connected:
+class BoardConnected:
     """The board answers. `restarted` is true if it sent ``start`` first, followed by `banner`."""
 
     restarted: bool
@@ -59,7 +59,7 @@ class LinkFault:
     text: str
 
 
-Event = Connected | Report | UnknownLine | LinkFault
+Event = BoardConnected | Report | UnknownLine | LinkFault
 Events = Sequence[Event]
 
 

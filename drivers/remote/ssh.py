@@ -18,7 +18,7 @@ SSH_COMMAND = (
     "-o ControlMaster=no -o ControlPath=none"
 )
 NO_AGENT_REASON = "no agent is running there"
-_STOP_TIME_OUT_S = 200.0  # wall seconds for an emergency stop
+_STOP_TIMEOUT_S = 200.0  # wall seconds for an emergency stop
 
 
 class BridgeTask(StrEnum):
@@ -74,7 +74,7 @@ def runs_host_service(command: str) -> bool:
 
 
 def stop_over_ssh(
-    host: str, command: str, farm: str, start: StartFile, timeout_s: float = _STOP_TIME_OUT_S
+    host: str, command: str, farm: str, start: StartFile, timeout_s: float = _STOP_TIMEOUT_S
 ) -> StopResult:
     """Run the emergency stop of a printer on another host. Never raises.
 
@@ -102,4 +102,6 @@ def stop_over_ssh(
         reason = "does not answer"
     except (OSError, ValueError, TypeError) as error:
         reason = stderr.splitlines()[-1] if stderr else f"no result ({error})"
-    return StopResult(start.printer, None, False, f"cannot be stopped: {host}: {reason}; switch it off")
+    return StopResult(
+        start.printer, None, False, f"cannot be stopped ({host}: {reason}); switch the printer off"
+    )

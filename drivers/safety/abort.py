@@ -1,6 +1,7 @@
 """Abort sequence: it stops motion and heat of a board at once, whatever its line count or its last host.
 
-The sequence is sent before any wait, because only silence reveals a failed reset.
+The sequence is sent before any wait, because a failed reset is noticed only when no answer
+arrives in time.
 
 * It begins with a newline; otherwise it would be appended to a line that was cut off.
 * M401 empties the planner's queue of moves within 10 ms (docs/explanation/ultimaker2-serial.md, section 3.1);
@@ -8,9 +9,9 @@ The sequence is sent before any wait, because only silence reveals a failed rese
 * Its lines have no numbers. The firmware accepts them, and then refuses numbered lines.
 * It has no M84, which waits for moves and would block the rest of the sequence if M401 was lost.
 * It is short: after M105 and the longest line of a print, it just fits into the firmware's receive buffer of
-  127 bytes. A longer sequence would be cut, and an ``M1`` that remains of a truncated M104 would block the
-  board forever. So the sequence is repeated only after the board has sent something, which shows that it
-  reads.
+  127 bytes. A longer sequence would be truncated, and an ``M1`` left over from a truncated M104 would block
+  the board forever. So the sequence is repeated only after the board has sent something, which shows that
+  it reads.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from drivers.errors import PortError
 from drivers.firmware import Firmware
 from drivers.ports import Port
 
-TRIES = 3  # number of times that the sequence is sent at most
+MAX_ATTEMPTS = 3  # maximum number of times that the sequence is sent
 _ANSWER_TIME_OUT_S, _READ_INTERVAL_S = 0.5, 0.05  # wall seconds
 
 
@@ -35,9 +36,9 @@ def send_abort(port: Port, firmware: Firmware) -> None:
 def send_abort_until_accepted(port: Port, firmware: Firmware) -> None:
     """Send the sequence, and again after each refusal, which drops the lines that follow.
 
-    An agent that is ending calls it. It takes 0.5 s if nothing is refused, and never raises.
+    Called by an agent that is shutting down. Takes 0.5 s if nothing is refused; never raises.
     """
-    for _ in range(TRIES):
+    for _ in range(MAX_ATTEMPTS):
         send_abort(port, firmware)
         answer = b""
         with suppress(PortError):

@@ -4,7 +4,7 @@
 2. The agent's lock is taken, so that no other agent starts meanwhile.
 3. The board gets the abort sequence (`abort`) and at once a reset by DTR, which switches heaters, motors and
    fan off; a board that DTR does not reset has received the sequence.
-4. M105 is sent until a report shows both targets 0. If the board did not restart, M114 is sent until two
+4. M105 is sent until both reported targets are 0. If the board did not restart, M114 is sent until two
    positions are equal; then its motors are switched off. M105 is sent until both heaters cool
    (`HeaterWatch`): only then do they count as off.
 5. A record in the agent's journal requires a person to check the printer: nothing is printed before
@@ -29,7 +29,7 @@ from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
 from drivers.gcode import HeaterName
-from drivers.link import Connected, Event, Link, Report, UnknownLine
+from drivers.link import BoardConnected, Event, Link, Report, UnknownLine
 from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, acquire_lock, kill_holder
 from drivers.ports import NET_PREFIX, NetPort, Port, SerialPort
@@ -192,7 +192,7 @@ def _reset(target: StopTarget, watch_s: float, notify: ProgressCallback) -> Stop
     try:
         port = _open(target)
     except PortError as error:
-        return StopResult(name, None, False, f"cannot be stopped: {error}; switch it off")
+        return StopResult(name, None, False, f"cannot be stopped ({error}); switch the printer off")
     if port is None:
         text = f"is switched off: no emulator in {target.folder}"
         return StopResult(name, time.time(), True, text, is_still=True)
@@ -205,7 +205,7 @@ def _reset(target: StopTarget, watch_s: float, notify: ProgressCallback) -> Stop
         reset_s = time.time()
         text, heaters_off = board.confirm_heaters_off(watch_s)
     except PortError as error:
-        text, heaters_off = f"{error}; switch it off", False
+        text, heaters_off = f"{error}; switch the printer off", False
     finally:
         port.close()
     return StopResult(name, reset_s, heaters_off, f"{text}; {board.motion}", board.is_still)
@@ -224,7 +224,9 @@ def _open(target: StopTarget) -> Port | None:
     try:
         return SerialPort(path, target.firmware.baud_rate)
     except PortError:
-        return SerialPort(path, target.firmware.baud_rate, is_shared=True)  # overrides other users
+        return SerialPort(
+            path, target.firmware.baud_rate, is_shared=True
+        )  # opens the port even if another process uses it
 
 
 class _Board:
@@ -243,7 +245,7 @@ class _Board:
         self._link = Link(firmware)
         self._link.ignore_faults = True
         self._link.poll_every_s = _POLL_INTERVAL_S
-        self._connection: Connected | None = None
+        self._connection: BoardConnected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
         self._has_waited_for_moves = False  # True once the board was told to wait for all moves
@@ -251,9 +253,7 @@ class _Board:
     @property
     def motion(self) -> str:
         """User-facing clause on the motion of the board."""
-        return (
-            "it stands still" if self.is_still else "its standstill was not confirmed: check whether it moves"
-        )
+        return "it stands still" if self.is_still else "it may still be moving: check it"
 
     def confirm_heaters_off(self, watch_s: float) -> tuple[str, bool]:
         """Poll until both targets are 0 and the heaters cool.
@@ -272,18 +272,18 @@ class _Board:
         if (self._report is None or not self._report.targets_off) and self._firmware.halt is not None:
             self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # the print is lost in any case
         if self._report is None or self._connection is None:
-            return "was reset, but shows no temperatures: switch it off", False
+            return "was reset, but reports no temperatures: switch it off", False
         report, connection = self._report, self._connection
         if not report.targets_off:
             targets = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
-            return f"still shows targets ({targets}): switch it off", False
+            return f"still reports targets ({targets}): switch it off", False
         method = "its board was reset" if connection.restarted else "by command: its board was not reset"
         with suppress(OSError):  # the message may have no reader, but the printer must be watched
-            self._notify(f"shows both targets 0 ({method}), {self.motion}; it is watched until it cools")
+            self._notify(f"reports targets of 0 ({method}), {self.motion}; it is watched until it cools")
         return self._confirm_cooling(method)
 
     def _on_event(self, now_s: float, event: Event) -> None:
-        if isinstance(event, Connected):
+        if isinstance(event, BoardConnected):
             self._connection = event
             if event.restarted:
                 self.is_still = True
@@ -325,4 +325,4 @@ class _Board:
                     temperatures = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
                     return f"heaters confirmed off and cooling ({method}; {temperatures})", True
         temperatures = f"nozzle {report.nozzle_c:g} C, bed {report.bed_c:g} C"
-        return f"shows targets 0, but was not confirmed to cool ({temperatures}): switch it off", False
+        return f"reports targets of 0, but cooling was not confirmed ({temperatures}): switch it off", False

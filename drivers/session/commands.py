@@ -11,7 +11,7 @@ from drivers.session.context import PrintEnded, Script, SessionContext, TimedScr
 SEND_TIME_OUT_S = 180.0  # maximum time for commands to be executed
 RESET_TIME_OUT_S = 30.0  # maximum time for a port that disappeared to return
 CONNECT_TIME_OUT_S = 30.0  # maximum time for the board to answer; the link sends its queries earlier
-TRIES = 3  # number of resets before the session gives up
+MAX_ATTEMPTS = 3  # maximum number of resets before the session gives up
 HEAT_DEAD_MAN_S = 1200.0  # nothing resets the timer during a G28 or behind slow moves
 PRINT_DEAD_MAN_S = 600.0  # moves reset the timer, but an M400 behind 17 slow moves does not
 PAUSE_DEAD_MAN_S = 120.0  # the session resets the timer every few seconds
@@ -24,7 +24,7 @@ def connect(context: SessionContext) -> Script:
     are reported off, as another host may have armed that timer.
     """
     link = context.link
-    for _ in range(TRIES):
+    for _ in range(MAX_ATTEMPTS):
         context.connection = None
         context.wants_reset = True
         link.poll_every_s = context.pace.heating_s

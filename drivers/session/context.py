@@ -13,7 +13,7 @@ from drivers.clock import Clock
 from drivers.errors import Fault, UnreadableFile
 from drivers.firmware import Firmware
 from drivers.gcode import Point, Program
-from drivers.link import Connected, Link, Report
+from drivers.link import BoardConnected, Link, Report
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import Profile
 from drivers.records import Suspicion
@@ -164,7 +164,7 @@ class SessionContext:
     power_off_requested_s: float = field(default=math.inf, init=False)
     heaters_off: bool = field(default=False, init=False)
     targets_off_s: float | None = field(default=None, init=False)
-    connection: Connected | None = field(default=None, init=False)
+    connection: BoardConnected | None = field(default=None, init=False)
     report: Report | None = field(default=None, init=False)
     report_s: float = field(init=False)
     watch: HeaterWatch = field(init=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivers.errors import Fault
 from drivers.firmware import Identity
-from drivers.session.commands import TRIES, connect, query, send
+from drivers.session.commands import MAX_ATTEMPTS, connect, query, send
 from drivers.session.context import PrintEnded, Script, SessionContext
 
 HOME_TOLERANCE_MM = 30.0  # M206 shifts the Z coordinate of the home position
@@ -17,7 +17,7 @@ def identify_printer(context: SessionContext) -> Script:
     """
     firmware, profile = context.firmware, context.profile
     problem = ""
-    for _ in range(TRIES):
+    for _ in range(MAX_ATTEMPTS):
         yield from connect(context)
         assert context.connection is not None
         identity = firmware.read_identity(context.connection.banner)

@@ -1,7 +1,7 @@
 """Scripts that move filament and head between two prints and in a pause. Pure.
 
-The filament is either parked, retracted by `Profile.park_retraction_mm`, or at the nozzle, retracted as the
-file itself does. While it moves between the two, its position is unknown.
+The filament is either parked, retracted by `Profile.park_retraction_mm`, or at the nozzle, retracted only
+as far as the file retracts it. While it moves between the two, its position is unknown.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import math
 from drivers.errors import Fault
 from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament
-from drivers.session.commands import TRIES, arm_dead_man, connect, send
+from drivers.session.commands import MAX_ATTEMPTS, arm_dead_man, connect, send
 from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript
 from drivers.session.heat import allows_extrusion, confirm_heaters_off
 from drivers.session.park import LIFT_MM, compute_lift_mm, park, try_measure_retraction_mm
@@ -72,7 +72,7 @@ def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
         context.filament = Filament.UNKNOWN
     context.link.ignore_faults = True
     try:
-        for _ in range(TRIES):
+        for _ in range(MAX_ATTEMPTS):
             context.heaters_off = False
             try:
                 if (yield from _reset_and_confirm_off(context, is_homed)):

@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 from drivers.errors import Fault, UnreadableFile
 from drivers.gcode import read_position
-from drivers.link import Connected, Event, Events, LinkFault, Report, UnknownLine
+from drivers.link import BoardConnected, Event, Events, LinkFault, Report, UnknownLine
 from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
@@ -158,7 +158,7 @@ def _process_event(context: SessionContext, event: Event) -> PrintEnded | None:
     if isinstance(event, Report):
         context.report, context.report_s = event, context.now_s
         return watch_heaters(context, event)
-    if isinstance(event, Connected):
+    if isinstance(event, BoardConnected):
         context.connection = event
     elif isinstance(event, UnknownLine):
         context.answer += event.text + b"\n"

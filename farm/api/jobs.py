@@ -47,7 +47,7 @@ class RunView(View):
     """Interval in which a job was printed."""
 
     started: str
-    ended: str | None  # null while the job is printed
+    ended: str | None  # null while the job is printing
 
 
 class JobFigures(View):

@@ -17,16 +17,16 @@ from farm.views.report.decomposition import parse_report
 
 _MAX_PRINTS = 100_000
 _MAX_STILLS_BYTES = 50_000_000  # maximum size of all stills on a page
-FindFile = Callable[[str], Path | None]
+FileFinder = Callable[[str], Path | None]
 """Function that returns a readable file for a path in the daemon's answer; None if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Page on a job; `without_pictures` is True if none of its files can be read."""
+    """Page on a job; `lacks_pictures` is True if none of its files can be read."""
 
     text: str
-    without_pictures: bool
+    lacks_pictures: bool
 
 
 def find_local_file(path: str) -> Path | None:
@@ -34,7 +34,7 @@ def find_local_file(path: str) -> Path | None:
     return Path(path) if os.access(path, os.R_OK) else None
 
 
-def render_report(client: Client, number: int, find_file: FindFile) -> Report:
+def render_report(client: Client, number: int, find_file: FileFinder) -> Report:
     """Render the page on a job.
 
     Parameters
@@ -71,7 +71,7 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
     return Report(text, bool(view.parts) and not pictures and assembly is None)
 
 
-def _find_picture(part: api.PartView, find_file: FindFile) -> bytes | None:
+def _find_picture(part: api.PartView, find_file: FileFinder) -> bytes | None:
     """Draw a part, or read its stored picture; None if neither file can be read."""
     if part.file is not None:
         model = find_file(part.file)
@@ -80,7 +80,7 @@ def _find_picture(part: api.PartView, find_file: FindFile) -> bytes | None:
     return None if picture is None else picture.read_bytes()
 
 
-def _read_stills(view: api.JobView, find_file: FindFile) -> dict[str, bytes]:
+def _read_stills(view: api.JobView, find_file: FileFinder) -> dict[str, bytes]:
     """Read the stills of a job's prints by their paths, up to a total size."""
     stills: dict[str, bytes] = {}
     remaining_bytes = _MAX_STILLS_BYTES

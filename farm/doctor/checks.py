@@ -265,14 +265,14 @@ def check_code(facts: Facts) -> Iterator[Finding]:
     if code is None:
         return
     if code.folder is None:
-        text = f"neither {code.installed} nor {facts.user.name}'s cache can be written"
+        text = f"neither {code.installed_folder} nor {facts.user.name}'s cache can be written"
         yield make_warning("code", f"{text}: each worker compiles for minutes", "make ~/.cache writable")
     elif not code.compiled:
         yield make_warning(
             "code", "the planning code is not compiled: the first plan takes minutes", "`farm setup`"
         )
     else:
-        copy_note = "" if code.folder == code.installed else f", a copy of {code.installed}"
+        copy_note = "" if code.folder == code.installed_folder else f", a copy of {code.installed_folder}"
         yield make_success("code", f"the planning code is compiled in {code.folder}{copy_note}")
 
 

@@ -112,7 +112,7 @@ class CodeFacts:
 
     Attributes
     ----------
-    installed
+    installed_folder
         Folder beside the sources.
     folder
         Folder that this user's processes use; None if none can be written.
@@ -120,7 +120,7 @@ class CodeFacts:
         True if all functions are compiled.
     """
 
-    installed: str
+    installed_folder: str
     folder: str | None
     compiled: bool
 
@@ -149,7 +149,7 @@ class ClockFacts:
 
 @dataclass(frozen=True, slots=True)
 class FreeSpace:
-    """Free space on a folder's disk, in bytes; None if it cannot be written."""
+    """Free space on a folder's disk, in bytes; None if the folder is not writable."""
 
     folder: str
     free_bytes: int | None

@@ -44,7 +44,7 @@ class BodyLimit:
                 raise HTTPException(TOO_LARGE_STATUS)
             return message
 
-        async def send_closing(message: Message) -> None:
+        async def send_with_close_header(message: Message) -> None:
             if (
                 message["type"] == "http.response.start"
                 and message["status"] >= _FIRST_ERROR_STATUS
@@ -53,4 +53,4 @@ class BodyLimit:
                 MutableHeaders(scope=message)["connection"] = "close"  # otherwise the server reads the rest
             await send(message)
 
-        await self._app(scope, receive_limited, send_closing)
+        await self._app(scope, receive_limited, send_with_close_header)

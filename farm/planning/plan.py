@@ -159,7 +159,7 @@ class DecomposedJob:
     serial_price_s
         Price of the whole model in one piece, including the heat-up.
     drawing_record
-        File for `draw_job` (farm.planning.parts.draw_job).
+        File for `draw_job` (farm.planning.parts.job_drawing).
     cut_record
         File for `relevel_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
     assembly_s

@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from farm.planning.inspection.inspect_submission import inspect_submission
     from farm.planning.inspection.own_gcode import plan_gcode
     from farm.planning.parts.decompose_job import decompose_job, warm_up_planning
-    from farm.planning.parts.draw_job import draw_job, draw_overview, draw_some_steps
+    from farm.planning.parts.job_drawing import draw_job, draw_overview, draw_some_steps
     from farm.planning.parts.paused_job import continue_job, try_grid
     from farm.planning.parts.relevel_parts import relevel_parts
     from farm.planning.parts.slice_part import slice_part
@@ -86,9 +86,9 @@ else:
     inspect_submission = Deferred("farm.planning.inspection.inspect_submission:inspect_submission")
     continue_job = Deferred("farm.planning.parts.paused_job:continue_job", list_continue_files)
     decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
-    draw_job = Deferred("farm.planning.parts.draw_job:draw_job", list_draw_files)
-    draw_overview = Deferred("farm.planning.parts.draw_job:draw_overview", list_overview_files)
-    draw_some_steps = Deferred("farm.planning.parts.draw_job:draw_some_steps", list_step_files)
+    draw_job = Deferred("farm.planning.parts.job_drawing:draw_job", list_draw_files)
+    draw_overview = Deferred("farm.planning.parts.job_drawing:draw_overview", list_overview_files)
+    draw_some_steps = Deferred("farm.planning.parts.job_drawing:draw_some_steps", list_step_files)
     relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
     warm_up_planning = Deferred("farm.planning.parts.decompose_job:warm_up_planning")
     plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")

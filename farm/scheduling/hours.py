@@ -28,7 +28,7 @@ class Hours:
     zone: tzinfo
 
     def find_span(self, at_s: float) -> Span | None:
-        """Return the half-open span around `at_s`, or None. A span that never ends has the end infinity."""
+        """Return the half-open span around `at_s`, or None. The end of a span that never ends is infinity."""
         return next((span for span in self._list_spans_near(at_s) if span[0] <= at_s < span[1]), None)
 
     def find_next_span(self, at_s: float) -> Span | None:
@@ -55,9 +55,9 @@ def _list_spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Sp
         date = datetime.fromordinal(ordinal).replace(tzinfo=zone)
         for window in windows:
             if date.weekday() in window.days:
-                next_day = timedelta(days=window.ends <= window.begins)
+                day_offset = timedelta(days=window.ends <= window.begins)
                 start = datetime.combine(date, window.begins, zone)
-                end = datetime.combine(date + next_day, window.ends, zone)
+                end = datetime.combine(date + day_offset, window.ends, zone)
                 spans.append((start.timestamp(), max(end.timestamp(), end.replace(fold=1).timestamp())))
     return tuple(
         (start_s, math.inf if end_s - start_s > _MAX_SPAN_S else end_s)

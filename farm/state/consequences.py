@@ -7,7 +7,7 @@ from farm.model import Bed, Job, JobState, Outage, Plate, Print, Reopening
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.outage import find_common_losses
-from farm.state.plate_state import PlateState, derive_job_state, find_successful_print, list_charged_failures
+from farm.state.plate_state import PlateState, derive_job_state, find_successful_print, list_counted_failures
 
 CANCELLATION_REASON = "cancelled by a person"
 
@@ -50,7 +50,7 @@ def _describe_failures(books: Books, job: Job) -> str:
     out_of_attempts = [
         p for p in books.list_plates(job) if books.find_plate_state(p) is PlateState.OUT_OF_ATTEMPTS
     ]
-    failures = list_charged_failures(out_of_attempts[0], books.list_prints(out_of_attempts[0]))
+    failures = list_counted_failures(out_of_attempts[0], books.list_prints(out_of_attempts[0]))
     more_plates = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""
     return (
         f"plate {out_of_attempts[0].id} failed {len(failures)} times, last on {failures[-1].printer}: "

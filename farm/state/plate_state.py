@@ -39,7 +39,7 @@ def find_stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
     return last_print if plate.paused and last_print is not None and last_print.fault == Fault.ESTOP else None
 
 
-def list_charged_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
+def list_counted_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
     """Return the failures that count as attempts of a plate since its last reprint request."""
     counted_ids = frozenset(plate.prints[plate.counted_from :])
     return [p for p in prints if p.id in counted_ids and p.state is PrintState.FAILED and p.charged]
@@ -60,7 +60,7 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
         return PlateState.PRINTING
     return (
         PlateState.OUT_OF_ATTEMPTS
-        if len(list_charged_failures(plate, prints)) >= MAX_ATTEMPTS
+        if len(list_counted_failures(plate, prints)) >= MAX_ATTEMPTS
         else PlateState.WAITING
     )
 

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable, Iterator
 
 from farm.model import Bed, JobState, Print, PrintState
 from farm.state.books import Books
-from farm.state.plate_state import MAX_ATTEMPTS, PlateState, derive_job_state, list_charged_failures
+from farm.state.plate_state import MAX_ATTEMPTS, PlateState, derive_job_state, list_counted_failures
 
 _DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
 """States of a job that are derived from its plates alone."""
@@ -84,7 +84,7 @@ def _check_plates(books: Books) -> Iterator[str]:
         open_prints = [p for p in prints if not p.state.ended and not p.restored]
         if len(open_prints) > 1:
             yield f"plate {plate.id}: it is printed on {' and '.join(p.printer for p in open_prints)} at once"
-        if not plate.replaced_by and len(list_charged_failures(plate, prints)) > MAX_ATTEMPTS:
+        if not plate.replaced_by and len(list_counted_failures(plate, prints)) > MAX_ATTEMPTS:
             yield f"plate {plate.id}: it failed more than {MAX_ATTEMPTS} times"
         if plate.counted_from > len(plate.prints):
             yield f"plate {plate.id}: it counts from print {plate.counted_from} of {len(plate.prints)}"

@@ -101,7 +101,7 @@ def test_board_that_prints_from_its_card_is_not_reset():
     thread.start()
     try:
         with pytest.raises(PortError, match="SD card"):
-            verify_reset(str(path), None, ULTIMAKER2, time_out_s=30.0)
+            verify_reset(str(path), None, ULTIMAKER2, timeout_s=30.0)
         assert b"M27" in received_data
     finally:
         os.close(slave)

@@ -68,7 +68,7 @@ class EmulatedFirmware(Listener):
         old_machine.power_down(now_s)
         moves, moving_s, starved_s = self._totals_before_reset
         self._totals_before_reset = (
-            moves + old_machine.planner.moves,
+            moves + old_machine.planner.move_count,
             moving_s + old_machine.planner.busy_s,
             starved_s + old_machine.starved_s,
         )
@@ -135,7 +135,7 @@ class EmulatedFirmware(Listener):
     @property
     def moves(self) -> int:
         """Number of moves queued since power on."""
-        return self._totals_before_reset[0] + self.machine.planner.moves
+        return self._totals_before_reset[0] + self.machine.planner.move_count
 
     @property
     def printing_s(self) -> float:

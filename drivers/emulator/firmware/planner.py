@@ -126,14 +126,14 @@ class Planner:
         self.limits = limits
         self._slowdown = slowdown
         self.target = start  # target of the last queued move
-        self.moves = 0  # number of moves queued since the start
+        self.move_count = 0  # number of moves queued since the start
         self.busy_s = 0.0  # total duration of the finished moves
         self.idle_since_s = 0.0  # time at which the queue became empty; undefined while it has moves
         self._head = start  # position at which the executing block began
         self._on_move = on_move
         self._blocks: list[Block] = []
         self._final_count = 1  # number of front blocks whose entry speed is final
-        self._begin_s = 0.0  # begin and end of the executing block
+        self._start_s = 0.0  # start and end of the executing block
         self._end_s = 0.0
         # Executing block: entry and top speed in mm/s, seconds of acceleration and at top speed.
         self._ramps = (0.0, 0.0, 0.0, 0.0)
@@ -153,7 +153,7 @@ class Planner:
         while blocks and self._end_s <= now_s:
             block = blocks.pop(0)
             self._head = block.target
-            self.busy_s += self._end_s - self._begin_s
+            self.busy_s += self._end_s - self._start_s
             if block.e_mm:
                 self._on_move(block.e_mm, block.target[2])
             if blocks:
@@ -198,17 +198,26 @@ class Planner:
                 return
             if max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2]) <= MIN_STEPS:
                 length_mm = abs(de) or length_mm
-        per_s = feedrate_mm_s / length_mm
+        inverse_duration_per_s = feedrate_mm_s / length_mm
         queue_length = len(self._blocks)
-        if self._slowdown and 1 < queue_length < CAPACITY // 2 and per_s > 1.0 / SHORT_MOVE_S:
-            duration_s = 1.0 / per_s
-            per_s = 1.0 / (duration_s + 2.0 * (SHORT_MOVE_S - duration_s) / queue_length)
+        if (
+            self._slowdown
+            and 1 < queue_length < CAPACITY // 2
+            and inverse_duration_per_s > 1.0 / SHORT_MOVE_S
+        ):
+            duration_s = 1.0 / inverse_duration_per_s
+            inverse_duration_per_s = 1.0 / (duration_s + 2.0 * (SHORT_MOVE_S - duration_s) / queue_length)
         if dz or feedrate_mm_s > 200.0 or abs(de) > length_mm * 0.1:
             for d, max_mm_s in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
-                if abs(d) * per_s > max_mm_s:
-                    per_s = max_mm_s / abs(d)
-        vx, vy, vz, ve = dx * per_s, dy * per_s, dz * per_s, de * per_s
-        speed_mm_s = length_mm * per_s
+                if abs(d) * inverse_duration_per_s > max_mm_s:
+                    inverse_duration_per_s = max_mm_s / abs(d)
+        vx, vy, vz, ve = (
+            dx * inverse_duration_per_s,
+            dy * inverse_duration_per_s,
+            dz * inverse_duration_per_s,
+            de * inverse_duration_per_s,
+        )
+        speed_mm_s = length_mm * inverse_duration_per_s
         acceleration_mm_s2 = limits.print_mm_s2 if dx or dy or dz else limits.retract_mm_s2
         if dz or abs(de) > length_mm * 0.5 or acceleration_mm_s2 > 4000.0:
             acceleration_mm_s2 = self._limit_acceleration(dx, dy, dz, de, length_mm, acceleration_mm_s2)
@@ -217,22 +226,24 @@ class Planner:
         self.target = target
         self._axis_speeds_mm_s = (vx, vy, vz, ve)
         self._speed_mm_s = speed_mm_s
-        self.moves += 1
+        self.move_count += 1
 
     def compute_position(self, now_s: float) -> Point:
         """Compute the position of head and feeder; the queue must be advanced to `now_s`."""
         if not self._blocks:
             return self._head
         block = self._blocks[0]
-        entry_mm_s, top_mm_s, up_s, top_s = self._ramps
-        elapsed_s = now_s - self._begin_s
-        ramp_s = min(elapsed_s, up_s)
+        entry_mm_s, top_mm_s, acceleration_time_s, top_s = self._ramps
+        elapsed_s = now_s - self._start_s
+        ramp_s = min(elapsed_s, acceleration_time_s)
         distance_mm = entry_mm_s * ramp_s + 0.5 * block.acceleration_mm_s2 * ramp_s**2
-        if elapsed_s > up_s:
-            distance_mm += top_mm_s * min(elapsed_s - up_s, top_s)
-        if elapsed_s > up_s + top_s:
-            down_s = elapsed_s - up_s - top_s
-            distance_mm += top_mm_s * down_s - 0.5 * block.acceleration_mm_s2 * down_s**2
+        if elapsed_s > acceleration_time_s:
+            distance_mm += top_mm_s * min(elapsed_s - acceleration_time_s, top_s)
+        if elapsed_s > acceleration_time_s + top_s:
+            deceleration_time_s = elapsed_s - acceleration_time_s - top_s
+            distance_mm += (
+                top_mm_s * deceleration_time_s - 0.5 * block.acceleration_mm_s2 * deceleration_time_s**2
+            )
         fraction = min(1.0, max(0.0, distance_mm / block.length_mm))
         x, y, z, e = (a + (b - a) * fraction for a, b in zip(self._head, block.target, strict=True))
         return (x, y, z, e)
@@ -242,7 +253,7 @@ class Planner:
         self.advance(now_s)
         position = self.compute_position(now_s)
         if self._blocks:
-            self.busy_s += now_s - self._begin_s
+            self.busy_s += now_s - self._start_s
             if position[3] != self._head[3]:
                 self._on_move(position[3] - self._head[3], position[2])
         self._blocks.clear()
@@ -337,8 +348,8 @@ class Planner:
             peak_mm2_s2 = 0.5 * (block.gain_mm2_s2 + entry_mm2_s2 + exit_mm2_s2)
             top_mm_s = math.sqrt(max(peak_mm2_s2, entry_mm2_s2, exit_mm2_s2))
             top_mm = 0.0
-        up_s = (top_mm_s - entry_mm_s) / rate_mm_s2
+        acceleration_time_s = (top_mm_s - entry_mm_s) / rate_mm_s2
         top_s = top_mm / top_mm_s
-        self._ramps = (entry_mm_s, top_mm_s, up_s, top_s)
-        self._begin_s = now_s
-        self._end_s = now_s + up_s + top_s + (top_mm_s - exit_mm_s) / rate_mm_s2
+        self._ramps = (entry_mm_s, top_mm_s, acceleration_time_s, top_s)
+        self._start_s = now_s
+        self._end_s = now_s + acceleration_time_s + top_s + (top_mm_s - exit_mm_s) / rate_mm_s2

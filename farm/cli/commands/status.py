@@ -175,7 +175,7 @@ def _show_speeds(speeds: Sequence[api.PrinterSpeed], screen: Console) -> None:
                 (speed.printer, f"{speed.time_factor:.2f}", *(f"{v:.2f}" for v in values), learned_from)
             )
     if rows:
-        screen.print("\nactual over sliced time, learned from finished prints:")
+        screen.print("\nratio of actual to estimated printing time, learned from finished prints:")
         for line in lay_out_table(_SPEED_COLUMNS, rows, read_terminal_width(screen)):
             screen.print(line)
 
@@ -204,8 +204,8 @@ def report(
     except OSError as error:
         cause = error.strerror or error
         raise FarmError(f"{target} cannot be written ({cause}); give another file with --out") from error
-    if page.without_pictures:
-        print_notice(f"you may not read the files of job {job}: the page has no pictures")
+    if page.lacks_pictures:
+        print_notice(f"no permission to read the files of job {job}: the page has no pictures")
     print(target)
 
 
@@ -216,7 +216,8 @@ def hosts(
         bool,
         typer.Option(
             "--update",
-            help="Replace agents of other versions when they are idle: one host first; stop at a fault.",
+            help="Replace agents of other versions when they are idle. "
+            "Update one host first, and stop if it fails.",
         ),
     ] = False,
     json: Json = False,

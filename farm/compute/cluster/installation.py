@@ -44,7 +44,7 @@ class Installation:
 
     @classmethod
     def from_record(cls, record: dict[str, str]) -> Self:
-        """Build an installation from a record of `as_record`, possibly of another version of farm."""
+        """Build an installation from a record made by `as_record`, possibly by another version of farm."""
         return cls(**{name: str(record.get(name, "?")) for name in cls.__dataclass_fields__})
 
     def as_record(self) -> dict[str, str]:

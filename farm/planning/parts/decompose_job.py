@@ -32,7 +32,7 @@ from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.copies import choose_evenly_spaced, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
-from farm.planning.parts.draw_job import write_drawing_record
+from farm.planning.parts.job_drawing import write_drawing_record
 from farm.planning.parts.pricing import build_decompose_options, build_printer_rooms, estimate_time_factors
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob, TooFewPrinters
 from farm.planning.plate_times import reassign_loads

@@ -132,7 +132,7 @@ class ReplanCoordinator:
             plate = books.plates[waiting_plate.id]
             if not free_printers or waiting_plate.id in self._running or not _may_be_replanned(books, plate):
                 continue
-            if waiting_plate.id not in holds or not policy.waits_for_its_printer_kind(
+            if waiting_plate.id not in holds or not policy.depends_on_printer_kind(
                 holds[waiting_plate.id].code
             ):
                 continue

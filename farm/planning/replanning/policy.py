@@ -114,7 +114,7 @@ def compute_one_piece_end_s(plate: WaitingPlate, situation: Situation) -> float:
 def choose_reslice(
     plate: WaitingPlate,
     situation: Situation,
-    free: Sequence[FleetPrinter],
+    free_printers: Sequence[FleetPrinter],
     ends: EndForecast | None = None,
 ) -> Reslice | None:
     """Choose a printer of another kind on which a waiting plate ends sooner by the margin; or None.
@@ -125,12 +125,12 @@ def choose_reslice(
         A waiting plate of the situation that is not assigned now.
     situation
         The current situation.
-    free
+    free_printers
         The printers to which no other plate is assigned now.
     ends
         The expected ends of the waiting plates, if already computed.
     """
-    best = _find_best_printer(plate, free, situation)
+    best = _find_best_printer(plate, free_printers, situation)
     if best is None:
         return None
     after_s = _estimate_resliced_end_s(plate, best, situation)
@@ -143,7 +143,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     """Choose the printers on which a failed plate's part, once cut, ends sooner by the margin; or None.
 
     Candidates are the free printers that the other waiting plates do not need. The estimate assumes equal
-    pieces; the actual cut is compared before it is used.
+    pieces; the actual cut is compared with the uncut part before it is used.
 
     Parameters
     ----------
@@ -159,21 +159,25 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     }
     layers_s = plate.expected_s - plate.heating_s
     piece = replace(plate, expected_s=plate.heating_s + layers_s * _CUT_TIME_RATIO / 2, grams=0.0)
-    free = [
+    free_printers = [
         p
         for p in situation.free
         if p.name not in used_printers and _has_same_filament(plate, p) and _could_start(piece, p, situation)
     ]
     max_pieces = min(
-        len(free), MAX_PIECES, len(free) if plate.extra_printers is None else plate.extra_printers
+        len(free_printers),
+        MAX_PIECES,
+        len(free_printers) if plate.extra_printers is None else plate.extra_printers,
     )
     if max_pieces < 2:
         return None
-    factors = {p.name: p.time_factors.compute_factor(plate.feature_shares) for p in free}
-    free.sort(key=lambda p: (p.name in plate.failed_on, factors[p.name], -p.capabilities.height_mm, p.name))
+    factors = {p.name: p.time_factors.compute_factor(plate.feature_shares) for p in free_printers}
+    free_printers.sort(
+        key=lambda p: (p.name in plate.failed_on, factors[p.name], -p.capabilities.height_mm, p.name)
+    )
 
     def compute_recut_end_s(count: int) -> float:
-        max_factor = max(factors[p.name] for p in free[:count]) / plate.time_factor
+        max_factor = max(factors[p.name] for p in free_printers[:count]) / plate.time_factor
         start_s = situation.now_s + CUTTING_TIME_S * situation.time_scale
         return (
             start_s
@@ -187,10 +191,10 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         compute_one_piece_end_s(plate, situation), compute_recut_end_s(count), situation.now_s
     ):
         return None
-    return Recut(plate.id, tuple(p.name for p in free[:count]))
+    return Recut(plate.id, tuple(p.name for p in free_printers[:count]))
 
 
-def waits_for_its_printer_kind(code: HoldCode) -> bool:
+def depends_on_printer_kind(code: HoldCode) -> bool:
     """Return whether a reason to wait does not apply to a printer of another kind."""
     return code in _KIND_DEPENDENT_CODES
 
@@ -213,12 +217,12 @@ def _differs_in_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 
 
 def _find_best_printer(
-    plate: WaitingPlate, free: Sequence[FleetPrinter], situation: Situation
+    plate: WaitingPlate, free_printers: Sequence[FleetPrinter], situation: Situation
 ) -> FleetPrinter | None:
     """Return the free printer of another kind on which a plate ends soonest; None if there is none."""
     startable_printers = [
         p
-        for p in free
+        for p in free_printers
         if _differs_in_kind(plate, p) and p.name not in plate.failed_on and _could_start(plate, p, situation)
     ]
     if plate.extra_printers == 0 or not startable_printers:

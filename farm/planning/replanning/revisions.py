@@ -48,7 +48,7 @@ _Key = tuple[int, str | None, frozenset[str], frozenset[str]]
 
 
 class PlanRevisions:
-    """Decisions on the jobs that are planned again, and on the use of their new plans.
+    """Decides which jobs are planned again and whether their new plans are used.
 
     A job is examined when its first plate could start, and when a printer of its plan is no longer available.
     Its plates do not start while another plan is made. The state is in memory only: after a restart, jobs are
@@ -141,15 +141,20 @@ class PlanRevisions:
                 for name, use in (*reservations.items(), *plate_by_printer.items())
                 if use not in own_uses
             }
-            idle, usable_printers = candidates.choose(job, taken_printers)
+            idle_printers, usable_printers = candidates.choose(job, taken_printers)
             # Idle printers change often, so a job that cannot start yet is examined again when it can.
-            key = (number, job.plan, frozenset(idle if can_start else ()), frozenset(usable_printers))
+            key = (
+                number,
+                job.plan,
+                frozenset(idle_printers if can_start else ()),
+                frozenset(usable_printers),
+            )
             if key in self._examined_keys:
                 continue
             end_s = _find_end_s(plates, plate_by_printer, situation)
-            candidate = _describe_job(job, plates, situation, ratio, end_s)
+            planned_job = _describe_job(job, plates, situation, ratio, end_s)
             names = None
-            if may_revise(candidate, situation, (idle, usable_printers)):
+            if may_revise(planned_job, situation, (idle_printers, usable_printers)):
                 if forecast_size > MAX_FORECAST_SIZE:
                     self.has_remaining_jobs = True
                     if can_start:
@@ -158,7 +163,7 @@ class PlanRevisions:
                 forecast_size += len(situation.printers) + len(
                     situation.waiting.limit_to_rank(plates[0].queue_rank)
                 )
-                names = choose_revision(candidate, situation, (idle, usable_printers))
+                names = choose_revision(planned_job, situation, (idle_printers, usable_printers))
             self._examined_keys = {
                 attempt_key for attempt_key in self._examined_keys if attempt_key[0] in changeable_jobs
             } | {key}
@@ -166,7 +171,7 @@ class PlanRevisions:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
                 self._running[number] = StartPlanning(number, names, rounds=1)
                 self._start_times_s[number] = situation.now_s
-                self._held_until_s[number] = situation.now_s + PLANNING_TIMEOUT_RATIO * candidate.planning_s
+                self._held_until_s[number] = situation.now_s + PLANNING_TIMEOUT_RATIO * planned_job.planning_s
                 yield self._running[number]
 
     def _is_changeable(self, books: Books, job: Job) -> bool:
@@ -256,8 +261,12 @@ class _Candidates:
         """Choose printers for a job: from those that are idle now, and from all that need no repair."""
         request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
         usable_printers = list(self._find_usable_printers(job).values())
-        idle = [p for p in usable_printers if p.find_obstacle() is None and p.name not in taken_printers]
-        return _select_largest_printers(idle, request), _select_largest_printers(usable_printers, request)
+        idle_printers = [
+            p for p in usable_printers if p.find_obstacle() is None and p.name not in taken_printers
+        ]
+        return _select_largest_printers(idle_printers, request), _select_largest_printers(
+            usable_printers, request
+        )
 
     def _find_usable_printers(self, job: Job) -> dict[str, FleetPrinter]:
         """Find the printers that a job could use without a repair, by name."""

@@ -31,7 +31,7 @@ _ITERATIONS = 20
 
 @dataclass(frozen=True, slots=True, order=True)
 class Timing:
-    """Times of a finished print: shares of its features, and actual over sliced time of its layers."""
+    """Times of a finished print: shares of its features, ratio of actual to estimated time of its layers."""
 
     shares: Shares
     ratio: float

@@ -82,7 +82,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
     ) -> None:
         job = selection.find(by, address, controller.books)
         if job is None:
-            raise Refused("no file is selected, and nothing is printed at this address")
+            raise Refused("no file is selected, and nothing is printing at this address")
         open_print = None if address.printer is None else controller.books.find_open_print(address.printer)
         match body.command:
             case "start":

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import MessageError
 from drivers.host.frames import MAX_PAYLOAD_BYTES, Frame, FrameKind, FrameReader
-from drivers.host.mux import FRAME_BYTES, WINDOW_BYTES, Closed, Message, Mux, Opened, Received
+from drivers.host.mux import FRAME_BYTES, WINDOW_BYTES, DataReceived, Message, Mux, StreamClosed, StreamOpened
 
 FRAMES = st.builds(
     Frame, st.sampled_from(FrameKind), st.integers(0, 2**32 - 1), st.binary(max_size=300)
@@ -48,9 +48,9 @@ STEPS = st.lists(st.tuples(st.integers(0, 2), ACTIONS, st.integers(0, 200_000)),
 def test_bytes_of_each_stream_arrive_once_and_in_order(steps, piece_sizes):
     daemon, host = Mux(), Mux()
     streams = [daemon.open(f"um2-{number}") for number in range(3)]
-    assert [event for event in transfer_bytes(daemon, host, piece_sizes) if isinstance(event, Opened)] == [
-        Opened(stream, f"um2-{number}") for number, stream in enumerate(streams)
-    ]
+    assert [
+        event for event in transfer_bytes(daemon, host, piece_sizes) if isinstance(event, StreamOpened)
+    ] == [StreamOpened(stream, f"um2-{number}") for number, stream in enumerate(streams)]
     directions = {"to host": (daemon, host), "to daemon": (host, daemon)}
     sent_data = {(direction, s): b"" for direction in directions for s in streams}
     received_data = dict.fromkeys(sent_data, b"")
@@ -58,8 +58,8 @@ def test_bytes_of_each_stream_arrive_once_and_in_order(steps, piece_sizes):
     def transfer_all_bytes() -> None:
         for direction, (source, target) in directions.items():
             for event in transfer_bytes(source, target, piece_sizes):
-                assert isinstance(event, Received)
-                received_data[direction, event.stream] += event.data
+                assert isinstance(event, DataReceived)
+                received_data[direction, event.number] += event.data
 
     for stream_number, action, size in steps:
         stream = streams[stream_number]
@@ -86,12 +86,12 @@ def test_unread_stream_stops_and_the_others_continue():
     list(transfer_bytes(daemon, host, []))
     host.write(slow_stream, b"s" * (WINDOW_BYTES + 1000))
     transfer_bytes(host, daemon, [])
-    assert host.count_waiting(slow_stream) == 1000
+    assert host.count_unsent_bytes(slow_stream) == 1000
     host.write(fast_stream, b"f" * 100)
-    assert transfer_bytes(host, daemon, []) == [Received(fast_stream, b"f" * 100)]
+    assert transfer_bytes(host, daemon, []) == [DataReceived(fast_stream, b"f" * 100)]
     daemon.consume(slow_stream, WINDOW_BYTES)
     transfer_bytes(daemon, host, [])
-    assert transfer_bytes(host, daemon, []) == [Received(slow_stream, b"s" * 1000)]
+    assert transfer_bytes(host, daemon, []) == [DataReceived(slow_stream, b"s" * 1000)]
 
 
 def test_streams_take_turns_so_that_a_short_one_does_not_wait_for_a_long_one():
@@ -100,7 +100,7 @@ def test_streams_take_turns_so_that_a_short_one_does_not_wait_for_a_long_one():
     daemon.write(long_stream, b"l" * WINDOW_BYTES)
     daemon.write(short_stream, b"s")
     events = list(host.receive(daemon.take(3 * FRAME_BYTES)))
-    assert Received(short_stream, b"s") in events
+    assert DataReceived(short_stream, b"s") in events
 
 
 def test_stream_closes_after_its_bytes_and_late_bytes_are_dropped():
@@ -111,8 +111,8 @@ def test_stream_closes_after_its_bytes_and_late_bytes_are_dropped():
     host.close(stream, "the agent has ended")
     daemon.write(stream, b"too late")
     assert transfer_bytes(host, daemon, []) == [
-        Received(stream, b"last"),
-        Closed(stream, "the agent has ended"),
+        DataReceived(stream, b"last"),
+        StreamClosed(stream, "the agent has ended"),
     ]
     assert transfer_bytes(daemon, host, []) == []
     assert transfer_bytes(host, daemon, []) == []
@@ -125,10 +125,10 @@ def test_close_of_a_full_stream_waits_for_its_bytes():
     transfer_bytes(daemon, host, [])
     host.write(stream, b"x" * (WINDOW_BYTES + 1))
     host.close(stream)
-    assert not any(isinstance(event, Closed) for event in transfer_bytes(host, daemon, []))
+    assert not any(isinstance(event, StreamClosed) for event in transfer_bytes(host, daemon, []))
     daemon.consume(stream, WINDOW_BYTES)
     transfer_bytes(daemon, host, [])
-    assert transfer_bytes(host, daemon, []) == [Received(stream, b"x"), Closed(stream, "")]
+    assert transfer_bytes(host, daemon, []) == [DataReceived(stream, b"x"), StreamClosed(stream, "")]
 
 
 def test_messages_overtake_waiting_data():
@@ -136,7 +136,7 @@ def test_messages_overtake_waiting_data():
     stream = daemon.open("a")
     daemon.write(stream, b"x" * 100_000)
     daemon.send_message(b"{}")
-    assert list(host.receive(daemon.take(1))) == [Opened(stream, "a")]
+    assert list(host.receive(daemon.take(1))) == [StreamOpened(stream, "a")]
     assert list(host.receive(daemon.take(1))) == [Message(b"{}")]
 
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import add_frame
-from drivers.link import Connected, Link, Phase, Report, replies
+from drivers.link import BoardConnected, Link, Phase, Report, replies
 from drivers.link.link import SILENCE_S
-from drivers.link.recovery import MAX_QUERIES, TRIES
+from drivers.link.recovery import MAX_ATTEMPTS, MAX_QUERIES
 from printers.link_bench import BANNER, Bench, Wire, make_lines, stream_program
 
 
@@ -103,16 +103,16 @@ def test_endless_number_is_treated_as_noise(answer: bytes):
 def test_link_sets_the_line_number_and_connects_after_the_banner():
     bench = Bench().boot()
     assert bench.link.take() == b"N0 M110*35\n"
-    assert [(e.restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, Connected)] == [
-        (True, True)
-    ]
+    assert [
+        (e.restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, BoardConnected)
+    ] == [(True, True)]
 
 
 def test_board_that_does_not_restart_is_queried_and_connected():
     bench = Bench()
     bench.link.on_opened(0.0)
     bench.run()
-    assert [e.restarted for e in bench.events if isinstance(e, Connected)] == [False]
+    assert [e.restarted for e in bench.events if isinstance(e, BoardConnected)] == [False]
 
 
 def test_silent_board_fails_with_no_answer_and_is_sent_nothing_more():
@@ -285,7 +285,7 @@ def test_resend_of_a_board_that_lost_its_count_is_ignored():
     bench.run()
     assert bench.list_faults() == [Fault.REBOOT]
     assert len(bench.firmware.executed_lines) == executed_count
-    assert bench.now_s < 1.0 + (TRIES + 1) * 60.0
+    assert bench.now_s < 1.0 + (MAX_ATTEMPTS + 1) * 60.0
 
 
 def test_halting_completes_the_line_in_flight_and_sends_no_more_of_the_program():
@@ -362,7 +362,7 @@ def test_link_gives_up_on_contradictory_last_lines():
     stream_program(bench, make_lines(120))
     bench.run(until_s=0.8)
     bench.link.receive(b"Resend: 5\n", bench.now_s)
-    for last_line in range(20, 20 + TRIES + 1):
+    for last_line in range(20, 20 + MAX_ATTEMPTS + 1):
         assert bench.link.phase is Phase.LIVE
         message = b"Error:No Line Number with checksum, Last Line: %d\n" % last_line
         bench.events += bench.link.receive(message, bench.now_s) or ()

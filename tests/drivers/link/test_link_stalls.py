@@ -71,5 +71,5 @@ def test_lost_ok_during_slow_moves_causes_no_resend(
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
     now_s += 200.0
     firmware.feed(b"", now_s)
-    assert firmware.machine.planner.moves == len(program)
+    assert firmware.machine.planner.move_count == len(program)
     assert link.repeat_count == 0

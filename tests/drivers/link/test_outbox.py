@@ -8,7 +8,7 @@ from drivers.gcode.frame import LINE_BYTES
 from drivers.link import Link, Phase
 from drivers.link.opening import START_TIME_OUT_S
 from drivers.link.outbox import HISTORY_LINES, LINE_TIME_OUT_S, MAX_MOVE_MM, QUEUED_LINES, Outbox
-from drivers.link.recovery import MAX_QUERIES, TRIES, Place, Recovery
+from drivers.link.recovery import MAX_ATTEMPTS, MAX_QUERIES, Place, Recovery
 from drivers.link.replies import Report
 
 SLOW_MOVE, SLOWER_MOVE, FAST_MOVE = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
@@ -75,7 +75,7 @@ def test_link_gives_up_on_a_silent_board_after_four_queries():
     while link.phase is not Phase.DEAD:
         now_s = link.deadline_s
         link.tick(now_s)
-    assert now_s == START_TIME_OUT_S + TRIES * START_TIME_OUT_S / 2
+    assert now_s == START_TIME_OUT_S + MAX_ATTEMPTS * START_TIME_OUT_S / 2
 
 
 def test_resend_is_accepted_after_two_unanswered_queries():

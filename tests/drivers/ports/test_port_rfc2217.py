@@ -17,7 +17,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
-from drivers.link import Connected, Link, Report
+from drivers.link import BoardConnected, Link, Report
 from drivers.link.dialogue import exchange
 from drivers.ports import NetPort
 from drivers.remote import AgentClient, spawn_agent
@@ -80,12 +80,12 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
     port = NetPort(url, ULTIMAKER2.baud_rate)
     try:
         link = Link(ULTIMAKER2)
-        assert any(isinstance(event, Connected) for _, event in exchange(port, link, DEADLINE_S))
+        assert any(isinstance(event, BoardConnected) for _, event in exchange(port, link, DEADLINE_S))
         resets = read_status(tmp_path / "emulator").resets
         port.reset()
         link = Link(ULTIMAKER2)
         for now_s, event in exchange(port, link, DEADLINE_S):
-            if isinstance(event, Connected):
+            if isinstance(event, BoardConnected):
                 assert event.restarted and event.banner
                 link.poll(now_s)
             elif isinstance(event, Report):

@@ -230,7 +230,9 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
     pipe.cut()
     results: list[StopResult] = []
     stop_host("pc-b", pipe.command, "test", [StartFile("b", MODEL, f"sim://{MODEL}")], results.append)
-    assert [result.text for result in results] == ["cannot be stopped: pc-b: no route; switch it off"]
+    assert [result.text for result in results] == [
+        "cannot be stopped (pc-b: no route); switch the printer off"
+    ]
 
 
 def test_host_with_two_commands_is_refused(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from books.decompose_tasks import join_slices, make_decompose_task, make_slice_t
 from farm.model import Job, PartPrintOptions
 from farm.planning.booking import MAX_WARNINGS, MAY_FALL_WARNING, list_job_files, store_plan
 from farm.planning.parts.decompose_job import decompose_job
-from farm.planning.parts.draw_job import draw_job
+from farm.planning.parts.job_drawing import draw_job
 from farm.planning.parts.slice_part import slice_part
 from slicing.checks import UnprintedWall
 

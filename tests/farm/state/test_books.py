@@ -27,7 +27,7 @@ from farm.model import (
 from farm.state import events as ev
 from farm.state.books import Books, _list_changes
 from farm.state.lifecycles import InvalidTransition
-from farm.state.plate_state import MAX_ATTEMPTS, PlateState, list_charged_failures
+from farm.state.plate_state import MAX_ATTEMPTS, PlateState, list_counted_failures
 from farm.state.transitions import apply
 
 
@@ -238,8 +238,8 @@ class RandomEvents(RuleBasedStateMachine):
     def check_attempts_are_limited(self):
         for plate in self.books.plates.values():
             prints = list(self.books.list_prints(plate))
-            assert len(list_charged_failures(plate, prints)) <= MAX_ATTEMPTS
-            if len(list_charged_failures(plate, prints)) == MAX_ATTEMPTS and prints[-1].state.ended:
+            assert len(list_counted_failures(plate, prints)) <= MAX_ATTEMPTS
+            if len(list_counted_failures(plate, prints)) == MAX_ATTEMPTS and prints[-1].state.ended:
                 assert plate not in list(self.books.list_waiting_plates())
 
     @invariant()

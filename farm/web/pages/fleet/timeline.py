@@ -18,13 +18,13 @@ from farm.web.pages.page_route import EMPTY_IS_NONE
 from farm.web.pages.rendering import Farm, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
-"""Lengths of the past that the page shows, each as a number of hours and a label."""
+"""Periods before now that the page can show, each as a number of hours and a label."""
 MOVES = (("", "unchanged"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
 """What-if moves of a job, each as a value of `api.QueuePlace` and a label."""
 
 
 class TimelineQuery(BaseModel):
-    """Query of the page, with the length of the past that it shows and a what-if change."""
+    """Query of the page: the period before now that it shows, and a what-if change."""
 
     hours: Literal["6", "12", "24", "72", "168"] = "12"
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
@@ -33,7 +33,7 @@ class TimelineQuery(BaseModel):
 
     @property
     def past_s(self) -> float:
-        """Length of the past that the page shows, in seconds."""
+        """Length of the period before now that the page shows, in seconds."""
         return int(self.hours) * 3600.0
 
     def format_query(self) -> str:
@@ -107,12 +107,12 @@ def describe_change(change: Change | None, query: TimelineQuery) -> str:
     if change is None:
         return ""
     place = f"{dict(MOVES)[query.to]} in the queue" if query.to else ""
-    start = f"starting not before {query.at}" if query.at else ""
+    start = f"starting no earlier than {query.at}" if query.at else ""
     return f"job {change.job} {' and '.join(filter(None, (place, start)))}"
 
 
 def describe_shift(delay_s: float | None) -> str:
-    """Describe the delay of an end: the duration, and whether it is later or earlier."""
+    """Describe how much later or earlier a job ends."""
     if delay_s is None:
         return "–"
     if abs(delay_s) < 60.0:

@@ -10,7 +10,7 @@ _CHUNK_BYTES = 1 << 18
 _COMPRESSION_LEVEL = 1  # halves the size of an STL, at about 50 MB/s
 
 
-class _Outbox:
+class _ChunkBuffer:
     """Stream that cannot seek, and buffers content until `take` is called."""
 
     def __init__(self) -> None:
@@ -31,8 +31,8 @@ class _Outbox:
         return content
 
 
-def write_archive(files: Mapping[str, Path]) -> Iterator[bytes]:
-    """Yield a ZIP archive.
+def generate_archive(files: Mapping[str, Path]) -> Iterator[bytes]:
+    """Yield the chunks of a ZIP archive of files.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ def write_archive(files: Mapping[str, Path]) -> Iterator[bytes]:
     OSError
         If a file cannot be read; the content so far is not a valid archive.
     """
-    outbox = _Outbox()
-    with zipfile.ZipFile(outbox, "w", zipfile.ZIP_DEFLATED, compresslevel=_COMPRESSION_LEVEL) as archive:  # type: ignore[call-overload]
+    buffer = _ChunkBuffer()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=_COMPRESSION_LEVEL) as archive:  # type: ignore[call-overload]
         for name, path in files.items():
             with path.open("rb") as source, archive.open(name, "w", force_zip64=True) as entry:
                 while chunk := source.read(_CHUNK_BYTES):
                     entry.write(chunk)
-                    yield outbox.take()
-    yield outbox.take()
+                    yield buffer.take()
+    yield buffer.take()

@@ -21,7 +21,7 @@ from farm.views import describe_job, describe_timeline, list_history
 from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import Report, parse_report
 from farm.web.notes import Note, Reader
-from farm.web.pages.jobs.archive import write_archive
+from farm.web.pages.jobs.archive import generate_archive
 from farm.web.pages.jobs.job_page import JobData, list_gcode_figures, render_job_page
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
@@ -88,7 +88,7 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
             # raises an error before an incomplete archive is sent
             await find_stored_file(services, number, name)
         headers = {"content-disposition": f'attachment; filename="job-{number}-parts.zip"'}
-        return StreamingResponse(write_archive(parts), media_type="application/zip", headers=headers)
+        return StreamingResponse(generate_archive(parts), media_type="application/zip", headers=headers)
 
     @router.get("/jobs/{number}/report")
     async def show_report(number: int) -> Response:

@@ -18,7 +18,7 @@ from farm.planning.booking import store_plan
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.copies import MAX_PLATES, choose_evenly_spaced, iterate_part_counts, multiply_plan
 from farm.planning.parts.decompose_job import decompose_job
-from farm.planning.parts.draw_job import draw_job
+from farm.planning.parts.job_drawing import draw_job
 from farm.planning.plan import DecomposeTask, Plan
 from slicing.checks import FeatureTimes
 

@@ -21,7 +21,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link, PartPrintOptions, TimeFactors
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.decompose_job import DEADLINE_MARGIN, decompose_job
-from farm.planning.parts.draw_job import draw_job
+from farm.planning.parts.job_drawing import draw_job
 from farm.planning.plan import TooFewPrinters
 from farm.planning.printer_settings import build_settings_request, list_bed_boxes
 from farm.state.storage.store import Store

@@ -13,8 +13,8 @@ from farm.compute import PoolShare
 from farm.errors import FarmError
 from farm.planning.parts import drawings
 from farm.planning.parts.decompose_job import decompose_job
-from farm.planning.parts.draw_job import draw_job
 from farm.planning.parts.drawings import Drawings, split_steps
+from farm.planning.parts.job_drawing import draw_job
 
 FILES = ("assembly.png", "assembly.glb", "instructions.html")
 

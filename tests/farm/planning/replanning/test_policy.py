@@ -49,7 +49,7 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
         [other_printer],
     )
     assert choice == policy.Reslice("1/01", "b")
-    assert policy.waits_for_its_printer_kind(HoldCode.BED_NOT_CLEAR)
+    assert policy.depends_on_printer_kind(HoldCode.BED_NOT_CLEAR)
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ def test_effect_of_a_move_is_shown_and_an_operator_may_make_it(busy_farm):
 
 def test_effect_of_a_start_time_is_shown_and_an_operator_may_set_it(busy_farm):
     page = read_page(busy_farm, "/timeline?job=3&at=23:50")
-    assert "starting not before 23:50" in page
+    assert "starting no earlier than 23:50" in page
     button = re.search(r'action="/jobs/3/start"><input type="hidden" name="at" value="([^"]+)"', page)
     start = datetime.fromisoformat(html.unescape(button[1]))
     assert (start.hour, start.minute, start.tzinfo is not None) == (23, 50, True)

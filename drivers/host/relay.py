@@ -1,4 +1,4 @@
-"""Carrier of bytes between one stream of the daemon's connection and the socket of an agent."""
+"""Relay between one stream of the daemon's connection and the socket of an agent."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _CONNECT_TIME_OUT_S = 30.0
 _READ_BYTES = 64 * 1024
 
 
-async def carry_stream(stream: MuxStream, folder: Path, report_s: float) -> None:
-    """Carry lines from the agent, and bytes to it, until one end closes.
+async def relay_stream(stream: MuxStream, folder: Path, report_interval_s: float) -> None:
+    """Relay lines from the agent, and bytes to it, until one end closes.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ async def carry_stream(stream: MuxStream, folder: Path, report_s: float) -> None
         The stream from the daemon.
     folder
         The agent's folder.
-    report_s
+    report_interval_s
         See `ReportFilter`.
     """
     reader, writer = stream.make_pair()
@@ -35,8 +35,8 @@ async def carry_stream(stream: MuxStream, folder: Path, report_s: float) -> None
     if agent is None:
         stream.close(f"no agent answers; see {folder / AGENT_LOG} there")
         return
-    to_daemon = asyncio.create_task(_carry_lines(agent[0], writer, report_s))
-    to_agent = asyncio.create_task(_carry_bytes(reader, agent[1]))
+    to_daemon = asyncio.create_task(_relay_lines(agent[0], writer, report_interval_s))
+    to_agent = asyncio.create_task(_relay_bytes(reader, agent[1]))
     try:
         await asyncio.wait((to_daemon, to_agent), return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -64,8 +64,10 @@ async def _connect(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWr
     return None
 
 
-async def _carry_lines(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, report_s: float) -> None:
-    report_filter = ReportFilter(report_s)
+async def _relay_lines(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, report_interval_s: float
+) -> None:
+    report_filter = ReportFilter(report_interval_s)
     with suppress(OSError, ValueError):  # ValueError: a line was too long; the daemon will connect again
         while line := await reader.readline():
             if report_filter.passes(line, time.monotonic()):
@@ -73,7 +75,7 @@ async def _carry_lines(reader: asyncio.StreamReader, writer: asyncio.StreamWrite
                 await writer.drain()
 
 
-async def _carry_bytes(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _relay_bytes(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     with suppress(OSError):
         while data := await reader.read(_READ_BYTES):
             writer.write(data)
