@@ -58,7 +58,7 @@ class PageStep:
 class MatingFace:
     """Glued face of a body: holes and grooves (n, 3), their reaches (see `Hole`), normals and arrows."""
 
-    at_mm: Floats
+    positions_mm: Floats
     reaches_mm: Floats
     normals: Floats
     arrows: dict[str, Floats]
@@ -115,7 +115,7 @@ def read_page(page: str) -> tuple[float, list[PageStep]]:
 
 
 def assemble(folder: Path) -> Outcome:
-    """Assemble the parts of a folder by its page, and judge each step by its report."""
+    """Assemble the parts of a folder according to its page, and judge each step by the folder's report."""
     pin_mm, steps = read_page((folder / INSTRUCTIONS).read_text(encoding="utf-8"))
     true_poses = {
         part["id"]: np.array(part["to_model"]) for part in json.loads((folder / REPORT).read_text())["parts"]
@@ -203,8 +203,8 @@ def find_mating_face(
         if arrow is not None and (name, text) in step_codes
     }
     return MatingFace(
-        np.array([at for at, _, _, _ in holes]).reshape(-1, 3),
-        np.array([reach for _, reach, _, _ in holes]),
+        np.array([position_mm for position_mm, _, _, _ in holes]).reshape(-1, 3),
+        np.array([reach_mm for _, reach_mm, _, _ in holes]),
         np.array([normal for _, _, normal, _ in holes]).reshape(-1, 3),
         arrows,
         np.array([is_groove for _, _, _, is_groove in holes], dtype=np.bool_),
@@ -219,22 +219,22 @@ def list_open_holes(
     The result has the position, reach, normal and kind of each hole.
     """
     openings = [
-        (rotation @ hole.at_mm + translation, rotation @ face.normal)
+        (rotation @ hole.position_mm + translation, rotation @ face.normal)
         for face, _, rotation, translation in body
         for hole in face.holes
     ]
 
-    def is_open(at_mm: Floats, normal: Floats) -> bool:
+    def is_open(position_mm: Floats, normal: Floats) -> bool:
         return not any(
-            np.linalg.norm(at_mm - other_mm) < PLAY_MM and normal @ other_normal < -MIN_COSINE
+            np.linalg.norm(position_mm - other_mm) < PLAY_MM and normal @ other_normal < -MIN_COSINE
             for other_mm, other_normal in openings
         )
 
     return [
-        (rotation @ hole.at_mm + translation, hole.reach_mm, rotation @ face.normal, hole.is_groove)
+        (rotation @ hole.position_mm + translation, hole.reach_mm, rotation @ face.normal, hole.is_groove)
         for face, _, rotation, translation in faces
         for hole in face.holes
-        if is_open(rotation @ hole.at_mm + translation, rotation @ face.normal)
+        if is_open(rotation @ hole.position_mm + translation, rotation @ face.normal)
     ]
 
 
@@ -255,18 +255,18 @@ def find_placements(
     Parameters
     ----------
     fixed_face, moved_face
-        Glued faces of both.
+        Glued faces of the two bodies.
     pins_mm
         Lengths of the pins; None for a pin in every hole, with codes ignored.
     keys_mm
         Lengths of the keys.
     """
     placements: list[Floats] = []
-    pairs = list(permutations(range(len(moved_face.at_mm)), 2))
-    for i, j in permutations(range(len(fixed_face.at_mm)), 2):
-        fixed_offset_mm = fixed_face.at_mm[j] - fixed_face.at_mm[i]
+    pairs = list(permutations(range(len(moved_face.positions_mm)), 2))
+    for i, j in permutations(range(len(fixed_face.positions_mm)), 2):
+        fixed_offset_mm = fixed_face.positions_mm[j] - fixed_face.positions_mm[i]
         for k, m in pairs:
-            moved_offset_mm = moved_face.at_mm[m] - moved_face.at_mm[k]
+            moved_offset_mm = moved_face.positions_mm[m] - moved_face.positions_mm[k]
             if abs(np.linalg.norm(fixed_offset_mm) - np.linalg.norm(moved_offset_mm)) > PLAY_MM:
                 continue
             placement = compute_placement(fixed_face, moved_face, (i, j), (k, m))
@@ -289,20 +289,20 @@ def compute_placement(
     """Compute the placement (4, 4) that moves two holes onto two others; None if their faces do not meet."""
     frames = []
     for face_side, (a, b), sign in ((fixed_face, fixed_holes, 1.0), (moved_face, moved_holes, -1.0)):
-        direction = face_side.at_mm[b] - face_side.at_mm[a]
+        direction = face_side.positions_mm[b] - face_side.positions_mm[a]
         normal = sign * face_side.normals[a]
         direction = direction - (direction @ normal) * normal
-        length = np.linalg.norm(direction)
-        if length < 1.0:
+        length_mm = np.linalg.norm(direction)
+        if length_mm < 1.0:
             return None
-        frames.append(np.stack([direction / length, np.cross(normal, direction / length), normal]))
+        frames.append(np.stack([direction / length_mm, np.cross(normal, direction / length_mm), normal]))
     placement = np.eye(4)
     placement[:3, :3] = frames[0].T @ frames[1]
-    middles_mm = (
-        fixed_face.at_mm[list(fixed_holes)].mean(axis=0),
-        moved_face.at_mm[list(moved_holes)].mean(axis=0),
+    midpoints_mm = (
+        fixed_face.positions_mm[list(fixed_holes)].mean(axis=0),
+        moved_face.positions_mm[list(moved_holes)].mean(axis=0),
     )
-    placement[:3, 3] = middles_mm[0] - placement[:3, :3] @ middles_mm[1]
+    placement[:3, 3] = midpoints_mm[0] - placement[:3, :3] @ midpoints_mm[1]
     return placement
 
 
@@ -314,8 +314,8 @@ def pins_fit(
     keys_mm: Sequence[float] = (),
 ) -> bool:
     """Check that each pin and key has a hole on both sides that is deep enough, and that the arrows agree."""
-    at_mm = moved_face.at_mm @ placement[:3, :3].T + placement[:3, 3]
-    distances_mm = np.linalg.norm(fixed_face.at_mm[:, None] - at_mm[None], axis=2)
+    moved_positions_mm = moved_face.positions_mm @ placement[:3, :3].T + placement[:3, 3]
+    distances_mm = np.linalg.norm(fixed_face.positions_mm[:, None] - moved_positions_mm[None], axis=2)
     is_opposite = fixed_face.normals @ (moved_face.normals @ placement[:3, :3].T).T < -MIN_COSINE
     is_joined = (
         (distances_mm < PLAY_MM) & is_opposite & (fixed_face.is_groove[:, None] == moved_face.is_groove[None])

@@ -3,7 +3,7 @@
 ``PYTHONPATH=tests/support python -m bench.cluster faults [--rounds N] [--seed N] [--json]``, as root, runs
 rounds in which a process or the network fails; see `bench.clusters.faults`. The figures of each round are
 printed when it ends (to standard error with `--json`). Each round checks that the plan of the job is the plan
-of one computer, that no result is taken twice, and that no host has a task or an extra process at the end.
+of one computer, that no result is used twice, and that no host has a task or an extra process at the end.
 
 ``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job on a number of workers of
 this computer; see `bench.clusters.jobs`. The times of the tasks can be recorded. ``... drawings [--parts
@@ -49,11 +49,11 @@ REPLAY_COLUMNS = {
 FAULT_COLUMNS = {
     "fault": "{fault}",
     "rounds": "{rounds}",
-    "during the job": "{during_job}",
+    "faults during the job": "{during_job}",
     "duration": "{shortest_s:.0f} to {longest_s:.0f} s",
-    "jobs ended, as on one computer": "{same_plans}",
+    "jobs with the same result as on one computer": "{same_plans}",
     "correct tasks": "{correct_tasks}",
-    "results taken twice": "{results_taken_twice}",
+    "results used twice": "{results_taken_twice}",
     "remaining tasks": "{remaining_tasks}",
     "extra processes": "{extra_processes}",
     "used the local pool": "{used_local_pool}",

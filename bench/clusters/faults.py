@@ -34,7 +34,13 @@ from farm.planning.plan import Plan, PlanRequest
 
 KILLS = ("kill worker", "kill scheduler")
 STOPS = ("stop worker", "stop scheduler")
-NETWORK_FAULTS = ("cut worker", "cut scheduler", "cut farm", "delay packets", "drop packets")
+NETWORK_FAULTS = (
+    "disconnect worker",
+    "disconnect scheduler",
+    "disconnect farm",
+    "delay packets",
+    "drop packets",
+)
 FAULTS = (*KILLS, *STOPS, *NETWORK_FAULTS)
 FAULT_DURATION_S = 40.0  # time for which a process is stopped, or the network disturbed
 DELAY_S, LOSS_SHARE = 0.3, 0.05  # delay and share of lost packets at each host, in both directions
@@ -112,7 +118,7 @@ class StatusSampler:
             await asyncio.sleep(SAMPLE_S)
 
 
-class TakenResults:
+class UsedResults:
     """Counts of the results whose files were written, by task."""
 
     def __init__(self) -> None:
@@ -126,7 +132,7 @@ class TakenResults:
         self._write(task, files)
 
     def count_repeated(self) -> int:
-        """Return the number of results that were taken more than once."""
+        """Return the number of results that were used more than once."""
         return sum(count > 1 for count in self.counts_by_task.values())
 
 
@@ -157,8 +163,8 @@ class FaultRounds:
         output_folders = [self._folder / f"round-{number}" / f"out-{task}" for task in range(TASK_COUNT)]
         state = StateFolder(self._folder / f"round-{number}" / "cluster")
         job = self._make_job(number, state)
-        taken_results, sampler = TakenResults(), StatusSampler()
-        cluster_pool.write_files = taken_results.write
+        used_results, sampler = UsedResults(), StatusSampler()
+        cluster_pool.write_files = used_results.write
         sampling_task = asyncio.ensure_future(sampler.follow(pool))
         fault_start_s = rng.uniform(*START_RANGE_S)
         start_s = time.monotonic()
@@ -174,7 +180,7 @@ class FaultRounds:
             task_count, processes = await self._wait_for_end_of_tasks()
         finally:
             sampling_task.cancel()
-            cluster_pool.write_files = taken_results._write
+            cluster_pool.write_files = used_results._write
         local_plan = await self._plan_locally(number)
         shutil.rmtree(self._folder / f"round-{number}")
         status_figures = asdict(sampler)
@@ -187,7 +193,7 @@ class FaultRounds:
             "job_ended": isinstance(plan, Plan),
             "differences": list_differences(plan, local_plan),
             "correct_tasks": sum(task_results),
-            "results_taken_twice": taken_results.count_repeated(),
+            "results_taken_twice": used_results.count_repeated(),
             "remaining_tasks": task_count,
             "processes": processes,
             "extra_processes": (processes - self._initial_processes).total(),
@@ -240,7 +246,7 @@ class FaultRounds:
         else:
             self._hosts.network.set_faults(
                 *names,
-                cut=kind == "cut",
+                cut=kind == "disconnect",
                 delay_s=DELAY_S if kind == "delay" else 0.0,
                 loss=LOSS_SHARE if kind == "drop" else 0.0,
             )

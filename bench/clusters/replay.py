@@ -102,7 +102,7 @@ def find_critical_path(stages: Stages, single_drawer: bool = False) -> list[tupl
 
 
 def list_drawings(stage: dict[str, list[float]], single_drawer: bool) -> list[list[tuple[str, float]]]:
-    """List the drawings of a stage in batches, which run one after the other, each with parallel drawings."""
+    """List the drawings of a stage in batches, which run one after another; a batch is drawn in parallel."""
     pictures = [(kind, seconds) for kind in PICTURES for seconds in stage.get(kind, [])]
     pages = [(PAGE, seconds) for seconds in stage.get(PAGE, [])]
     batches = [batch for batch in (pictures, pages) if batch]
@@ -115,7 +115,7 @@ def sum_path(path: list[tuple[str, float]]) -> float:
 
 
 async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, single_drawer: bool) -> None:
-    """Run a job's tasks like a plan: stage by stage, with drawings in parallel to later stages."""
+    """Run a job's tasks in the order of its plan: stage by stage, drawings in parallel with later stages."""
 
     def start(seconds: float) -> asyncio.Future[None]:
         return asyncio.ensure_future(pool.run(deferred_sleep, seconds * scale, limit=LIMIT, group=number))

@@ -39,13 +39,13 @@ class Hole:
 
     Attributes
     ----------
-    at_mm
+    position_mm
         (3,) middle of its mouth.
     reach_mm
         Depth at which a pin stops, or half the length of the longest key that fits a groove.
     """
 
-    at_mm: Floats
+    position_mm: Floats
     reach_mm: float
     is_groove: bool = False
 
@@ -156,9 +156,12 @@ def _read_grooves(
         width_mm, length_mm = np.sort(np.linalg.norm(np.diff(box[:3], axis=0), axis=1)).tolist()
         if width_mm < GROOVE_WIDTH_MM:
             continue
-        at_mm = box[:4].mean(axis=0) @ axes + offset_mm * normal
-        if abs(_measure_distance_to_wall_mm(corners, at_mm, -normal) - width_mm / 2.0) < GROOVE_TOLERANCE_MM:
-            yield Hole(at_mm, (length_mm - width_mm / np.sqrt(2.0)) / 2.0, is_groove=True)
+        position_mm = box[:4].mean(axis=0) @ axes + offset_mm * normal
+        if (
+            abs(_measure_distance_to_wall_mm(corners, position_mm, -normal) - width_mm / 2.0)
+            < GROOVE_TOLERANCE_MM
+        ):
+            yield Hole(position_mm, (length_mm - width_mm / np.sqrt(2.0)) / 2.0, is_groove=True)
 
 
 def _measure_distance_to_wall_mm(corners: Floats, start: Floats, direction: Floats) -> float:

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.prices.contours import SHAPES
-from bench.prices.move_times import measure_features_s
+from bench.prices.move_times import compute_times_by_kind_s
 from bench.prices.parts import PRINTER, make_recipe
 from bench.unseen import KINDS, draw_model
 from decompose.arrays import Bools, Floats, Ints
@@ -107,12 +107,12 @@ def cut_piece(kind: str, seed: int, corner: str, cost: CostModel, side_mm: float
         planes = [
             (int(axis), float(lo[axis] + CORNER_SHARE * (hi - lo)[axis])) for axis in np.argsort(lo - hi)[:2]
         ]
-    for axis, at_mm in planes:
-        solid = solid.split_by_plane(np.eye(3)[axis], at_mm)[corner == "high"]
+    for axis, offset_mm in planes:
+        solid = solid.split_by_plane(np.eye(3)[axis], offset_mm)[corner == "high"]
     vertices, faces = solid.arrays()
     is_on_plane = [
-        (np.abs(vertices[faces][:, :, axis] - at_mm) < PLANE_TOLERANCE_MM).all(axis=1)
-        for axis, at_mm in planes
+        (np.abs(vertices[faces][:, :, axis] - offset_mm) < PLANE_TOLERANCE_MM).all(axis=1)
+        for axis, offset_mm in planes
     ]
     is_cut = np.any([*is_on_plane, np.zeros(len(faces), np.bool_)], axis=0)
     pose = find_best_pose(vertices, faces, is_cut, (), cost)
@@ -197,7 +197,7 @@ def slice_features_s(
     stl.unlink()
     text = run.gcode.decode()
     sliced_s = float(text[text.rindex(";TIME_ELAPSED:") :].split(":")[1].split("\n")[0])
-    return {"sliced": sliced_s, **measure_features_s(text)}
+    return {"sliced": sliced_s, **compute_times_by_kind_s(text)}
 
 
 def format_row(row: Row) -> str:

@@ -35,7 +35,9 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
         heights = fit_heights(height_mm, nominal, max_first_mm=MAX_LAYER_SHARE * nozzle_mm)
         change = abs(heights.first_mm / nominal.first_mm - 1.0)
         is_exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
-        case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if change <= spread + 1e-9), -1)
+        case = next(
+            (i for i, max_change in enumerate(FIRST_LAYER_CHANGES) if change <= max_change + 1e-9), -1
+        )
         counts[case if is_exact else -1] += 1
     return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
 
@@ -50,8 +52,8 @@ def main() -> int:
     hundredths = range(round(100 * args.from_mm), round(100 * args.to_mm) + 1)
     rows = []
     for quality in (name for name, quality in FARM_QUALITIES.items() if quality.exact_height):
-        for printer, nozzles in PRINTERS.items():
-            for nozzle_mm in nozzles:
+        for printer, nozzles_mm in PRINTERS.items():
+            for nozzle_mm in nozzles_mm:
                 request = SettingsRequest(
                     build_slicing_printer(SLICING_PROFILES[printer]), quality, nozzle_mm=nozzle_mm
                 )

@@ -28,8 +28,8 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 
 from bench.prices.parts import (
-    FULL_SETTINGS,
     SETTINGS,
+    SETTINGS_FOR_ALL_PARTS,
     Row,
     list_models,
     list_unseen_models,
@@ -145,7 +145,7 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
     """Compute all figures: for parts priced as in a plan, and for the tables of the search."""
     dataset = Dataset(rows)
     all_rows = np.ones(len(rows), dtype=np.bool_)
-    in_full_settings = np.isin(dataset.settings, FULL_SETTINGS)
+    in_settings_for_all_parts = np.isin(dataset.settings, SETTINGS_FOR_ALL_PARTS)
     has_supports = dataset.kinds["support_s"] > 0.02 * dataset.sliced_s
     group_masks = {"printed": dataset.printed, "turned": ~dataset.printed, "with supports": has_supports}
     group_masks |= {name: dataset.printed & (dataset.settings == name) for name in SETTINGS}
@@ -166,7 +166,9 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
         "factors_in_code": dict(FACTORS),
         "held_out": compute_figures(dataset.cross_validate(all_rows), group_masks),
         "held_out_tables": compute_figures(dataset.cross_validate(all_rows, by_tables=True), group_masks),
-        "fitted_on_two_settings": compute_figures(dataset.cross_validate(in_full_settings), group_masks),
+        "fitted_on_two_settings": compute_figures(
+            dataset.cross_validate(in_settings_for_all_parts), group_masks
+        ),
         "as_in_code": compute_figures(dataset.compute_errors(dict(FACTORS), by_tables=False), group_masks),
         "by_model": compute_figures(dataset.cross_validate(all_rows), model_masks),
     }

@@ -34,8 +34,8 @@ KINDS = (
 _WORD = re.compile(r"([XYZEF])(-?[\d.]+)")
 
 
-def measure_features_s(gcode: str) -> dict[str, float]:
-    """Compute the seconds of the moves of each of `KINDS`, by their names."""
+def compute_times_by_kind_s(gcode: str) -> dict[str, float]:
+    """Compute the time of each kind of move, keyed by its name in `KINDS`."""
     moves, kinds, stops = read_moves(gcode)
     seconds = plan_moves_s(moves, stops)
     first_stop = stops[0]
@@ -79,7 +79,7 @@ def plan_moves_s(moves: Floats, stops: Ints) -> Floats:
     n = len(moves)
     length_mm, nominal_mm_s, acceleration_mm_s2 = np.zeros(n), np.zeros(n), np.zeros(n)
     limit_mm_s, entry_mm_s, seconds = np.zeros(n), np.zeros(n), np.zeros(n)
-    speed, previous_speed = np.zeros(4), np.zeros(4)
+    speed_mm_s, previous_speed_mm_s = np.zeros(4), np.zeros(4)
     stop, last_mm_s = 0, 0.0
     for i in range(n):
         d = moves[i, :4]
@@ -88,35 +88,37 @@ def plan_moves_s(moves: Floats, stops: Ints) -> Floats:
             length_mm[i] = abs(d[3])
         factor, limit_mm_s2 = 1.0, ACCELERATION_MM_S2
         for axis in range(4):
-            speed[axis] = d[axis] * moves[i, 4] / length_mm[i]
-            if abs(speed[axis]) > MAX_FEED_MM_S[axis]:
-                factor = min(factor, MAX_FEED_MM_S[axis] / abs(speed[axis]))
+            speed_mm_s[axis] = d[axis] * moves[i, 4] / length_mm[i]
+            if abs(speed_mm_s[axis]) > MAX_FEED_MM_S[axis]:
+                factor = min(factor, MAX_FEED_MM_S[axis] / abs(speed_mm_s[axis]))
         for axis in range(4):
-            speed[axis] *= factor
+            speed_mm_s[axis] *= factor
             if limit_mm_s2 * abs(d[axis]) / length_mm[i] > MAX_ACCELERATION_MM_S2[axis]:
                 limit_mm_s2 = MAX_ACCELERATION_MM_S2[axis] * length_mm[i] / abs(d[axis])
         nominal_mm_s[i], acceleration_mm_s2[i] = moves[i, 4] * factor, limit_mm_s2
         junction_mm_s, share = JERK_MM_S[0] / 2.0, 1.0
-        if abs(speed[2]) > JERK_MM_S[2] / 2.0:
+        if abs(speed_mm_s[2]) > JERK_MM_S[2] / 2.0:
             junction_mm_s = min(junction_mm_s, JERK_MM_S[2] / 2.0)
-        if abs(speed[3]) > JERK_MM_S[3] / 2.0:
+        if abs(speed_mm_s[3]) > JERK_MM_S[3] / 2.0:
             junction_mm_s = min(junction_mm_s, JERK_MM_S[3] / 2.0)
         junction_mm_s = min(junction_mm_s, nominal_mm_s[i])
         while stop < len(stops) and stops[stop] < i:
             stop += 1
         is_at_rest = i == 0 or (stop < len(stops) and stops[stop] == i)
         if not is_at_rest and last_mm_s > 0.0001:
-            jerk_mm_s = np.sqrt((speed[0] - previous_speed[0]) ** 2 + (speed[1] - previous_speed[1]) ** 2)
+            jerk_mm_s = np.sqrt(
+                (speed_mm_s[0] - previous_speed_mm_s[0]) ** 2 + (speed_mm_s[1] - previous_speed_mm_s[1]) ** 2
+            )
             if jerk_mm_s > JERK_MM_S[0]:
                 share = JERK_MM_S[0] / jerk_mm_s
             for axis in (2, 3):
-                change_mm_s = abs(speed[axis] - previous_speed[axis])
+                change_mm_s = abs(speed_mm_s[axis] - previous_speed_mm_s[axis])
                 if change_mm_s > JERK_MM_S[axis]:
                     share = min(share, JERK_MM_S[axis] / change_mm_s)
             junction_mm_s = min(last_mm_s, nominal_mm_s[i] * share)
         limit_mm_s[i] = STANDSTILL_MM_S if is_at_rest else junction_mm_s
         last_mm_s = nominal_mm_s[i]
-        previous_speed[:] = speed
+        previous_speed_mm_s[:] = speed_mm_s
     next_mm_s = STANDSTILL_MM_S
     for i in range(n - 1, -1, -1):
         entry_mm_s[i] = min(limit_mm_s[i], np.sqrt(next_mm_s**2 + 2.0 * acceleration_mm_s2[i] * length_mm[i]))

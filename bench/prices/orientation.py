@@ -65,7 +65,9 @@ NO_ROTATION = 4  # index into POSE_ROTATIONS
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Times of one part. Seconds are CuraEngine's, except `price_s`; None if a slice is refused.
+    """Times of one part in seconds, None if a slice is refused.
+
+    All are CuraEngine's, except `price_s` and `compute_s`.
 
     Attributes
     ----------
@@ -151,8 +153,8 @@ def measure_poses(
     compute_s = perf_counter() - start_s
     if best is None:
         raise SystemExit(f"{name} fits in no pose")
-    axes = [measure_pose(vertices, faces, is_cut, rotation, cost) for rotation in POSE_ROTATIONS]
-    fitting_poses = [pose for pose in axes if room.fits(*pose.size_mm)]
+    axis_poses = [measure_pose(vertices, faces, is_cut, rotation, cost) for rotation in POSE_ROTATIONS]
+    fitting_poses = [pose for pose in axis_poses if room.fits(*pose.size_mm)]
     slice_pose = partial(slice_part, folder, cache, part)
     part_settings = PartSettings(
         None,
@@ -167,7 +169,7 @@ def measure_poses(
         compute_s=compute_s,
         chosen_s=slice_pose(best, part_settings),
         full_brim_s=slice_pose(best, DEFAULT_PART),
-        pose_in_model_s=slice_pose(axes[NO_ROTATION], DEFAULT_PART),
+        pose_in_model_s=slice_pose(axis_poses[NO_ROTATION], DEFAULT_PART),
         up=best.to_model[:3, 2].tolist(),
         brim_mm=best.brim_width_mm,
         stands=best.stands,
@@ -207,7 +209,7 @@ def main() -> int:
     """Parse the command line, measure, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--parts", type=int, default=30)
-    parser.add_argument("--unseen", action="store_true", help="use shapes on which nothing was tuned")
+    parser.add_argument("--unseen", action="store_true", help="use shapes that were not used for tuning")
     parser.add_argument("--models", type=Path)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--cache", type=Path)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from bench.prices.parts import ENDLESS_BED, PRINTER, measure_kinds_s
+from bench.prices.parts import ENDLESS_BED, PRINTER, compute_extrusion_times_s
 from drivers.printers import SLICING_PROFILES
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
@@ -49,7 +49,7 @@ def is_supported(block: trimesh.Trimesh, settings: EngineSettings, folder: Path)
     slice_plate(
         PlateRequest(stl=stl, settings=settings, output_path=path, engine=find_engine(), bed=ENDLESS_BED)
     )
-    return measure_kinds_s(path.read_text(encoding="utf-8"))["support_s"] > 0.0
+    return compute_extrusion_times_s(path.read_text(encoding="utf-8"))["support_s"] > 0.0
 
 
 def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path) -> dict[str, Any]:

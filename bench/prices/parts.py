@@ -1,4 +1,4 @@
-"""Dataset of the print-time model: parts of decompositions, sliced at several settings.
+"""Dataset of the print-time model: parts of decompositions, sliced with several groups of settings.
 
 Only figures are stored, because the scripts can recreate models, parts and slices.
 """
@@ -34,15 +34,15 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 PRINTER = "ultimaker2_plus"
-# It is large enough for every part, because only times are measured.
+# Larger than any part: only times are measured, so the printer's limits do not matter.
 ENDLESS_BED = ((-500.0, -500.0, 500.0, 500.0, 500.0),)
 PRINTER_COUNTS = (4, 9)  # printers, for parts of two sizes
 OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 
-EVEN_INFILL: Mapping[str, Any] = {"gradual_infill_steps": 0}
+UNIFORM_INFILL: Mapping[str, Any] = {"gradual_infill_steps": 0}
 
-# As in `glue` when the dataset was made: even infill, and all skins at Cura's speed for skins.
-_DATASET_OVERRIDES: Mapping[str, Any] = {**EVEN_INFILL, "roofing_layer_count": 0, "speed_topbottom": 30}
+# As in `glue` when the dataset was made: uniform infill, and all skins at Cura's speed for skins.
+_DATASET_OVERRIDES: Mapping[str, Any] = {**UNIFORM_INFILL, "roofing_layer_count": 0, "speed_topbottom": 30}
 
 # This project's two qualities, and settings that differ in all terms of the physical model; `even` is `glue`
 # as it was when the dataset was made.
@@ -70,7 +70,8 @@ SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
     ),
 }
 OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 does not rotate a part
-FULL_SETTINGS = ("even", "paper")  # the other settings are used for every second part
+# Names of the settings with which all parts are sliced; every second part is sliced with the others, too.
+SETTINGS_FOR_ALL_PARTS = ("even", "paper")
 FIELDS_BY_FEATURE = {
     "WALL-OUTER": "walls_s",
     "WALL-INNER": "walls_s",
@@ -84,7 +85,7 @@ FIELDS_BY_FEATURE = {
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Features of one part at one setting, with CuraEngine's times.
+    """Features of one part sliced with one group of settings, with CuraEngine's times.
 
     `sliced_s` is the total time; the other `*_s` are the length of the lines of a kind divided by their
     speed.
@@ -189,12 +190,14 @@ def list_unseen_models(seed: int) -> Iterator[tuple[str, Model]]:
 
 
 def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[PosedPart]:
-    """Yield some parts of each model and number of printers, and some of them also in another axis pose."""
+    """Yield some parts of each model for each number of printers; some parts also in another axis pose."""
     cost = CostModel.from_recipe(make_recipe("glue"))
-    room = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], make_recipe("glue").brim_mm))
+    box_sizes_mm = tuple(
+        box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], make_recipe("glue").brim_mm)
+    )
     for name, model in models:
         for count in PRINTER_COUNTS:
-            printers = [PrinterRoom(str(i), room) for i in range(count)]
+            printers = [PrinterRoom(str(i), box_sizes_mm) for i in range(count)]
             try:
                 parts = list(decompose_model(model, printers, Options(prove=False), cost).parts)
             except DecomposeError as error:
@@ -215,10 +218,10 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
                         yield PosedPart(name, f"{part_name}-turned", False, corners)
 
 
-def measure(posed_part: PosedPart, setting: str, folder: Path, cache: Path | None) -> Row | None:
-    """Slice one part at one setting; None if the slice is refused."""
-    settings = resolve_named_settings(setting)
-    name = f"{posed_part.model}-{posed_part.part}-{setting}"
+def measure(posed_part: PosedPart, settings_name: str, folder: Path, cache: Path | None) -> Row | None:
+    """Slice one part with one group of settings; return None if the slice is refused."""
+    settings = resolve_named_settings(settings_name)
+    name = f"{posed_part.model}-{posed_part.part}-{settings_name}"
     stl, output = folder / f"{name}.stl", folder / f"{name}.gcode"
     write_stl(stl, posed_part.corners)
     request = PlateRequest(
@@ -229,7 +232,7 @@ def measure(posed_part: PosedPart, setting: str, folder: Path, cache: Path | Non
     except SlicingError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return None
-    kinds = measure_kinds_s(output.read_text(encoding="utf-8"))
+    kinds = compute_extrusion_times_s(output.read_text(encoding="utf-8"))
     stl.unlink()
     output.unlink()
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
@@ -244,10 +247,10 @@ def measure(posed_part: PosedPart, setting: str, folder: Path, cache: Path | Non
         support.islands_mm,
         sliced_s,
     ]
-    return Row(posed_part.model, posed_part.part, posed_part.is_chosen_pose, setting, *figures, **kinds)
+    return Row(posed_part.model, posed_part.part, posed_part.is_chosen_pose, settings_name, *figures, **kinds)
 
 
-def measure_kinds_s(gcode: str) -> dict[str, float]:
+def compute_extrusion_times_s(gcode: str) -> dict[str, float]:
     """Compute the seconds of extrusion of each kind of line: length over speed, without acceleration."""
     seconds = dict.fromkeys(FIELDS_BY_FEATURE.values(), 0.0)
     kind, position, feed_mm_s = "", dict.fromkeys("XYZEF", 0.0), 1.0
@@ -269,12 +272,12 @@ def measure_kinds_s(gcode: str) -> dict[str, float]:
 def make_table(
     models: Iterable[tuple[str, Model]], max_parts: int, workers: int, cache: Path | None
 ) -> list[Row]:
-    """Slice all parts at their settings; return the rows of the table."""
+    """Slice all parts with their groups of settings; return the rows of the table."""
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
         futures = []
         for number, posed_part in enumerate(list_parts(models, max_parts)):
-            setting_names = SETTINGS if number % 2 == 0 else FULL_SETTINGS
+            settings_names = SETTINGS if number % 2 == 0 else SETTINGS_FOR_ALL_PARTS
             futures += [
-                pool.submit(measure, posed_part, name, Path(scratch), cache) for name in setting_names
+                pool.submit(measure, posed_part, name, Path(scratch), cache) for name in settings_names
             ]
         return [row for future in futures if (row := future.result()) is not None]

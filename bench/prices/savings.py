@@ -3,8 +3,8 @@
 Usage: python -m bench.prices.savings [--kinds mechanical,organic,bust] [--seed 1] [--side 150] [--printers 6]
        [--quality glue] [--cache DIR] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
-Each model is decomposed by prices with and without hidden faces, and with gradual infill and infill of even
-density; all parts of the four decompositions are sliced. Times are CuraEngine's.
+Each model is decomposed four times: with prices that include or ignore hidden faces, each with gradual and
+with uniform infill. All parts of the four decompositions are sliced. Times are CuraEngine's.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
-from bench.prices.parts import ENDLESS_BED, EVEN_INFILL, PRINTER
+from bench.prices.parts import ENDLESS_BED, PRINTER, UNIFORM_INFILL
 from bench.unseen import draw_model
 from decompose.decompose import decompose_model
 from decompose.geometry import write_stl
@@ -80,7 +80,7 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
             request = SettingsRequest(
                 build_slicing_printer(SLICING_PROFILES[PRINTER]),
                 args.quality,
-                overrides={} if gradual else EVEN_INFILL,
+                overrides={} if gradual else UNIFORM_INFILL,
             )
             settings = resolve_settings(request, find_resources())
             recipe = build_recipe(settings, prelude_s=0.0)
@@ -93,8 +93,10 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
                     hidden_inner_wall_mm_s=0.0,
                 )
             cost = CostModel.from_recipe(recipe)
-            room = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
-            rooms = [PrinterRoom(str(number), room) for number in range(args.printers)]
+            box_sizes_mm = tuple(
+                box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm)
+            )
+            rooms = [PrinterRoom(str(number), box_sizes_mm) for number in range(args.printers)]
             fit_layer = args.quality == "glue"
             result = decompose_model(model, rooms, Options(fit_first_layer=fit_layer, prove=False), cost)
             sliced_s = [slice_part(part, request, args.cache, has_hidden_faces) for part in result.parts]

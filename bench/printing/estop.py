@@ -1,8 +1,8 @@
 """Time until `farm estop` has set all targets to 0, with daemon and agents stopped by SIGSTOP.
 
-``python -m bench.printing.estop [--printers N] [--json]``. The farm consists of real processes and emulators,
-all of them hot. The time is measured from the start of the command until all targets are 0 in the status of
-the emulators.
+``python -m bench.printing.estop [--printers N] [--json]``. The farm consists of real processes and of
+emulators whose heaters are on. The time is measured from the start of the command until all targets are 0 in
+the status of the emulators.
 """
 
 from __future__ import annotations
@@ -77,10 +77,10 @@ def measure(printers: int) -> dict[str, float]:
         path_options = ["--state", str(state), "--fleet", str(fleet)]
         subprocess.run([FARM, "up", *path_options], check=True, stdout=subprocess.DEVNULL)
         folders = [state / "agents" / f"p{i}" for i in range(printers)]
-        daemon = int((state / "lock").read_text())
+        daemon_pid = int((state / "lock").read_text())
         try:
             asyncio.run(start_prints(folders, gcode))
-            for pid in (daemon, *(find_agent_pid(folder) for folder in folders)):
+            for pid in (daemon_pid, *(find_agent_pid(folder) for folder in folders)):
                 assert pid is not None
                 os.kill(pid, signal.SIGSTOP)
             assert all(map(is_hot, folders))
@@ -92,7 +92,7 @@ def measure(printers: int) -> dict[str, float]:
             report = json.loads(process.communicate()[0])
             reported_off_s = time.monotonic() - start_s
         finally:
-            os.kill(daemon, signal.SIGKILL)
+            os.kill(daemon_pid, signal.SIGKILL)
             for folder in folders:
                 kill_agent(folder)
                 if is_running(folder / "emulator"):

@@ -45,8 +45,8 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     recipe = make_recipe("paper")
-    room = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
-    printers = tuple(PrinterRoom(str(i), room) for i in range(options.printers))
+    box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
+    printers = tuple(PrinterRoom(str(i), box_sizes_mm) for i in range(options.printers))
     model = load_model(options.model, longest_side_mm=options.side)
     problem = Problem(model, printers, CostModel.from_recipe(recipe), Options())
     times_s: dict[str, dict[str, float]] = {}

@@ -74,17 +74,17 @@ def main() -> None:
     options = parser.parse_args()
     recipe = make_recipe("paper")
     cost = CostModel.from_recipe(recipe)
-    room = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
+    box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
     small_model = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     for engine in options.engines:  # compiles, or loads compiled code
-        rooms = tuple(PrinterRoom(str(i), room) for i in range(4))
+        rooms = tuple(PrinterRoom(str(i), box_sizes_mm) for i in range(4))
         measure_search(Problem(small_model, rooms, cost, Options(engine, 5)))
     runs: list[dict[str, Any]] = []
     for path in options.models:
         model = load_model(path, longest_side_mm=options.side)
         for printers in options.printers:
             for engine in options.engines:
-                rooms = tuple(PrinterRoom(str(i), room) for i in range(printers))
+                rooms = tuple(PrinterRoom(str(i), box_sizes_mm) for i in range(printers))
                 effort, stage_ends_s = measure_search(Problem(model, rooms, cost, Options(engine)))
                 cpu_s = stage_ends_s["all"]
                 units_by_work = {str(work): units for work, units in effort.done_units.items()}

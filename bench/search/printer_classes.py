@@ -6,7 +6,7 @@ Usage: python -m bench.search.printer_classes MODEL... [--plus 16] [--extended 4
 Makespans are those of the cost model, with each part on its printer. "Shared" is a cut for equal printers
 with the smallest volume and one speed, whose parts are then assigned so that the makespan is shortest.
 `--spread` is the share by which the time factors of the printers are spread evenly around 1, in random order.
-`--wide` is the number of 2+ with a wide nozzle, with which a part takes 0.45 of the time.
+`--wide` is the number of Ultimaker 2+ with a wide nozzle, with which a part takes 0.45 of the time.
 """
 
 from __future__ import annotations
@@ -40,17 +40,19 @@ from drivers.printers import PROFILES, list_usable_volumes
 WIDE_TIME_RATIO = 0.45
 
 
-def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) -> tuple[PrinterRoom, ...]:
-    """Make a fleet in which the first `wide` 2+ have a wide nozzle."""
-    factors = 1.0 + spread * np.linspace(-1.0, 1.0, plus + extended)
+def make_fleet(
+    plus_count: int, extended_count: int, wide_count: int, spread: float, brim_mm: float
+) -> tuple[PrinterRoom, ...]:
+    """Make a fleet in which the first `wide_count` Ultimaker 2+ have a wide nozzle."""
+    factors = 1.0 + spread * np.linspace(-1.0, 1.0, plus_count + extended_count)
     np.random.default_rng(0).shuffle(factors)
-    factors[:wide] *= WIDE_TIME_RATIO
-    models = ["ultimaker2_plus"] * plus + ["ultimaker2_extended_plus"] * extended
-    rooms = {
+    factors[:wide_count] *= WIDE_TIME_RATIO
+    models = ["ultimaker2_plus"] * plus_count + ["ultimaker2_extended_plus"] * extended_count
+    box_sizes_mm = {
         name: tuple(b.size_mm for b in list_usable_volumes(PROFILES[name], brim_mm)) for name in set(models)
     }
     return tuple(
-        PrinterRoom(f"{name}-{i}", rooms[name], float(factor))
+        PrinterRoom(f"{name}-{i}", box_sizes_mm[name], float(factor))
         for i, (name, factor) in enumerate(zip(models, factors, strict=True))
     )
 

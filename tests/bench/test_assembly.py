@@ -49,9 +49,9 @@ def test_swapped_parts_are_detected(folder: Path, tmp_path: Path) -> None:
 
 
 def make_face(depths_mm: list[float], up_z: float) -> MatingFace:
-    at_mm = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
+    positions_mm = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
     return MatingFace(
-        at_mm, np.array(depths_mm), np.tile([0.0, 0.0, up_z], (2, 1)), {}, np.zeros(2, dtype=np.bool_)
+        positions_mm, np.array(depths_mm), np.tile([0.0, 0.0, up_z], (2, 1)), {}, np.zeros(2, dtype=np.bool_)
     )
 
 
@@ -60,7 +60,7 @@ def test_parts_fit_in_one_way_on_unequal_pins_and_in_two_on_equal_pins() -> None
     equal_faces = [make_face([7.0, 7.0], up_z) for up_z in (1.0, -1.0)]
     assert len(list(find_placements(*unequal_faces, [13.0, 7.0]))) == 1
     assert len(list(find_placements(*equal_faces, [13.0, 13.0]))) == 2
-    wider_face = replace(unequal_faces[1], at_mm=1.1 * unequal_faces[1].at_mm)
+    wider_face = replace(unequal_faces[1], positions_mm=1.1 * unequal_faces[1].positions_mm)
     # The distances of the pins differ.
     assert list(find_placements(unequal_faces[0], wider_face, [13.0, 7.0])) == []
     assert list(find_placements(unequal_faces[0], wider_face, None)) == []

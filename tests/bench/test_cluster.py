@@ -87,7 +87,13 @@ def test_rounds_of_each_fault_are_summed_up():
         **no_faults,
     }
     rounds = [
-        {**figures, "fault": "cut farm", "duration_s": 50.0, "differences": [], "used_local_pool": True},
+        {
+            **figures,
+            "fault": "disconnect farm",
+            "duration_s": 50.0,
+            "differences": [],
+            "used_local_pool": True,
+        },
         {
             **figures,
             "fault": "kill worker",
@@ -96,15 +102,15 @@ def test_rounds_of_each_fault_are_summed_up():
             "extra_processes": 2,
             "during_job": False,
         },
-        {**figures, "fault": "cut farm", "duration_s": 60.0, "differences": ["1/01 sha256: a and b"]},
+        {**figures, "fault": "disconnect farm", "duration_s": 60.0, "differences": ["1/01 sha256: a and b"]},
     ]
-    cut_row, killed_row = summarise_faults(rounds)
+    disconnected_row, killed_row = summarise_faults(rounds)
     assert (
-        cut_row["rounds"],
-        cut_row["shortest_s"],
-        cut_row["longest_s"],
-        cut_row["same_plans"],
-        cut_row["used_local_pool"],
+        disconnected_row["rounds"],
+        disconnected_row["shortest_s"],
+        disconnected_row["longest_s"],
+        disconnected_row["same_plans"],
+        disconnected_row["used_local_pool"],
     ) == (
         2,
         50.0,
@@ -117,5 +123,5 @@ def test_rounds_of_each_fault_are_summed_up():
         1,
         8,
     )
-    assert (cut_row["extra_processes"], killed_row["extra_processes"]) == (0, 2)
-    assert (cut_row["during_job"], killed_row["during_job"]) == (2, 0)
+    assert (disconnected_row["extra_processes"], killed_row["extra_processes"]) == (0, 2)
+    assert (disconnected_row["during_job"], killed_row["during_job"]) == (2, 0)

@@ -30,11 +30,11 @@ def report(tmp_path):
     """Return the path of a planned job's report, as the farm sends it."""
     farm = NetworkFarm(tmp_path)
     plan_job(farm, hold=True)
-    answer = farm.ask("GET", "/jobs/1/report", farm.add_key(Role.LOOK).text)
+    response = farm.ask("GET", "/jobs/1/report", farm.add_key(Role.LOOK).text)
     farm.store.close()
-    assert answer.status_code == 200
+    assert response.status_code == 200
     path = tmp_path / "report.html"
-    path.write_bytes(answer.content)
+    path.write_bytes(response.content)
     return path
 
 

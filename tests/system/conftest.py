@@ -10,7 +10,7 @@ from farms.real_farm import RealFarm
 
 @pytest.fixture
 def make_farm(tmp_path):
-    """Return a function that makes a farm of {name: (model, port)} but does not start it; end it at last."""
+    """Return a function that makes a farm of {name: (model, port)} without starting it; end all farms."""
     farms = []
 
     def make(printers):

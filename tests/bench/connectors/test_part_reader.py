@@ -42,7 +42,7 @@ def test_groove_is_read_with_half_the_length_of_its_key(tmp_path: Path) -> None:
     faces = [face for face in read_part(tmp_path / "p01.stl", "1", ["2"], 2.85) if face.normal[2] > 0.9]
     [hole] = [hole for face in faces for hole in face.holes]
     assert hole.is_groove and 4.0 < hole.reach_mm < 4.1
-    assert hole.at_mm == pytest.approx([20.0, 20.0, 10.0])
+    assert hole.position_mm == pytest.approx([20.0, 20.0, 10.0])
 
 
 def test_corner_between_groove_sides_is_not_read_as_the_end_of_a_stroke() -> None:

@@ -122,7 +122,7 @@ def test_walls_cover_the_rim_of_a_skin() -> None:
     assert price_poses_s(*small_block.arrays(), upright_rotation, cost)[0] == 0.0
 
 
-def test_only_overhangs_off_the_bed_cost_support() -> None:
+def test_only_overhangs_above_the_bed_need_support() -> None:
     cost = make_cost(overhang_s_mm3=1.0)
     table = Solid.union([Solid.box((0, 0, 0), (10, 10, 30)), Solid.box((0, 0, 30), (40, 10, 35))])
     times_s = price_axis_poses_s(*table.arrays(), cost)
@@ -174,7 +174,7 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
         ({"support_line_distance_mm": 0.0}, "support sides", 0.0),
     ],
 )
-def test_settings_change_the_price_as_expected(change: dict[str, float], term: str, ratio: float) -> None:
+def test_changed_setting_scales_its_time_term(change: dict[str, float], term: str, ratio: float) -> None:
     old_terms, new_terms = (
         compute_time_terms(Recipe())[term],
         compute_time_terms(replace(Recipe(), **change))[term],
@@ -184,7 +184,7 @@ def test_settings_change_the_price_as_expected(change: dict[str, float], term: s
     assert new_terms[compared_features] == pytest.approx(old_terms[compared_features] * ratio)
 
 
-def test_brim_takes_as_long_as_its_lines() -> None:
+def test_brim_time_follows_from_line_width_and_speed() -> None:
     slow_recipe = Recipe(outer_line_width_mm=0.5, brim_mm_s=10.0)
     assert CostModel.from_recipe(slow_recipe, dict.fromkeys(FACTORS, 1.0)).brim_s_mm2 == pytest.approx(0.2)
 

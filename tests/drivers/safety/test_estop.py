@@ -115,7 +115,7 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
 @pytest.mark.system
 @pytest.mark.parametrize("agent_dies", [False, True], ids=["estop", "its agent dies"])
 def test_moves_end_and_heaters_are_off_on_a_board_that_dtr_does_not_reset(tmp_path: Path, agent_dies: bool):
-    """Fill the planner with moves of half a minute."""
+    """Fill the planner with moves of 200 s."""
     emulator = tmp_path / "emulator"
     printer = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
     # The first move is fast, because the agent ends a print after ten seconds without a temperature.
@@ -170,7 +170,9 @@ def test_moves_end_and_heaters_are_off_on_a_board_that_dtr_does_not_reset(tmp_pa
 
 
 @pytest.mark.parametrize(("relay", "message"), [("exit 0", "cut its"), ("echo stuck >&2; exit 3", "stuck")])
-def test_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Path, relay: str, message: str):
+def test_mains_are_cut_if_a_board_does_not_confirm_that_its_heaters_are_off(
+    tmp_path: Path, relay: str, message: str
+):
     master, slave = pty.openpty()
     tty.setraw(slave)
     port = os.ttyname(slave)
@@ -302,7 +304,7 @@ def test_unchanged_start_file_is_not_written_again(tmp_path: Path):
         replace(start_file, port="/dev/zero").write(tmp_path)
 
 
-def test_no_process_is_killed_for_the_pid_of_a_former_agent(tmp_path: Path):
+def test_unrelated_process_with_the_pid_of_a_former_agent_is_not_killed(tmp_path: Path):
     unrelated_process = subprocess.Popen(["sleep", "60"])
     try:
         (tmp_path / AGENT_LOCK).write_text(str(unrelated_process.pid))

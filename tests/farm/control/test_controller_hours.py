@@ -17,7 +17,7 @@ from farm.views import list_tasks
 STATE = StateFolder(Path("/state"))
 
 
-def parse_time(text):
+def parse_time_s(text):
     return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
 
 
@@ -33,7 +33,7 @@ class Clock:
         return self.now_s
 
 
-FRIDAY_S, STOP_S = parse_time("2026-11-20 17:00"), parse_time("2026-11-20 17:45")
+FRIDAY_S, STOP_S = parse_time_s("2026-11-20 17:00"), parse_time_s("2026-11-20 17:45")
 
 
 @pytest.fixture
@@ -93,7 +93,7 @@ def test_changed_hours_are_sent_to_the_agent(farm):
 
 def test_late_start_is_refused_and_its_plate_waits(farm):
     attempt = farm.controller.books.find_open_print("a")
-    farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
+    farm.controller.clock.now_s = parse_time_s("2026-11-20 19:00")
     farm.controller.on_refusal(attempt.id, "it came too late", late=True)
     late_print = farm.controller.books.prints[attempt.id]
     assert (late_print.state, late_print.fault) == (PrintState.CANCELLED, None)
@@ -104,7 +104,7 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
     )
     (hold,) = farm.controller.scheduler.find_plate_holds().values()
     assert "from Mon 08:00" in hold.text
-    farm.controller.clock.now_s = parse_time("2026-11-23 08:00")
+    farm.controller.clock.now_s = parse_time_s("2026-11-23 08:00")
     farm.controller.handle()
     assert farm.controller.books.find_open_print("a").plate == late_print.plate
 
@@ -128,7 +128,7 @@ def test_paused_print_is_resumed_only_in_attended_hours(farm):
     assert [item.text for item in list_deadline_tasks(farm)] == [
         "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
-    farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
+    farm.controller.clock.now_s = parse_time_s("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"only in attended hours .*: from Mon 08:00"):
         farm.printers.pause("a", False, "ann")
     farm.controller.clock.now_s = STOP_S - 60.0
@@ -140,12 +140,12 @@ def test_job_is_resumed_only_if_its_printers_may_continue(farm):
     report_print(farm)
     farm.jobs.pause(1, True, "ann")
     report_print(farm, PrintState.PAUSED)
-    farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
+    farm.controller.clock.now_s = parse_time_s("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00 \(UTC\)$"):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
     report_print(
-        farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP_S
+        farm, PrintState.FAILED, fault="hours_ended", reason="the attended hours have ended", ended_s=STOP_S
     )
     farm.jobs.pause(1, False, "ann")  # its waiting plates have their own start times
     assert not farm.controller.books.jobs[1].paused
@@ -153,18 +153,18 @@ def test_job_is_resumed_only_if_its_printers_may_continue(farm):
 
 def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
     attempt = report_print(farm)
-    end_fields = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP_S}
+    end_fields = {"fault": "hours_ended", "reason": "the attended hours have ended", "ended_s": STOP_S}
     report_print(farm, PrintState.FAILED, **end_fields)
     books = farm.controller.books
     assert not books.prints[attempt.id].charged
-    assert books.get_printer("a").attention_reason == "nobody was to be there any more"
+    assert books.get_printer("a").attention_reason == "the attended hours have ended"
     assert books.get_printer("a").bed is Bed.NOT_CLEAR
     assert [plate.id for plate in books.list_waiting_plates()] == [attempt.plate]
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_clock_step_shifts_hours_but_not_prints(farm, step_s):
-    """Keep the age of a print, because its agent reports the start by the corrected clock."""
+    """Keep the age of a print, because its agent reports the start in the time of the corrected clock."""
     attempt = report_print(farm)
     farm.controller.clock.now_s += 600.0
     age_s = farm.controller.clock.now() - farm.controller.books.prints[attempt.id].started_s
@@ -174,7 +174,7 @@ def test_clock_step_shifts_hours_but_not_prints(farm, step_s):
     assert farm.controller.clock.now() - moved_print.started_s == age_s
     assert moved_print.assigned_s == pytest.approx(attempt.assigned_s + step_s)
     assert farm.controller.clock.now() - farm.controller.started_s == pytest.approx(3600.0 + 600.0)
-    # The agent still has the time of the clock before its step.
+    # The agent still uses the end time from before the clock step.
     report_print(farm, started_s=moved_print.started_s, ends_by_s=STOP_S + step_s)
     if step_s < 0:
         assert farm.effects.instructions[-1] == ev.SendEndBy(
@@ -186,8 +186,8 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     """Shift hours and start times when NTP corrects the clock of a host that started without a network."""
     farm = Farm(tmp_path, timezone="UTC", quiet=["mon-sun 22:00-08:00"])
     farm.controller.clock, farm.controller.started_s = (
-        Clock(parse_time("2026-11-20 03:00")),
-        parse_time("2026-11-20 02:00"),
+        Clock(parse_time_s("2026-11-20 03:00")),
+        parse_time_s("2026-11-20 02:00"),
     )
     farm.report_ready("a")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
@@ -198,7 +198,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     farm.controller.clock.now_s += 7 * 3600.0
     farm.controller.on_clock_set(7 * 3600.0)
     assert farm.controller.books.find_open_print("a").plate == "1/01"
-    assert farm.controller.books.jobs[2].not_before_s == parse_time("2026-11-20 12:00")
+    assert farm.controller.books.jobs[2].not_before_s == parse_time_s("2026-11-20 12:00")
     later_event = make_plan_event(2, 1)
     farm.controller.on_plan(
         2, Plan(later_event.parts, later_event.plates, later_event.repairs, 1.0, 500.0, 100.0, None)

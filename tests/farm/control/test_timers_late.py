@@ -17,14 +17,14 @@ BERLIN = ZoneInfo("Europe/Berlin")
 HOUR_S = 3600.0
 
 
-def parse_time(text):
+def parse_time_s(text):
     return datetime.fromisoformat(text).replace(tzinfo=BERLIN).timestamp()
 
 
 @pytest.fixture
 def make_time(monkeypatch):
     def make_time(text):
-        return FakeTime(monkeypatch, parse_time(text))
+        return FakeTime(monkeypatch, parse_time_s(text))
 
     return make_time
 
@@ -101,13 +101,13 @@ def test_books_are_backed_up_once_a_night(make_time, tmp_path, first_day, is_sus
 
     async def run_nights():
         timers = Timers(time)
-        nightly = NightlyBackup(state, time, BERLIN, timers.call_at, errors.append, cleanups.append)
+        nightly_backup = NightlyBackup(state, time, BERLIN, timers.call_at, errors.append, cleanups.append)
         timers.start()
-        await nightly.begin()
+        await nightly_backup.begin()
         if is_suspended:
-            await asyncio.sleep(parse_time(f"{first_day} 23:30") - time.now_s)
+            await asyncio.sleep(parse_time_s(f"{first_day} 23:30") - time.now_s)
             time.stall(7 * HOUR_S)
-        await asyncio.sleep(parse_time(f"{first_day} 12:00") + 4 * 24.5 * HOUR_S - time.now_s)
+        await asyncio.sleep(parse_time_s(f"{first_day} 12:00") + 4 * 24.5 * HOUR_S - time.now_s)
         timers.stop()
         await asyncio.sleep(0)
 

@@ -14,7 +14,7 @@ from farm.week_windows import DAYS, parse_window
 LONDON = ZoneInfo("Europe/London")
 
 
-def parse_time(text, fold=0):
+def parse_time_s(text, fold=0):
     return datetime.fromisoformat(text).replace(tzinfo=LONDON, fold=fold).timestamp()
 
 
@@ -38,20 +38,20 @@ def test_invalid_window_is_refused_with_an_example(text):
 
 def test_spans_may_cross_midnight_and_the_end_of_the_week():
     night = make_hours("fri 22:00-06:00", "sat 06:00-08:00")
-    begin_s, end_s = parse_time("2026-11-20 22:00"), parse_time("2026-11-21 08:00")
-    assert night.find_span(parse_time("2026-11-21 05:00")) == (begin_s, end_s)
-    assert night.find_span(parse_time("2026-11-21 08:00")) is None
+    begin_s, end_s = parse_time_s("2026-11-20 22:00"), parse_time_s("2026-11-21 08:00")
+    assert night.find_span(parse_time_s("2026-11-21 05:00")) == (begin_s, end_s)
+    assert night.find_span(parse_time_s("2026-11-21 08:00")) is None
     assert night.find_next_span(end_s) == (begin_s + 7 * 86400, end_s + 7 * 86400)
-    assert night.find_next_edge_s(parse_time("2026-11-21 05:00")) == end_s
+    assert night.find_next_edge_s(parse_time_s("2026-11-21 05:00")) == end_s
     assert night.find_next_edge_s(end_s) == begin_s + 7 * 86400
 
 
 def test_windows_may_cover_nothing_or_the_whole_week():
-    assert make_hours().find_span(parse_time("2026-11-20 22:00")) is None
-    assert make_hours().find_next_edge_s(parse_time("2026-11-20 22:00")) is None
+    assert make_hours().find_span(parse_time_s("2026-11-20 22:00")) is None
+    assert make_hours().find_next_edge_s(parse_time_s("2026-11-20 22:00")) is None
     whole_week = make_hours("00:00-12:00", "12:00-24:00")
-    assert whole_week.find_span(parse_time("2026-11-20 22:00"))[1] == math.inf
-    assert whole_week.find_next_edge_s(parse_time("2026-11-20 22:00")) is None
+    assert whole_week.find_span(parse_time_s("2026-11-20 22:00"))[1] == math.inf
+    assert whole_week.find_next_edge_s(parse_time_s("2026-11-20 22:00")) is None
 
 
 def test_length_of_a_night_changes_with_daylight_saving():
@@ -59,19 +59,19 @@ def test_length_of_a_night_changes_with_daylight_saving():
     lengths_h = [
         (end_s - begin_s) / 3600
         for time in ("2026-03-28 23:00", "2026-10-24 23:00", "2026-11-20 23:00")
-        for begin_s, end_s in [night.find_span(parse_time(time))]
+        for begin_s, end_s in [night.find_span(parse_time_s(time))]
     ]
     assert lengths_h == [7, 9, 8]
 
 
 def test_window_edges_in_skipped_or_repeated_hours_are_resolved():
-    skipped_span = make_hours("01:30-04:00").find_span(parse_time("2026-03-29 03:00"))
-    assert skipped_span == (parse_time("2026-03-29 02:30"), parse_time("2026-03-29 04:00"))
-    repeated_span = make_hours("00:30-01:30").find_span(parse_time("2026-10-25 01:10", fold=1))
-    assert repeated_span == (parse_time("2026-10-25 00:30"), parse_time("2026-10-25 01:30", fold=1))
-    assert make_hours("01:15-01:45").find_span(parse_time("2026-03-29 02:20")) == (
-        parse_time("2026-03-29 02:15"),
-        parse_time("2026-03-29 02:45"),
+    skipped_span = make_hours("01:30-04:00").find_span(parse_time_s("2026-03-29 03:00"))
+    assert skipped_span == (parse_time_s("2026-03-29 02:30"), parse_time_s("2026-03-29 04:00"))
+    repeated_span = make_hours("00:30-01:30").find_span(parse_time_s("2026-10-25 01:10", fold=1))
+    assert repeated_span == (parse_time_s("2026-10-25 00:30"), parse_time_s("2026-10-25 01:30", fold=1))
+    assert make_hours("01:15-01:45").find_span(parse_time_s("2026-03-29 02:20")) == (
+        parse_time_s("2026-03-29 02:15"),
+        parse_time_s("2026-03-29 02:45"),
     )
 
 

@@ -109,19 +109,19 @@ def test_description_of_one_printer_equals_that_in_the_fleet_unless_it_is_disabl
 
 def test_only_changed_entities_are_described_again():
     first_plan = make_plan_event(1, plates=2)
-    second_job = (
+    second_job_events = (
         ev.JobSubmitted(at_s=0.0, job=make_job(2)),
         ev.PlanningStarted(at_s=0.0, job=2),
         make_plan_event(2, plates=3),
     )
-    books, _ = apply_events(make_printing_books(plates=2), *second_job)
+    books, _ = apply_events(make_printing_books(plates=2), *second_job_events)
     builder = SituationBuilder(list_bed_boxes)
     old_plates, printers = (
         list(builder.describe_waiting_plates(books)),
         builder.describe_printers(FLEET, books, READY_SNAPSHOTS),
     )
     assert [view.id for view in old_plates] == [
-        plate.id for plate in (*first_plan.plates, *second_job[2].plates)
+        plate.id for plate in (*first_plan.plates, *second_job_events[2].plates)
     ]
     started_event = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
     books, _ = apply_events(books, started_event)
@@ -158,7 +158,7 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
 
 
 @given(st.floats(0, 200), st.floats(-300, 300), st.sampled_from(["print", "another", None]))
-def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s, late_s, reported_id):
+def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s, offset_s, reported_id):
     books = make_printing_books(plates=2)
     books, _ = apply_events(books, ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="print"))
     report = AgentPrint(
@@ -167,7 +167,7 @@ def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s,
     )  # fmt: skip
     report = None if reported_id is None else report
     snapshots = {**READY_SNAPSHOTS, "a": AgentSnapshot(printer="a", link=Link.BUSY, print=report)}
-    context = ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), 300.0 + late_s)
+    context = ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), 300.0 + offset_s)
     builder = SituationBuilder(list_bed_boxes)
     printers = builder.describe_printers(FLEET, books, snapshots)
     situation = Situation(PlateQueue(), printers, StartRules.from_config(FLEET.fleet), context.now_s)

@@ -30,11 +30,11 @@ HOUR_S = 3600.0
 ATTENDED_HOURS = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]
 
 
-def parse_time(text):
+def parse_time_s(text):
     return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
 
 
-FRIDAY_S = parse_time("2026-11-20 17:00")
+FRIDAY_S = parse_time_s("2026-11-20 17:00")
 
 
 def assign_with_holds(waiting_plates, fleet, start_rules, now_s, spares=0):
@@ -145,19 +145,19 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
         make_rules(attended=ATTENDED_HOURS[0]),
         make_printer("a", unattended=False, attended_reason="no verified timer"),
     )
-    assert start_rules.find_latest_end_s(attended_printer, FRIDAY_S) == parse_time("2026-11-20 17:45")
-    assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-20 17:44")) is None
+    assert start_rules.find_latest_end_s(attended_printer, FRIDAY_S) == parse_time_s("2026-11-20 17:45")
+    assert start_rules.find_unattended_reason(attended_printer, parse_time_s("2026-11-20 17:44")) is None
     message = "a prints only in attended hours (no verified timer): from Mon 08:00 (UTC)"
-    assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-20 17:45")) == message
-    assert start_rules.find_unattended_reason(attended_printer, parse_time("2026-11-21 03:00")) == message
-    assert start_rules.find_latest_end_s(attended_printer, parse_time("2026-11-21 03:00")) == parse_time(
+    assert start_rules.find_unattended_reason(attended_printer, parse_time_s("2026-11-20 17:45")) == message
+    assert start_rules.find_unattended_reason(attended_printer, parse_time_s("2026-11-21 03:00")) == message
+    assert start_rules.find_latest_end_s(attended_printer, parse_time_s("2026-11-21 03:00")) == parse_time_s(
         "2026-11-21 03:00"
     )
     assert (
         make_rules().find_unattended_reason(attended_printer, FRIDAY_S)
         == "a prints only in attended hours (no verified timer)"
     )
-    assert start_rules.find_unattended_reason(make_printer("a"), parse_time("2026-11-21 03:00")) is None
+    assert start_rules.find_unattended_reason(make_printer("a"), parse_time_s("2026-11-21 03:00")) is None
     assert make_rules(attended=["00:00-24:00"]).find_latest_end_s(attended_printer, FRIDAY_S) is None
 
 

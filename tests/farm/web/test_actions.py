@@ -20,9 +20,9 @@ def farm(tmp_path):
 
 def send_form(farm, session, path, fields=None, page="/"):
     """Send a form from a page; return the address to which it redirects."""
-    answer = farm.browse("POST", path, session, {"referer": PAGE + page}, data=fields or {})
-    assert answer.status_code == 303, answer.text
-    return answer.headers["location"]
+    response = farm.browse("POST", path, session, {"referer": PAGE + page}, data=fields or {})
+    assert response.status_code == 303, response.text
+    return response.headers["location"]
 
 
 def test_form_does_the_same_as_the_api_and_its_note_is_shown_once(farm):
@@ -73,8 +73,8 @@ def test_refusal_is_a_note_on_the_page_and_changes_nothing(farm, path, fields, e
     ],
 )
 def test_form_leads_back_to_its_page_and_to_no_other_site(farm, referer, page):
-    answer = farm.browse("POST", "/printers/a/cleared", farm.open_session(), {"referer": referer}, data={})
-    assert answer.headers["location"] == page
+    response = farm.browse("POST", "/printers/a/cleared", farm.open_session(), {"referer": referer}, data={})
+    assert response.headers["location"] == page
 
 
 def test_note_is_shown_only_to_its_own_reader(farm):

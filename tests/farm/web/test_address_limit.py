@@ -37,7 +37,7 @@ def test_client_is_counted_by_its_address_or_network(host, client):
 
 
 @given(st.ip_addresses())
-def test_any_address_has_a_group_that_is_its_own(address):
+def test_network_address_of_a_group_belongs_to_the_group(address):
     group = group_address(str(address))
     assert group is None or group_address(group.partition("/")[0]) == group
 
@@ -93,7 +93,7 @@ async def wait_until(condition):
         await asyncio.sleep(0.0)
 
 
-def test_idle_connections_are_closed_only_for_their_own_client():
+def test_idle_connections_are_closed_only_in_favour_of_the_same_client():
     async def run_scenario(server, address):
         other_client = await connect_client(address, "127.0.0.2", INCOMPLETE_REQUEST)
         await wait_until(lambda: len(server.connections) == 1)

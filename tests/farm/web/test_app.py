@@ -150,10 +150,10 @@ def test_model_is_submitted_by_a_key_that_may_print(farm):
 
 
 def test_oversized_body_is_refused(farm):
-    long_answer = farm.ask(
+    long_response = farm.ask(
         "POST", f"{NETWORK_PREFIX}/printers/a/cleared", farm.add_key(OPERATE).text, content=b"x" * 200_000
     )
-    assert long_answer.status_code == 413
+    assert long_response.status_code == 413
 
 
 def test_long_headers_are_refused(farm):
@@ -170,25 +170,25 @@ def test_ten_wrong_keys_are_delayed_but_a_valid_key_is_not(farm):
     assert farm.ask("GET", f"{NETWORK_PREFIX}/status", key.text).status_code == 200
 
 
-def test_every_answer_forbids_scripts_and_frames_and_no_other_site_may_read_it(farm):
+def test_every_response_forbids_scripts_and_frames_and_no_other_site_may_read_it(farm):
     key = farm.add_key(LOOK).text
-    answers = (
+    responses = (
         farm.ask("GET", LIVENESS_PATH),
         farm.ask("GET", f"{NETWORK_PREFIX}/status"),
         farm.ask("GET", f"{NETWORK_PREFIX}/status", key, headers={"origin": "http://evil.example"}),
         farm.ask("GET", f"{NETWORK_PREFIX}/nothing", key),
     )
-    assert [answer.status_code for answer in answers] == [200, 401, 200, 404]
-    for answer in answers:
-        assert answer.headers["content-security-policy"].startswith("default-src 'none'")
-        assert answer.headers["x-content-type-options"] == "nosniff"
-        assert "access-control-allow-origin" not in answer.headers
-    assert answers[0].json() == {"status": "ok"}
-    assert not re.search("key print|um2|job", answers[0].text)
+    assert [response.status_code for response in responses] == [200, 401, 200, 404]
+    for response in responses:
+        assert response.headers["content-security-policy"].startswith("default-src 'none'")
+        assert response.headers["x-content-type-options"] == "nosniff"
+        assert "access-control-allow-origin" not in response.headers
+    assert responses[0].json() == {"status": "ok"}
+    assert not re.search("key print|um2|job", responses[0].text)
 
 
 def test_body_that_cannot_be_parsed_gets_the_usual_error(farm):
     path, key = fill_path(f"{NETWORK_PREFIX}/printers/{{name}}/cleared"), farm.add_key(OPERATE).text
-    answer = farm.ask("POST", path, key, content=b'{"why": "\xff"}', headers=JSON_HEADERS)
-    assert answer.status_code == 400
-    assert answer.json().keys() == {"error", "code", "exit_code"}
+    response = farm.ask("POST", path, key, content=b'{"why": "\xff"}', headers=JSON_HEADERS)
+    assert response.status_code == 400
+    assert response.json().keys() == {"error", "code", "exit_code"}

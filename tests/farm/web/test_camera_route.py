@@ -30,11 +30,11 @@ def test_still_is_sent_as_an_image_that_is_not_cached(farm):
         return read_image(make_png())
 
     set_camera(farm, fetch_still)
-    answer = farm.ask("GET", CAMERA_PATH, farm.add_key(Role.LOOK).text)
-    assert (answer.status_code, answer.content) == (200, make_png())
-    assert answer.headers["content-type"] == "image/png"
-    assert answer.headers["cache-control"] == "no-store"
-    assert answer.headers["x-content-type-options"] == "nosniff"
+    response = farm.ask("GET", CAMERA_PATH, farm.add_key(Role.LOOK).text)
+    assert (response.status_code, response.content) == (200, make_png())
+    assert response.headers["content-type"] == "image/png"
+    assert response.headers["cache-control"] == "no-store"
+    assert response.headers["x-content-type-options"] == "nosniff"
 
 
 def test_unanswered_camera_request_gets_status_503(farm):
@@ -42,10 +42,10 @@ def test_unanswered_camera_request_gets_status_503(farm):
         raise FarmError(f"the camera of {printer}: it does not answer", ErrorCode.UNREACHABLE)
 
     set_camera(farm, fetch_still)
-    answer = farm.ask("GET", CAMERA_PATH, farm.add_key(Role.LOOK).text)
-    assert (answer.status_code, answer.json()["error"]) == (503, "the camera of a: it does not answer")
+    response = farm.ask("GET", CAMERA_PATH, farm.add_key(Role.LOOK).text)
+    assert (response.status_code, response.json()["error"]) == (503, "the camera of a: it does not answer")
 
 
 def test_printer_without_a_camera_gets_status_404(farm):
-    answer = farm.ask("GET", CAMERA_PATH, farm.add_key(Role.LOOK).text)
-    assert answer.status_code == 404 and "no camera" in answer.json()["error"]
+    response = farm.ask("GET", CAMERA_PATH, farm.add_key(Role.LOOK).text)
+    assert response.status_code == 404 and "no camera" in response.json()["error"]

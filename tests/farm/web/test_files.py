@@ -32,13 +32,13 @@ def test_existing_files_are_listed_and_sent_with_their_hash(farm):
     key = farm.add_key(Role.LOOK)
     (file_view,) = farm.ask("GET", FILES_PATH, key).json()["files"]
     assert file_view["name"] == "p01.stl"
-    answer = farm.ask("GET", f"{FILES_PATH}/p01.stl", key)
-    assert answer.status_code == 200
-    assert hashlib.sha256(answer.content).hexdigest() == file_view["sha256"]
-    assert len(answer.content) == file_view["size"]
-    assert answer.headers["content-disposition"].startswith("attachment")
-    partial_answer = farm.ask("GET", f"{FILES_PATH}/p01.stl", key, headers={"range": "bytes=6-"})
-    assert (partial_answer.status_code, partial_answer.content) == (206, b"part")
+    response = farm.ask("GET", f"{FILES_PATH}/p01.stl", key)
+    assert response.status_code == 200
+    assert hashlib.sha256(response.content).hexdigest() == file_view["sha256"]
+    assert len(response.content) == file_view["size"]
+    assert response.headers["content-disposition"].startswith("attachment")
+    partial_response = farm.ask("GET", f"{FILES_PATH}/p01.stl", key, headers={"range": "bytes=6-"})
+    assert (partial_response.status_code, partial_response.content) == (206, b"part")
     assert farm.ask_socket("GET", "/jobs/1/files").json()["files"] == [file_view]
 
 
@@ -50,8 +50,8 @@ def test_existing_files_are_listed_and_sent_with_their_hash(farm):
     ],
 )
 def test_other_file_names_are_not_found(farm, name):
-    answer = farm.ask("GET", f"{FILES_PATH}/{name}", farm.add_key(Role.LOOK))
-    assert answer.status_code == 404
+    response = farm.ask("GET", f"{FILES_PATH}/{name}", farm.add_key(Role.LOOK))
+    assert response.status_code == 404
 
 
 def test_files_of_an_unknown_job_are_not_found(farm):

@@ -50,10 +50,10 @@ def test_every_served_route_is_described_with_its_role_and_no_other(document):
     assert len(set(ids)) == len(ids)
 
 
-def test_every_answer_has_a_schema_and_every_reference_exists(document):
+def test_every_response_has_a_schema_and_every_reference_exists(document):
     for route, operation in list_operations(document).items():
-        for status, answer in operation["responses"].items():
-            for kind, content in answer["content"].items():
+        for status, response in operation["responses"].items():
+            for kind, content in response["content"].items():
                 assert kind != "application/json" or content["schema"], (route, status)
         assert "422" not in operation["responses"], route
     schemas = document["components"]["schemas"]
@@ -61,7 +61,7 @@ def test_every_answer_has_a_schema_and_every_reference_exists(document):
     assert "DownRequest" not in schemas
 
 
-def test_refusal_and_an_answer_have_the_fields_that_are_described(farm, document):
+def test_refusal_and_a_response_have_the_fields_that_are_described(farm, document):
     schemas = document["components"]["schemas"]
     refusal = farm.ask("GET", get_network_path("/status")).json()
     assert refusal.keys() == set(schemas["Problem"]["required"])
@@ -70,17 +70,17 @@ def test_refusal_and_an_answer_have_the_fields_that_are_described(farm, document
 
 
 def test_page_shows_every_operation_and_loads_nothing(farm, document):
-    answer = farm.ask("GET", SCHEMA_PAGE_PATH, farm.add_key(Role.LOOK, "two"))
-    assert answer.headers["content-type"].startswith("text/html")
+    response = farm.ask("GET", SCHEMA_PAGE_PATH, farm.add_key(Role.LOOK, "two"))
+    assert response.headers["content-type"].startswith("text/html")
     for verb, path in list_operations(document):
-        assert f"<code>{verb} {path}</code>" in answer.text
-    links = re.findall(r'(?:src|href)="([^"]*)"', answer.text)
-    assert set(re.findall(r'id="([^"]*)"', answer.text)) >= {
+        assert f"<code>{verb} {path}</code>" in response.text
+    links = re.findall(r'(?:src|href)="([^"]*)"', response.text)
+    assert set(re.findall(r'id="([^"]*)"', response.text)) >= {
         link[1:] for link in links if link.startswith("#")
     }
     assert {link for link in links if not link.startswith("#")} == {SCHEMA_PATH}
-    assert "<script" not in answer.text
-    policy = answer.headers["content-security-policy"]
+    assert "<script" not in response.text
+    policy = response.headers["content-security-policy"]
     assert policy.startswith("default-src 'none'; style-src 'sha256-")
 
 

@@ -1,4 +1,4 @@
-"""Requests from the OpenAPI description: answers match it, and none is a server error."""
+"""Requests from the OpenAPI description: responses match it, and none is a server error."""
 
 from contextlib import suppress
 
@@ -36,7 +36,7 @@ def farm(tmp_path):
 
 
 @pytest.mark.parametrize("mode", GenerationMode)
-def test_generated_requests_get_answers_that_match_the_description(farm, mode):
+def test_generated_requests_get_responses_that_match_the_description(farm, mode):
     key = farm.add_key(Role.OPERATE).text
     schema = schemathesis.openapi.from_dict(farm.ask("GET", SCHEMA_PATH, key).json())
     operations = [result.ok() for result in schema.get_all_operations()]
@@ -66,10 +66,10 @@ def test_generated_requests_get_answers_that_match_the_description(farm, mode):
             }
             if isinstance(body.get("data"), bytes | str):
                 body["content"] = body.pop("data")
-            answer = farm.ask(
+            response = farm.ask(
                 request_fields["method"], request_fields["url"], headers={**headers, "x-api-key": key}, **body
             )
-            case.validate_response(answer, checks=CHECKS)
+            case.validate_response(response, checks=CHECKS)
 
         with suppress(Unsatisfiable):  # a route without parameters has no invalid request
             check_case()

@@ -32,9 +32,9 @@ def list_sessions(farm):
     return [key for key in farm.controller.books.keys.values() if key.kind == "session"]
 
 
-def read_cookie(answer):
-    """Return the value of the cookie that an answer sets, and its attributes."""
-    pair, *attributes = answer.headers["set-cookie"].split("; ")
+def read_cookie(response):
+    """Return the value of the cookie that a response sets, and its attributes."""
+    pair, *attributes = response.headers["set-cookie"].split("; ")
     return pair.partition("=")[2], {attribute.lower() for attribute in attributes}
 
 
@@ -46,17 +46,17 @@ def test_link_logs_in_only_by_its_button_and_only_once(farm):
         assert "Log in as ann" in page.text
         assert "set-cookie" not in page.headers
     assert list_sessions(farm) == []
-    log_in_answer = farm.browse("POST", link)
-    assert (log_in_answer.status_code, log_in_answer.headers["location"]) == (303, "/")
-    text, attributes = read_cookie(log_in_answer)
+    log_in_response = farm.browse("POST", link)
+    assert (log_in_response.status_code, log_in_response.headers["location"]) == (303, "/")
+    text, attributes = read_cookie(log_in_response)
     assert {"httponly", "samesite=lax", "path=/"} <= attributes
     assert "secure" not in attributes
     assert farm.browse("GET", "/", text).status_code == 200
     for method in ("GET", "POST"):
-        answer = farm.browse(method, link)
-        assert answer.status_code == 404
-        assert "was used or has expired" in answer.text
-        assert "set-cookie" not in answer.headers
+        response = farm.browse(method, link)
+        assert response.status_code == 404
+        assert "was used or has expired" in response.text
+        assert "set-cookie" not in response.headers
     assert len(list_sessions(farm)) == 1
 
 
@@ -80,9 +80,9 @@ def test_page_of_another_site_opens_no_session(farm, headers):
 def test_cookie_over_https_is_secure_and_only_for_this_host(tmp_path, web):
     farm = NetworkFarm(tmp_path, web)
     link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
-    log_in_answer = farm.browse("POST", link)
-    assert log_in_answer.headers["set-cookie"].startswith("__Host-farm-8467=session_")
-    text, attributes = read_cookie(log_in_answer)
+    log_in_response = farm.browse("POST", link)
+    assert log_in_response.headers["set-cookie"].startswith("__Host-farm-8467=session_")
+    text, attributes = read_cookie(log_in_response)
     assert {"secure", "path=/"} <= attributes
     assert not any(attribute.startswith("domain") for attribute in attributes)
     assert farm.browse("GET", "/", text).status_code == 200
@@ -97,15 +97,15 @@ def test_two_farms_on_a_host_have_different_cookies():
 
 def test_logging_out_ends_the_session_and_forgets_the_cookie(farm):
     text = farm.open_session()
-    answer = farm.browse("POST", "/logout", text)
-    assert (answer.status_code, read_cookie(answer)[0]) == (200, '""')
-    assert "max-age=0" in read_cookie(answer)[1]
+    response = farm.browse("POST", "/logout", text)
+    assert (response.status_code, read_cookie(response)[0]) == (200, '""')
+    assert "max-age=0" in read_cookie(response)[1]
     kind, body = farm.read_last_event()
     assert (kind, json.loads(body)["by"]) == ("KeyRevoked", "ann")
-    answer = farm.browse("GET", "/", text)
-    assert answer.status_code == 401
-    assert "farm web" in answer.text
-    assert "max-age=0" in read_cookie(answer)[1]
+    response = farm.browse("GET", "/", text)
+    assert response.status_code == 401
+    assert "farm web" in response.text
+    assert "max-age=0" in read_cookie(response)[1]
     key = farm.add_key(Role.LOOK).text
     assert farm.ask("POST", "/logout", key).status_code == 409
     assert farm.ask("GET", "/", key).status_code == 200
@@ -245,8 +245,8 @@ def test_session_is_served_although_its_extension_cannot_be_written(farm, monkey
 
 def test_ten_wrong_sessions_are_delayed_but_a_valid_one_is_not(farm):
     text = farm.open_session()
-    answers = [farm.browse("GET", "/", "nonsense").status_code for _ in range(11)]
-    assert answers == [401] * 10 + [429]
+    responses = [farm.browse("GET", "/", "nonsense").status_code for _ in range(11)]
+    assert responses == [401] * 10 + [429]
     assert farm.browse("GET", "/", text).status_code == 200
 
 
@@ -254,15 +254,15 @@ def test_session_is_limited_to_the_current_role_of_its_user(farm):
     text = farm.open_session(Role.OPERATE, "ann")
     assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 200
     farm.user_roles["ann"] = Role.PRINT
-    answer = farm.browse("POST", CLEARED_PATH, text, json={})
-    assert (answer.status_code, "needs a key with the role operate; ann has print" in answer.text) == (
+    response = farm.browse("POST", CLEARED_PATH, text, json={})
+    assert (response.status_code, "needs a key with the role operate; ann has print" in response.text) == (
         403,
         True,
     )
     assert "ann (print)" in farm.browse("GET", "/", text).text
     farm.user_roles["ann"] = None
-    answer = farm.browse("GET", "/", text)
-    assert (answer.status_code, "this host no longer has a user ann" in answer.text) == (403, True)
+    response = farm.browse("GET", "/", text)
+    assert (response.status_code, "this host no longer has a user ann" in response.text) == (403, True)
     farm.user_roles["ann"] = Role.OPERATE  # as after a failure of the user database
     assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 200
 
@@ -292,13 +292,13 @@ def test_key_opens_a_session_of_its_role_and_name(farm, role):
     assert 'action="/login"' in farm.browse("GET", "/login").text
     assert 'action="/login"' in farm.browse("GET", "/").text
     key = farm.add_key(role, "panel")
-    log_in_answer = farm.log_in(f" {key.text}\n")  # as a person may paste it
-    assert (log_in_answer.status_code, log_in_answer.headers["location"]) == (303, "/")
-    text, attributes = read_cookie(log_in_answer)
+    log_in_response = farm.log_in(f" {key.text}\n")  # as a person may paste it
+    assert (log_in_response.status_code, log_in_response.headers["location"]) == (303, "/")
+    text, attributes = read_cookie(log_in_response)
     assert {"httponly", "samesite=lax", "path=/"} <= attributes
     assert f"key panel ({role})" in farm.browse("GET", "/", text).text
-    change_answer = farm.browse("POST", CLEARED_PATH, text, json={})
-    assert change_answer.status_code == (200 if role is Role.OPERATE else 403)
+    change_response = farm.browse("POST", CLEARED_PATH, text, json={})
+    assert change_response.status_code == (200 if role is Role.OPERATE else 403)
     if role is Role.OPERATE:
         assert json.loads(farm.read_last_event()[1])["by"] == "key panel"
     assert farm.services.key_uses_s[key.id] == farm.clock.now_s
@@ -318,10 +318,10 @@ def test_session_of_a_key_ends_with_the_key(farm):
 
 @pytest.mark.parametrize("form", [{}, {"key": ""}, {"key": "nonsense"}, {str(i): "x" for i in range(99)}])
 def test_wrong_key_opens_no_session(farm, form):
-    answer = farm.browse("POST", "/login", data=form)
-    assert (answer.status_code, "set-cookie" in answer.headers) == (401, False)
-    assert 'action="/login"' in answer.text
-    assert "this key is wrong" in answer.text
+    response = farm.browse("POST", "/login", data=form)
+    assert (response.status_code, "set-cookie" in response.headers) == (401, False)
+    assert 'action="/login"' in response.text
+    assert "this key is wrong" in response.text
     assert farm.browse("POST", "/login", content=b"key=\xff%ff").status_code == 401
     assert list_sessions(farm) == []
 
@@ -335,8 +335,8 @@ def test_revoked_key_and_session_open_no_session(farm):
 
 def test_wrong_keys_in_the_form_count_like_those_of_programs(farm):
     key = farm.add_key(Role.PRINT).text
-    answers = [farm.log_in("nonsense").status_code for _ in range(11)]
-    assert answers == [401] * 10 + [429]
+    responses = [farm.log_in("nonsense").status_code for _ in range(11)]
+    assert responses == [401] * 10 + [429]
     assert farm.ask("GET", "/", "nonsense").status_code == 429
     assert farm.log_in(key).status_code == 303
     assert farm.log_in("nonsense", "10.0.0.8").status_code == 401

@@ -67,7 +67,7 @@ def test_files_of_jobs_are_sent_uncompressed(tmp_path):
     (farm.state.files / "p.stl").write_bytes(b"solid " * 1000)
     session = farm.open_session()
     for name in ("plate-01.gcode", "p01.stl", "assembly.glb"):
-        answer = farm.browse("GET", f"/api/v1/jobs/1/files/{name}", session)
-        assert "content-encoding" not in answer.headers, (name, answer.headers)
-        assert int(answer.headers["content-length"]) == len(answer.content) >= 4000
+        response = farm.browse("GET", f"/api/v1/jobs/1/files/{name}", session)
+        assert "content-encoding" not in response.headers, (name, response.headers)
+        assert int(response.headers["content-length"]) == len(response.content) >= 4000
     farm.store.close()

@@ -39,20 +39,20 @@ G28
 """
 
 
-def measure_planned_s(path):
+def simulate_move_times_s(path):
     """Return the seconds (n,) that each move of a file takes in a planner that is kept full."""
     ends_s = []
     planner = Planner(Limits.from_profile(PROFILE), (0.0,) * 4, lambda e_mm, z_mm: None)
     position, queued_moves, now_s = np.zeros(4), [], 0.0
     seconds = np.zeros(len(path.end))
-    for index, (move, feed) in enumerate(
+    for index, (move, feed_mm_s) in enumerate(
         zip(path.end - path.start, np.maximum(path.feed_mm_min / 60, 1.0), strict=True)
     ):
         position = position + move
         now_s = max(now_s, planner.compute_next_free_s())
         planner.advance(now_s)
         old_moves = planner.moves
-        planner.add(tuple(position), feed, now_s)
+        planner.add(tuple(position), feed_mm_s, now_s)
         queued_moves += [index] * (planner.moves - old_moves)
         ends_s.append((len(queued_moves) - len(planner), planner.busy_s))
     finished_moves = np.array(ends_s)
@@ -79,13 +79,13 @@ def test_features_take_no_time_in_a_file_without_layer_times():
     assert astuple(measure_feature_times(path, LIMITS)) == (0.0,) * 5
 
 
-def test_times_of_features_equal_those_of_the_planner_of_the_firmware(make_request):
+def test_feature_times_match_the_firmware_planner(make_request):
     model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
     result = slice_plate(make_request(model))
     path = read_toolpath(result.gcode.read_bytes())
     assert sum(astuple(result.features)) == pytest.approx(result.sliced_s, rel=1e-6)
     assert min(astuple(result.features)) > 0.0
-    planned_s = measure_planned_s(path)
+    planned_s = simulate_move_times_s(path)
     estimated_s = estimate_move_seconds(path, LIMITS)
     is_extrusion = (path.extruded_mm > 0.0) & path.is_move & (path.layer >= 0)
     for name in ("WALL-OUTER", "WALL-INNER", "SKIN", "FILL", "SKIRT"):
@@ -93,7 +93,7 @@ def test_times_of_features_equal_those_of_the_planner_of_the_firmware(make_reque
         assert estimated_s[mask].sum() == pytest.approx(planned_s[mask].sum(), rel=0.03), name
 
 
-def test_cached_slice_has_the_same_times_of_features(make_request, tmp_path):
+def test_cached_slice_has_the_same_feature_times(make_request, tmp_path):
     request = make_request(trimesh.creation.box((12, 10, 4)), cache=tmp_path / "cache")
     first_result, second_result = slice_plate(request), slice_plate(request)
     assert second_result.cached

@@ -47,11 +47,11 @@ def compute_start_times_s(path):
     """Return the times (n,) in seconds at which a planner that is kept full accepts each move."""
     planner = Planner(Limits.from_profile(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
     position, now_s, times_s = np.zeros(4), 0.0, []
-    for move, feed in zip(path.end - path.start, path.feed_mm_min / 60, strict=True):
+    for move, feed_mm_s in zip(path.end - path.start, path.feed_mm_min / 60, strict=True):
         position = position + move
         now_s = max(now_s, planner.compute_next_free_s())
         planner.advance(now_s)
-        planner.add(tuple(position), max(feed, 1.0), now_s)
+        planner.add(tuple(position), max(feed_mm_s, 1.0), now_s)
         times_s.append(now_s)
     return np.array(times_s)
 

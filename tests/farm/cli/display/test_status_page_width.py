@@ -67,8 +67,8 @@ FLEETS = st.lists(printers(), min_size=1, max_size=12, unique_by=lambda printer:
 
 
 def make_view(fleet, **values):
-    fleet_options = STATUS.fleet.model_copy(update={"now": NOW.isoformat()})
-    return STATUS.model_copy(update={"printers": fleet, "fleet": fleet_options, **values})
+    fleet_view = STATUS.fleet.model_copy(update={"now": NOW.isoformat()})
+    return STATUS.model_copy(update={"printers": fleet, "fleet": fleet_view, **values})
 
 
 def render_lines(view, width=None, height=None):
@@ -106,9 +106,9 @@ def test_watched_page_fits_the_terminal(width, fleet, height):
 
 @WIDTHS
 def test_row_of_a_printing_printer_is_complete_at_every_width(width):
-    long_row = {"state": "printing", "print": make_progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
+    printing_fields = {"state": "printing", "print": make_progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
     fleet = [
-        p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **long_row})
+        p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **printing_fields})
         for p in STATUS.printers
     ]
     rows = [line for line in render_lines(make_view(fleet), width) if line.startswith("um2-")]
@@ -158,7 +158,7 @@ def test_empty_task_list_is_not_highlighted():
     assert not any("red" in str(span.style) for span in line.spans)
 
 
-def test_print_that_ended_last_month_has_its_date():
+def test_print_that_ended_last_month_is_shown_with_its_date():
     last_print = api.LastPrint(
         plate="1/01", state=PrintState.DONE, ended="2026-10-30T06:00:00+00:00", off=None, verdict=Verdict.GOOD
     )

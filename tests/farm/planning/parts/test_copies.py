@@ -39,7 +39,7 @@ def test_fewer_rounds_come_before_more_parts_and_all_printers_are_tried(copies, 
 
 
 @given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
-def test_share_of_copies_is_chosen_for_each_kind_of_printer(items, data):
+def test_items_are_chosen_in_proportion_to_their_counts(items, data):
     count = data.draw(st.integers(1, len(items)))
     chosen_items = choose_evenly_spaced(sorted(items), count)
     assert len(chosen_items) == count
@@ -94,7 +94,7 @@ def test_each_copy_has_every_part_with_its_number(tmp_path):
     assert plan.expected_s == 100.0
 
 
-def test_printers_get_matching_plates_and_slow_ones_fewer(tmp_path):
+def test_plates_go_to_matching_printers_and_fewer_to_slow_ones(tmp_path):
     printers = {"p0": {}, "p1": {}, "p2": {"nozzle_mm": 0.8}, "p3": {"material": "generic_abs"}}
     task = make_task(printers, tmp_path, factors={"p1": TimeFactors(1.25)}, copies=9)
     plan = multiply_plan(make_copy_plan(100.0), task)

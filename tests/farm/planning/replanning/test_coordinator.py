@@ -124,7 +124,7 @@ def test_later_job_gets_no_reserved_printers(tmp_path):
     assert len(list_started_plates(farm).keys() & set(reserved_printers)) == 3
 
 
-def test_replan_is_repeated_after_a_restart(tmp_path):
+def test_replan_result_from_before_a_restart_is_ignored(tmp_path):
     farm = make_farm(tmp_path, [PLUS_MODEL] * 4, plates=1)
     fail_plate(farm, "a", "1/01")
     farm.store.close()
@@ -163,7 +163,7 @@ def make_replanned_plate(farm, plate, printer, duration_h):
     return ReplannedPlate((part,), (new_plate,))
 
 
-def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
+def test_failed_plate_is_resliced_for_another_printer_overnight(tmp_path):
     farm = make_farm(tmp_path, [PLUS_MODEL, UM2], plates=1)
     fail_plate(farm, "a", "1/01")  # its bed is inspected in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
@@ -211,7 +211,7 @@ def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
     ]
 
 
-def test_search_is_not_delayed_by_a_backward_clock_step(tmp_path):
+def test_printer_back_from_maintenance_is_considered_after_a_backward_clock_step(tmp_path):
     farm = make_farm(tmp_path, [PLUS_MODEL, UM2], plates=1)
     farm.printers.begin_maintenance("b", "a new belt", "ann")
     fail_plate(farm, "a", "1/01")

@@ -176,12 +176,12 @@ def test_failed_backup_is_reported_and_retried(state, problem, tmp_path, monkeyp
 def test_next_backup_is_at_four_after_any_clock_change():
     zone = ZoneInfo("Europe/London")
 
-    def parse_time(text):
+    def parse_time_s(text):
         return datetime.fromisoformat(text).replace(tzinfo=zone).timestamp()
 
-    assert compute_next_backup_s(parse_time("2026-03-28 05:00"), zone) == parse_time("2026-03-29 04:00")
-    assert compute_next_backup_s(parse_time("2026-10-24 23:00"), zone) == parse_time("2026-10-25 04:00")
-    assert compute_next_backup_s(parse_time("2026-10-25 04:00"), zone) == parse_time("2026-10-26 04:00")
+    assert compute_next_backup_s(parse_time_s("2026-03-28 05:00"), zone) == parse_time_s("2026-03-29 04:00")
+    assert compute_next_backup_s(parse_time_s("2026-10-24 23:00"), zone) == parse_time_s("2026-10-25 04:00")
+    assert compute_next_backup_s(parse_time_s("2026-10-25 04:00"), zone) == parse_time_s("2026-10-26 04:00")
 
 
 def test_restored_database_starts_nothing_before_an_inspection(tmp_path):

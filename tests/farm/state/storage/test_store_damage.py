@@ -64,22 +64,22 @@ def open_damaged_books(killed_daemon, folder, damage_database):
     state = StateFolder(folder)
     damage_database(state)
     try:
-        store, restored_s = open_books(state, NOW_S)
+        store, copied_s = open_books(state, NOW_S)
     except FarmError as error:
         assert "\n" not in str(error)
         return None
     with store:
         books = store.load()
-        if restored_s is None:
+        if copied_s is None:
             assert books == killed_daemon.history[-1]
             return False
         assert books in killed_daemon.history[BACKED_UP_COUNT:]
-        new_books, _ = apply(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books)
-        store.commit(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books, new_books)
+        new_books, _ = apply(ev.BooksRestored(at_s=NOW_S, copied_s=copied_s), books)
+        store.commit(ev.BooksRestored(at_s=NOW_S, copied_s=copied_s), books, new_books)
         assert all(printer.bed is Bed.NOT_CLEAR for printer in new_books.printers.values())
-    store, restored_s = open_books(state, NOW_S + 1.0)
+    store, copied_s = open_books(state, NOW_S + 1.0)
     with store:
-        assert (store.load(), restored_s) == (new_books, None)
+        assert (store.load(), copied_s) == (new_books, None)
     return True
 
 
@@ -123,9 +123,9 @@ def test_intact_database_is_opened_unchanged(killed_daemon, tmp_path):
         if not path.name.endswith("-count"):
             path.unlink()
     shutil.rmtree(state.backups)
-    store, restored_s = open_books(state, NOW_S)
+    store, copied_s = open_books(state, NOW_S)
     with store:
-        assert (store.load(), restored_s) == (Books(), None)
+        assert (store.load(), copied_s) == (Books(), None)
 
 
 def test_every_changed_row_is_found(killed_daemon, tmp_path):

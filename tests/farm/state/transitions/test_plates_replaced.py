@@ -16,7 +16,7 @@ from farm.views.accounting import summarise_job
 
 
 def make_replaced_event(books, plate, letters=("a", "b")):
-    """Make the event of a part that is cut into pieces with these letters, or resliced without letters."""
+    """Make the event of a part that is cut into pieces with these letters, or resliced if there are none."""
     old_plate = books.plates[plate]
     (part,) = (books.parts[name] for name in old_plate.parts)
     if not letters:
@@ -33,9 +33,9 @@ def make_replaced_event(books, plate, letters=("a", "b")):
         parts.append(part.model_copy(update=changes))
         changes = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "prints": ()}
         plates.append(old_plate.model_copy(update=changes))
-    new_plate = {"parts": tuple(parts), "plates": tuple(plates)}
+    new_fields = {"parts": tuple(parts), "plates": tuple(plates)}
     return ev.PlateReplaced(
-        at_s=9.0, plate=plate, **new_plate, picture="n.png", decomposition="c.json", instructions="i.html"
+        at_s=9.0, plate=plate, **new_fields, picture="n.png", decomposition="c.json", instructions="i.html"
     )
 
 

@@ -57,8 +57,8 @@ def test_moved_job_keeps_its_place_and_the_others_keep_their_order(priorities, m
         assert list_job_numbers(books) == [*other_numbers[:index], number, *other_numbers[index:]]
     later_event = ev.JobSubmitted(at_s=2.0, job=make_job(len(priorities) + 1))
     last_order = list_job_numbers(apply_events(books, later_event)[0])
-    same_numbers = [n for n in last_order if books.jobs.get(n, later_event.job).priority == 0]
-    assert same_numbers[-1] == len(priorities) + 1  # behind all jobs of its priority
+    default_priority_numbers = [n for n in last_order if books.jobs.get(n, later_event.job).priority == 0]
+    assert default_priority_numbers[-1] == len(priorities) + 1  # behind all jobs of its priority
 
 
 def test_two_jobs_can_be_swapped_any_number_of_times():

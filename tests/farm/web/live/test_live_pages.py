@@ -175,8 +175,8 @@ def test_stream_of_an_unknown_page_or_beyond_the_limit_is_refused(tmp_path):
     with ExitStack() as open_streams:
         for _ in range(20):
             open_streams.enter_context(farm.services.page_streams.count("ann"))
-        answer = farm.browse("GET", "/live?page=/", session)
-    assert (answer.status_code, "too many streams" in answer.text) == (409, True)
+        response = farm.browse("GET", "/live?page=/", session)
+    assert (response.status_code, "too many streams" in response.text) == (409, True)
     farm.services.page_streams.close()
     response = farm.browse("GET", "/live?page=/", session)
     assert (response.status_code, "shutting down" in response.text) == (409, True)
@@ -247,8 +247,8 @@ def test_stream_continues_its_page_and_other_addresses_are_errors(tmp_path):
     for address, status in {
         "/history?days=x": 400, "/timeline?hours=1": 400, "/jobs/x": 404, "/jobs/9": 404, "/printers/x": 404,
     }.items():  # fmt: skip
-        answer = farm.browse("GET", f"/live?{urlencode({'page': address})}", session)
-        assert answer.status_code == status
+        response = farm.browse("GET", f"/live?{urlencode({'page': address})}", session)
+        assert response.status_code == status
     farm.store.close()
 
 

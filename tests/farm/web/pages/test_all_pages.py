@@ -95,12 +95,12 @@ def read_pages(farm, printers=PRINTERS, jobs=JOBS, role=Role.OPERATE):
             address = path.replace(field, str(value)) if field else path
             if "{" in address:
                 continue
-            answer = farm.browse("GET", address, farm.session)
+            response = farm.browse("GET", address, farm.session)
             expected_status = 404 if path in FILE_PAGES else 200
             expected_status = expected_status if role.allows(ROLES["GET", path]) else 403
-            assert answer.status_code == expected_status, (address, answer.text[-300:])
-            if answer.headers["content-type"].startswith("text/html"):
-                pages[address] = answer.text
+            assert response.status_code == expected_status, (address, response.text[-300:])
+            if response.headers["content-type"].startswith("text/html"):
+                pages[address] = response.text
     return pages
 
 
@@ -173,7 +173,7 @@ def farm(tmp_path_factory):
     farm.store.close()
 
 
-def test_every_state_hold_and_fault_has_a_page(farm):
+def test_pages_show_every_state_and_the_last_faults(farm):
     fill_farm(farm)
     pages = read_pages(farm)
     assert {f"/printers/{name}" for name in PRINTERS} <= pages.keys()
@@ -246,7 +246,7 @@ def render_other_pages(farm, text, name):
     choices = replace(choices, materials=[text], colours=[name], beds_mm=[(text, 1.0, 2.0, 3.0)])
     fields = dict.fromkeys(DEFAULTS, text)
     lines = [WireLine(at_s=0.0, sent=True, text=text)]
-    requests = [
+    responses = [
         farm.browse("GET", path, farm.session, params=query)
         for path, query in (
             ("/timeline", {"job": "1", "at": text[:40]}),
@@ -260,7 +260,7 @@ def render_other_pages(farm, text, name):
         render_wire(name, lines, fleet, reader),
         render_wire(name, [], fleet, reader, problem=text),
         render_submit_page(choices, text, fleet, reader, note, fields),
-        *(answer.text for answer in requests),
+        *(response.text for response in responses),
     ]
 
 
@@ -275,7 +275,7 @@ def test_hostile_text_changes_no_element_of_answers_to_forms(farm, text, name):
         assert set(Structure(page).elements) <= known_elements
 
 
-def test_templates_have_no_conflict_marks():
+def test_templates_have_no_conflict_markers():
     folders = [Path(rendering.__file__).parent / folder for folder in ("templates", "static", "browser")]
     texts = {path.name: path.read_text() for folder in folders for path in folder.iterdir() if path.is_file()}
     assert "printer.html" in texts

@@ -53,9 +53,9 @@ def busy_farm(farm):
 
 
 def read_page(farm, path, role=Role.OPERATE, status=200):
-    answer = farm.browse("GET", path, farm.open_session(role))
-    assert (answer.status_code, answer.headers["content-type"]) == (status, "text/html; charset=utf-8")
-    return answer.text
+    response = farm.browse("GET", path, farm.open_session(role))
+    assert (response.status_code, response.headers["content-type"]) == (status, "text/html; charset=utf-8")
+    return response.text
 
 
 @pytest.mark.parametrize("path", ["/timeline", "/history", "/printers/a"])

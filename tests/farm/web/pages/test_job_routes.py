@@ -41,12 +41,12 @@ def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
 
 def test_dry_run_is_printed_only_with_the_plan_that_was_shown(farm, ann):
     number = plan_job(farm, **DRY_RUN_OPTIONS)
-    old_plan_answer = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
-    assert (old_plan_answer.status_code, get_job_state(farm, number)) == (303, JobState.HELD)
+    old_plan_response = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
+    assert (old_plan_response.status_code, get_job_state(farm, number)) == (303, JobState.HELD)
     assert "has changed: review it again" in farm.browse("GET", f"/jobs/{number}", ann).text
     plan_data = {"plan": farm.controller.books.get_job(number).plan}
-    answer = farm.browse("POST", f"/jobs/{number}/release", ann, data=plan_data)
-    assert (answer.status_code, get_job_state(farm, number)) == (303, JobState.PRINTING)
+    response = farm.browse("POST", f"/jobs/{number}/release", ann, data=plan_data)
+    assert (response.status_code, get_job_state(farm, number)) == (303, JobState.PRINTING)
     assert not farm.controller.books.get_job(number).options.dry_run
 
 
@@ -59,8 +59,10 @@ def test_dry_run_is_kept_for_approval(farm, ann):
 
 def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the_curve(farm, ann):
     number = plan_job(farm, **DRY_RUN_OPTIONS, copies=2)
-    answer = farm.browse("POST", f"/jobs/{number}/replan", ann, data={"printers": "2", "curve": str(number)})
-    assert answer.headers["location"] == f"/jobs/{number + 1}?curve={number}"
+    response = farm.browse(
+        "POST", f"/jobs/{number}/replan", ann, data={"printers": "2", "curve": str(number)}
+    )
+    assert response.headers["location"] == f"/jobs/{number + 1}?curve={number}"
     assert get_job_state(farm, number) is JobState.CANCELLED
     new_job = farm.controller.books.get_job(number + 1)
     assert (new_job.model_file, new_job.options.printers, new_job.options.copies) == ("m.npz", 2, 2)
@@ -89,11 +91,11 @@ def test_report_that_could_not_be_read_is_read_again(farm, ann):
 def test_documents_run_no_script(farm, ann):
     number = plan_job(farm)
     for name in ("instructions", "report"):
-        answer = farm.browse("GET", f"/jobs/{number}/{name}", ann)
-        assert answer.status_code == 200
-        assert answer.headers["content-type"].startswith("text/html")
-        assert answer.headers["content-security-policy"].startswith("sandbox; default-src 'none'")
-    assert "Job 1: m.stl" in answer.text
+        response = farm.browse("GET", f"/jobs/{number}/{name}", ann)
+        assert response.status_code == 200
+        assert response.headers["content-type"].startswith("text/html")
+        assert response.headers["content-security-policy"].startswith("sandbox; default-src 'none'")
+    assert "Job 1: m.stl" in response.text
     page = farm.browse("GET", f"/jobs/{number}", ann).text
     picture = re.search(r'<img src="([^"]+)"', page)[1]
     assert farm.browse("GET", picture, ann).headers["content-type"] == "image/png"
@@ -104,9 +106,9 @@ def test_documents_run_no_script(farm, ann):
     [("/jobs/9", 404), ("/jobs/x", 400), ("/jobs/9/instructions", 404), ("/jobs/9/report", 404)],
 )
 def test_error_for_an_unknown_job_is_a_page(farm, ann, path, status):
-    answer = farm.browse("GET", path, ann)
-    assert answer.status_code == status
-    assert answer.headers["content-type"].startswith("text/html")
+    response = farm.browse("GET", path, ann)
+    assert response.status_code == status
+    assert response.headers["content-type"].startswith("text/html")
 
 
 def test_job_without_a_plan_or_files_has_a_page(farm, ann):
@@ -124,9 +126,9 @@ def test_stream_of_an_unknown_job_is_refused(farm, ann, number):
 def test_parts_are_downloaded_as_one_archive(farm, ann):
     number = plan_job(farm)
     (farm.state.files / "p.stl").write_bytes(b"solid" * 9)
-    answer = farm.browse("GET", f"/jobs/{number}/parts.zip", ann)
-    assert answer.headers["content-disposition"] == f'attachment; filename="job-{number}-parts.zip"'
-    with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+    response = farm.browse("GET", f"/jobs/{number}/parts.zip", ann)
+    assert response.headers["content-disposition"] == f'attachment; filename="job-{number}-parts.zip"'
+    with zipfile.ZipFile(io.BytesIO(response.content)) as archive:
         assert archive.testzip() is None
         assert {name: archive.read(name) for name in archive.namelist()} == {
             "p01.stl": b"solid" * 9,
@@ -136,8 +138,8 @@ def test_parts_are_downloaded_as_one_archive(farm, ann):
 
 def test_archive_without_a_file_is_an_error(farm, ann):
     number = plan_job(farm)
-    answer = farm.browse("GET", f"/jobs/{number}/parts.zip", ann)
-    assert (answer.status_code, "has no file" in answer.text) == (404, True)
+    response = farm.browse("GET", f"/jobs/{number}/parts.zip", ann)
+    assert (response.status_code, "has no file" in response.text) == (404, True)
     assert farm.browse("GET", "/jobs/9/parts.zip", ann).status_code == 404
 
 

@@ -19,9 +19,9 @@ REQUEST_PATH = "/plugin/appkeys/request"
 def test_program_gets_granted_key_once(tmp_path, prefix):
     farm = SlicerFarm(tmp_path)
     assert farm.ask("GET", f"{prefix}/plugin/appkeys/probe").status_code == 204
-    answer = farm.ask("POST", prefix + REQUEST_PATH, json={"app": "Cura <b>5.9</b>"})
-    location = answer.headers["location"].removeprefix(f"http://{HOST}")
-    assert (answer.status_code, location) == (201, f"{prefix}{REQUEST_PATH}/{answer.json()['app_token']}")
+    response = farm.ask("POST", prefix + REQUEST_PATH, json={"app": "Cura <b>5.9</b>"})
+    location = response.headers["location"].removeprefix(f"http://{HOST}")
+    assert (response.status_code, location) == (201, f"{prefix}{REQUEST_PATH}/{response.json()['app_token']}")
     assert farm.ask("GET", location).status_code == 202
     (request,) = farm.ask_socket("GET", "/keys").json()["requests"]
     assert (request["app"], request["address"]) == ("Cura b 5.9 b", "10.0.0.9")
@@ -37,9 +37,9 @@ def test_program_gets_granted_key_once(tmp_path, prefix):
 
 
 def test_any_path_of_a_request_has_a_location(tmp_path):
-    answer = SlicerFarm(tmp_path).ask("POST", "/to/%E2%82%AC" + REQUEST_PATH, json={"app": "Cura"})
-    assert answer.status_code == 201
-    assert answer.headers["location"].startswith(f"http://{HOST}/to/%E2%82%AC{REQUEST_PATH}/")
+    response = SlicerFarm(tmp_path).ask("POST", "/to/%E2%82%AC" + REQUEST_PATH, json={"app": "Cura"})
+    assert response.status_code == 201
+    assert response.headers["location"].startswith(f"http://{HOST}/to/%E2%82%AC{REQUEST_PATH}/")
 
 
 def test_denied_program_gets_no_key(tmp_path):
@@ -48,8 +48,8 @@ def test_denied_program_gets_no_key(tmp_path):
     (request,) = farm.ask_socket("GET", "/keys").json()["requests"]
     assert farm.ask_socket("POST", f"/keys/requests/{request['code']}/deny").status_code == 200
     assert farm.ask_socket("POST", f"/keys/requests/{request['code']}/grant", json={}).status_code == 404
-    answer = farm.ask("GET", location)
-    assert (answer.status_code, answer.headers["content-type"]) == (404, "text/plain")
+    response = farm.ask("GET", location)
+    assert (response.status_code, response.headers["content-type"]) == (404, "text/plain")
     assert not farm.controller.books.keys
 
 

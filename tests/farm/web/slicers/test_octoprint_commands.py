@@ -65,8 +65,8 @@ def test_ended_job_is_not_released(farm, key):
     assert select_file(farm, key, "1/box.gcode").status_code == 204
     assert farm.ask("POST", "/api/job", key, json={"command": "cancel"}).status_code == 204
     assert farm.jobs_by_number[1].state is JobState.CANCELLED
-    answer = farm.ask("POST", "/api/job", key, json=START_COMMAND)
-    assert (answer.status_code, answer.text) == (400, "job 1 has already ended: it is cancelled")
+    response = farm.ask("POST", "/api/job", key, json=START_COMMAND)
+    assert (response.status_code, response.text) == (400, "job 1 has already ended: it is cancelled")
 
 
 def test_pause_toggles_the_selected_job(farm, key):
@@ -80,8 +80,11 @@ def test_pause_toggles_the_selected_job(farm, key):
 
 
 def test_unsupported_commands_are_refused_in_plain_text(farm, key):
-    answer_without_file = farm.ask("POST", "/api/job", key, json=START_COMMAND)
-    assert (answer_without_file.status_code, answer_without_file.text[:20]) == (400, "no file is selected,")
+    response_without_file = farm.ask("POST", "/api/job", key, json=START_COMMAND)
+    assert (response_without_file.status_code, response_without_file.text[:20]) == (
+        400,
+        "no file is selected,",
+    )
     farm.upload(key)
     select_file(farm, key, "box.gcode")
     for path, body in (
@@ -91,8 +94,8 @@ def test_unsupported_commands_are_refused_in_plain_text(farm, key):
         (f"{UPLOAD_PATH}/box.gcode", {"command": "slice"}),
         ("/api/connection", {"command": "disconnect"}),
     ):
-        answer = farm.ask("POST", path, key, json=body)
-        assert (answer.status_code, answer.headers["content-type"]) == (400, "text/plain"), body
+        response = farm.ask("POST", path, key, json=body)
+        assert (response.status_code, response.headers["content-type"]) == (400, "text/plain"), body
     assert farm.ask("POST", "/api/connection", key, json={"command": "connect"}).status_code == 204
 
 
@@ -106,28 +109,28 @@ def test_files_are_the_open_jobs_of_the_address(farm, key):
     assert names == {"": ["a.gcode", "b.stl"], "/to/a": ["a.gcode"], "/to/b": ["a.gcode", "b.stl"]}
     file = farm.ask("GET", f"/to/b{UPLOAD_PATH}/2/b.stl", key).json()
     assert (file["type"], file["refs"]["resource"]) == ("model", f"http://{HOST}/to/b{UPLOAD_PATH}/2/b.stl")
-    missing_answer = farm.ask("GET", f"{UPLOAD_PATH}/c.gcode", key)
-    assert (missing_answer.status_code, missing_answer.headers["content-type"]) == (404, "text/plain")
+    missing_response = farm.ask("GET", f"{UPLOAD_PATH}/c.gcode", key)
+    assert (missing_response.status_code, missing_response.headers["content-type"]) == (404, "text/plain")
 
 
 def test_requests_of_cura_are_answered_at_both_addresses(farm):
     key = farm.add_key(Role.LOOK, "laptop")
     farm.report_ready("b", nozzle_c=24.5, bed_c=23.0)
     for prefix, name in (("", farm.controller.fleet.fleet.name), ("/to/b", "b")):
-        answers = {
+        responses = {
             path: farm.ask("GET", f"{prefix}/api/{path}", key).json()
             for path in ("version", "server", "settings", "printer", "printerprofiles", "job", "connection")
         }
-        assert answers["settings"]["feature"]["sdSupport"] is False
-        assert answers["printerprofiles"]["profiles"]["_default"]["name"] == name
-        assert answers["job"]["state"] == "Operational"
-        heaters = answers["printer"]["temperature"]
+        assert responses["settings"]["feature"]["sdSupport"] is False
+        assert responses["printerprofiles"]["profiles"]["_default"]["name"] == name
+        assert responses["job"]["state"] == "Operational"
+        heaters = responses["printer"]["temperature"]
         assert heaters == {} if not prefix else heaters["tool0"]["actual"] == 24.5
         user = farm.ask("POST", f"{prefix}/api/login", key, json={"passive": True}).json()
         assert (user["name"], user["admin"]) == ("key laptop", False)
         assert farm.ask("GET", f"{prefix}/api/currentuser", key).json()["name"] == "key laptop"
-        answer_to_unknown = farm.ask("GET", "/to/nobody/api/printer", key)
-        assert (answer_to_unknown.status_code, answer_to_unknown.headers["content-type"]) == (
+        response_to_unknown = farm.ask("GET", "/to/nobody/api/printer", key)
+        assert (response_to_unknown.status_code, response_to_unknown.headers["content-type"]) == (
             404,
             "text/plain",
         )

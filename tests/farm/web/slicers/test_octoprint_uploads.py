@@ -14,35 +14,38 @@ def make_slicer_farm(tmp_path):
 
 def test_version_is_one_that_slicers_accept(make_slicer_farm):
     farm = make_slicer_farm()
-    answer = farm.ask("GET", "/api/version", farm.add_key(Role.LOOK))
-    assert answer.status_code == 200
-    assert answer.json()["api"] == "0.1"
-    assert answer.json()["text"].startswith("OctoPrint")
+    response = farm.ask("GET", "/api/version", farm.add_key(Role.LOOK))
+    assert response.status_code == 200
+    assert response.json()["api"] == "0.1"
+    assert response.json()["text"].startswith("OctoPrint")
 
 
 def test_plain_upload_is_held_and_upload_with_print_is_submitted(make_slicer_farm):
     farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
-    held_answer, printed_answer = farm.upload(key, print="false"), farm.upload(key, print="true")
-    assert [answer.status_code for answer in (held_answer, printed_answer)] == [201, 201]
+    held_response, printed_response = farm.upload(key, print="false"), farm.upload(key, print="true")
+    assert [response.status_code for response in (held_response, printed_response)] == [201, 201]
     assert [farm.jobs_by_number[n].options.hold for n in (1, 2)] == [True, False]
-    assert [answer.json()["effectivePrint"] for answer in (held_answer, printed_answer)] == [False, True]
+    assert [response.json()["effectivePrint"] for response in (held_response, printed_response)] == [
+        False,
+        True,
+    ]
     assert farm.jobs_by_number[1].submitted_by == "key print"
     assert farm.jobs_by_number[1].name == "box.gcode"
     assert farm.unfinished_uploads == []
 
 
-def test_answer_is_that_of_octoprint_with_a_location(make_slicer_farm):
+def test_response_is_that_of_octoprint_with_a_location(make_slicer_farm):
     farm = make_slicer_farm()
-    answer = farm.upload(farm.add_key(Role.PRINT), "größe 1.gcode", print="true")
-    assert answer.headers["location"] == f"http://{HOST}{UPLOAD_PATH}/1/gr%C3%B6%C3%9Fe%201.gcode"
-    assert answer.json() == {
+    response = farm.upload(farm.add_key(Role.PRINT), "größe 1.gcode", print="true")
+    assert response.headers["location"] == f"http://{HOST}{UPLOAD_PATH}/1/gr%C3%B6%C3%9Fe%201.gcode"
+    assert response.json() == {
         "files": {
             "local": {
                 "name": "größe 1.gcode",
                 "path": "1/größe 1.gcode",
                 "origin": "local",
-                "refs": {"resource": answer.headers["location"]},
+                "refs": {"resource": response.headers["location"]},
             }
         },
         "done": True,
@@ -66,11 +69,11 @@ def test_models_are_accepted_as_well(make_slicer_farm, name):
 def test_upload_to_the_address_of_a_printer_requests_that_printer(make_slicer_farm):
     farm = make_slicer_farm()
     key = farm.add_key(Role.PRINT)
-    answer = farm.upload(key, url_path="/to/b" + UPLOAD_PATH, print="true")
+    response = farm.upload(key, url_path="/to/b" + UPLOAD_PATH, print="true")
     assert farm.jobs_by_number[1].options.only == ("b",)
-    assert answer.headers["location"] == f"http://{HOST}/to/b{UPLOAD_PATH}/1/box.gcode"
-    answer_to_unknown = farm.upload(key, url_path="/to/c" + UPLOAD_PATH)
-    assert (answer_to_unknown.status_code, answer_to_unknown.text) == (
+    assert response.headers["location"] == f"http://{HOST}/to/b{UPLOAD_PATH}/1/box.gcode"
+    response_to_unknown = farm.upload(key, url_path="/to/c" + UPLOAD_PATH)
+    assert (response_to_unknown.status_code, response_to_unknown.text) == (
         404,
         "there is no printer c; the fleet has a, b",
     )
@@ -79,20 +82,20 @@ def test_upload_to_the_address_of_a_printer_requests_that_printer(make_slicer_fa
 
 def test_refusal_is_plain_text_with_line_and_reason_in_front(make_slicer_farm):
     farm = make_slicer_farm(workers=RefusingWorkers())
-    answer = farm.upload(farm.add_key(Role.PRINT), "n" * 200 + ".gcode")
-    assert answer.status_code == 400
-    assert answer.headers["content-type"] == "text/plain"
-    assert answer.text == "line 12: G29 probes the bed, which this printer cannot"
+    response = farm.upload(farm.add_key(Role.PRINT), "n" * 200 + ".gcode")
+    assert response.status_code == 400
+    assert response.headers["content-type"] == "text/plain"
+    assert response.text == "line 12: G29 probes the bed, which this printer cannot"
     assert (farm.jobs_by_number, farm.unfinished_uploads) == ({}, [])
 
 
 def test_folder_of_an_upload_is_shown_and_not_interpreted(make_slicer_farm):
     farm = make_slicer_farm()
     fields = {"path": "/../etc/", "print": "true"}
-    answer = farm.ask(
+    response = farm.ask(
         "POST", UPLOAD_PATH, farm.add_key(Role.PRINT), files={"file": ("a.gcode", b"G28")}, data=fields
     )
-    assert answer.status_code == 201
+    assert response.status_code == 201
     assert farm.jobs_by_number[1].options.note == "../etc"
 
 
@@ -112,8 +115,8 @@ def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(make_slicer_farm):
     key = farm.add_key(Role.PRINT)
     event_count = len(farm.store.read_all_events())
     for end in range(len(FORM)):
-        answer = farm.send(UPLOAD_PATH, key, [FORM[:end], None], make_headers(len(FORM)))
-        assert answer.status == 400, answer
+        response = farm.send(UPLOAD_PATH, key, [FORM[:end], None], make_headers(len(FORM)))
+        assert response.status == 400, response
     assert (farm.jobs_by_number, farm.unfinished_uploads, len(farm.store.read_all_events())) == (
         {},
         [],
@@ -123,15 +126,15 @@ def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(make_slicer_farm):
     assert farm.jobs_by_number[1].name == "a.gcode"
 
 
-def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(make_slicer_farm):
+def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_response(make_slicer_farm):
     farm = make_slicer_farm()
     chunks = [b"--x", *[b"x"] * 5]
     assert farm.send(UPLOAD_PATH, farm.add_key(Role.PRINT), chunks, make_headers(8)).unread == 0
-    large_answer = farm.send(
+    large_response = farm.send(
         UPLOAD_PATH, farm.add_key(Role.PRINT, "b"), [b"--x"] * 5, make_headers(3 * 10**9)
     )
-    assert (large_answer.status, large_answer.unread) == (400, 5)
-    assert "fleet.uploads.model_gb" in large_answer.text
+    assert (large_response.status, large_response.unread) == (400, 5)
+    assert "fleet.uploads.model_gb" in large_response.text
     waiting_headers = {**make_headers(8), "expect": "100-continue"}
     assert (
         farm.send(
@@ -145,8 +148,8 @@ def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(ma
 
 
 def test_length_of_an_upload_must_be_announced(make_slicer_farm):
-    answer = send_form(make_slicer_farm(), {**FORM_HEADERS})
-    assert (answer.status, answer.text[:31]) == (411, "the request has no Content-Leng")
+    response = send_form(make_slicer_farm(), {**FORM_HEADERS})
+    assert (response.status, response.text[:31]) == (411, "the request has no Content-Leng")
 
 
 def send_form(farm, headers):
@@ -163,14 +166,14 @@ def test_upload_longer_than_announced_leaves_no_job_and_no_file(make_slicer_farm
 
 def test_empty_file_is_refused(make_slicer_farm):
     farm = make_slicer_farm()
-    answer = farm.upload(farm.add_key(Role.PRINT), content=b"")
-    assert (answer.status_code, answer.text) == (400, "the file is empty")
+    response = farm.upload(farm.add_key(Role.PRINT), content=b"")
+    assert (response.status_code, response.text) == (400, "the file is empty")
 
 
 def test_refusals_of_the_guard_are_plain_text_too(make_slicer_farm):
     farm = make_slicer_farm()
     for path in ("/api/version", "/to/a/api/version", "/api/nothing"):
-        answer = farm.ask("GET", path)
-        assert (answer.status_code, answer.headers["content-type"]) == (401, "text/plain"), path
-        assert answer.text.startswith("this needs a key")
+        response = farm.ask("GET", path)
+        assert (response.status_code, response.headers["content-type"]) == (401, "text/plain"), path
+        assert response.text.startswith("this needs a key")
     assert farm.ask("GET", "/api/v1/status").headers["content-type"] == "application/json"
