@@ -7,7 +7,14 @@ remaining walls are printed faster.
 from __future__ import annotations
 
 from slicing.hidden_walls.fast_walls import speed_up_hidden_walls
-from slicing.hidden_walls.inner_walls import remove_inner_walls
+from slicing.hidden_walls.inner_walls import remove_inner_walls, removes_inner_walls
 from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, RUN_OUT_MM, HiddenSide
 
-__all__ = ["MAX_NOTCH_DEPTH_MM", "RUN_OUT_MM", "HiddenSide", "remove_inner_walls", "speed_up_hidden_walls"]
+__all__ = [
+    "MAX_NOTCH_DEPTH_MM",
+    "RUN_OUT_MM",
+    "HiddenSide",
+    "remove_inner_walls",
+    "removes_inner_walls",
+    "speed_up_hidden_walls",
+]

@@ -5,7 +5,6 @@ CuraEngine has one speed for outer walls and one for inner walls.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,6 +12,7 @@ import numpy as np
 
 from slicing.checks import MotionLimits, Toolpath
 from slicing.checks.section import Floats
+from slicing.hidden_walls.rewriting import MOVE_LINE
 from slicing.hidden_walls.sides import (
     RUN_OUT_MM,
     HiddenSide,
@@ -30,7 +30,6 @@ MIN_LINE_MM = 2.0 * RUN_OUT_MM  # shorter lines keep their speed
 _LAYER_TIME_RATIO = 1.5
 """Minimum ratio of a layer's time to the minimum layer time at which its walls are made faster. With a ratio
 of speeds up to this one, the layer stays above the minimum."""
-_MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")
 
 
 def speed_up_hidden_walls(
@@ -113,7 +112,7 @@ def _find_fast_share(walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall
 
 def _change_feedrates(gcode: bytes, path: Toolpath, fast_moves: FastMoves) -> bytes:
     """Write the feedrates of fast moves into their lines; a move that is fast in part becomes two lines."""
-    lines = [match.span() for match in _MOVE_LINE.finditer(gcode)]
+    lines = [match.span() for match in MOVE_LINE.finditer(gcode)]
     assert len(lines) == len(fast_moves.share), "CuraEngine writes each move as G0 or G1"
     follows_fast_move = np.append(False, fast_moves.share[:-1] == 1.0)  # the previous feedrate persists
     pieces, offset = [], 0

@@ -11,11 +11,20 @@ import numpy.typing as npt
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
 from slicing.hidden_walls.rewriting import Segment
-from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, RUN_OUT_MM, HiddenSide, Indices, find_level_lines
+from slicing.hidden_walls.sides import (
+    MAX_NOTCH_DEPTH_MM,
+    RUN_OUT_MM,
+    HiddenSide,
+    Indices,
+    find_level_lines,
+    list_side_runs,
+)
 
 MAX_UNSUPPORTED_MM = 15.0
 """[assumed] Maximum length of the outer wall between two points where infill reaches it. The lines of the
 sparsest infill of quality `glue` are 10 mm apart along a side that they meet at 45 degrees."""
+MAX_GAPS_MM = 3.0
+"""Maximum length of the outer wall of the next layer that does not lie on the one without an inner wall."""
 _BOUNDARY_DEPTH_MM = 0.3  # depth below the edge of the inner wall within which lines of infill end
 _TAPER_MM = 1.0  # depth below that one over which the shift of the infill decreases to zero
 _SKIN_DEPTH_MM = 2.0  # depth of the skin behind a side that needs the inner wall
@@ -45,17 +54,32 @@ class _Band:
         limits_mm = (stretch.low_mm - margin_mm, stretch.high_mm + margin_mm)
         return positions_mm[slice(*np.searchsorted(positions_mm, limits_mm))]
 
+    def measure_gaps_mm(self, stretch: Stretch, layer: int) -> float:
+        """Measure the length of a stretch that is not beside any line of a layer, by pairs of ends."""
+        rows = slice(*np.searchsorted(self.layers, (layer, layer + 1)))
+        ends_mm = np.sort(self.positions_mm[rows].reshape(-1, 2), axis=1)
+        ends_mm = np.clip(ends_mm[ends_mm[:, 0].argsort()], stretch.low_mm, stretch.high_mm)
+        reached_mm = np.maximum.accumulate(np.append(stretch.low_mm, ends_mm[:, 1]))
+        gaps_mm = np.append(ends_mm[:, 0], stretch.high_mm) - reached_mm
+        return float(np.maximum(gaps_mm, 0.0).sum())
+
 
 @dataclass(frozen=True, slots=True)
 class Backing:
-    """Ends of lines of infill and skin near each side."""
+    """Ends of lines of infill, of skin and of the outer wall near each side; those of a line are adjacent."""
 
     infill: list[_Band]
     skin: list[_Band]
+    outer_wall: list[_Band]
 
     @classmethod
     def from_path(
-        cls, path: Toolpath, points_mm: tuple[Floats, Floats], sides: Sequence[HiddenSide], fill_mm: float
+        cls,
+        path: Toolpath,
+        points_mm: tuple[Floats, Floats],
+        sides: Sequence[HiddenSide],
+        outer_mm: float,
+        fill_mm: float,
     ) -> Backing:
         """Find the ends of lines beside the inner wall.
 
@@ -67,34 +91,57 @@ class Backing:
             (n, 2) bed-centred starts and ends of the moves.
         sides
             Hidden sides of the part.
-        fill_mm
-            Depth of the inner edge of the inner wall behind a side.
+        outer_mm, fill_mm
+            Depths behind a side of the middle of the outer wall, and of the inner edge of the inner wall.
         """
         is_line = find_level_lines(path)
 
         def list_bands(feature: str, low_mm: float, high_mm: float) -> list[_Band]:
             moves = np.flatnonzero(is_line & path.is_feature(feature))
-            layers = np.concatenate((path.layer[moves], path.layer[moves]))
-            order = np.argsort(layers, kind="stable")
-            points = np.concatenate([points[moves] for points in points_mm])[order]
+            layers = np.repeat(path.layer[moves], 2)
+            points = np.stack([points[moves] for points in points_mm], axis=1).reshape(-1, 2)
             bands = []
             for side in sides:
                 depths_mm = side.measure_depths_mm(points)
                 is_near = (depths_mm > low_mm) & (depths_mm < high_mm)
-                positions_mm = side.measure_positions_mm(points[is_near])
-                bands.append(_Band(layers[order][is_near], positions_mm))
+                bands.append(_Band(layers[is_near], side.measure_positions_mm(points[is_near])))
             return bands
 
-        infill = list_bands("FILL", fill_mm, fill_mm + MAX_NOTCH_DEPTH_MM + _BOUNDARY_DEPTH_MM)
-        return cls(infill, list_bands("SKIN", 0.0, _SKIN_DEPTH_MM))
+        walls = np.flatnonzero(is_line & path.is_feature("WALL-OUTER"))
+        return cls(
+            infill=list_bands("FILL", fill_mm, fill_mm + MAX_NOTCH_DEPTH_MM + _BOUNDARY_DEPTH_MM),
+            skin=list_bands("SKIN", 0.0, _SKIN_DEPTH_MM),
+            outer_wall=[_find_outer_wall(path, points_mm, walls, side, outer_mm) for side in sides],
+        )
 
     def supports(self, stretch: Stretch) -> bool:
-        """Check that infill reaches the outer wall along a stretch, and that no skin needs the inner wall."""
+        """Check whether the outer wall along a stretch needs no inner wall, in its layer or in the next.
+
+        Infill has to reach it, no skin may be beside it, and the next layer's outer wall has to lie on it.
+        """
         if len(self.skin[stretch.side].find(stretch, RUN_OUT_MM)) > 0:
             return False
         positions_mm = self.infill[stretch.side].find(stretch)
         gaps_mm = np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm)
-        return float(gaps_mm.max()) <= MAX_UNSUPPORTED_MM
+        is_long = stretch.high_mm - stretch.low_mm > RUN_OUT_MM
+        if (is_long and len(positions_mm) == 0) or float(gaps_mm.max()) > MAX_UNSUPPORTED_MM:
+            return False
+        return self.outer_wall[stretch.side].measure_gaps_mm(stretch, stretch.layer + 1) <= MAX_GAPS_MM
+
+
+def _find_outer_wall(
+    path: Toolpath, points_mm: tuple[Floats, Floats], walls: Indices, side: HiddenSide, wall_mm: float
+) -> _Band:
+    """Find the ends of the runs of the outer wall, with moves (k,), along a side."""
+    starts_mm, ends_mm = (points[walls] for points in points_mm)
+    lengths_mm = np.hypot(*(ends_mm - starts_mm).T)
+    depths_mm = np.stack([side.measure_depths_mm(points) for points in (starts_mm, ends_mm)])
+    layers, positions_mm = [], []
+    for run in list_side_runs(walls, lengths_mm, depths_mm, wall_mm):
+        layers += 2 * [path.layer[walls[run[0]]]]
+        positions_mm += [starts_mm[run[0]], ends_mm[run[-1]]]
+    positions = side.measure_positions_mm(np.array(positions_mm).reshape(-1, 2))
+    return _Band(np.array(layers, np.int32), positions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +208,9 @@ def _find_infill_ends(path: Toolpath) -> tuple[npt.NDArray[np.bool_], Indices]:
     is_fill = is_line & path.is_feature("FILL")
     is_other = is_line & ~is_fill
     is_end = is_fill | np.append(is_fill[1:], False)
-    is_end &= ~is_other & ~np.append(is_other[1:], False) & (path.end[:, 2] == path.start[:, 2])
+    is_end &= (
+        path.is_move & ~is_other & ~np.append(is_other[1:], False) & (path.end[:, 2] == path.start[:, 2])
+    )
     return is_fill, np.flatnonzero(is_end)
 
 

@@ -49,10 +49,23 @@ class _Removal:
     stretches: list[Stretch]
 
 
+def removes_inner_walls(settings: EngineSettings) -> bool:
+    """Check whether inner walls along hidden sides are removed with these settings.
+
+    The head travels along removed lines without a retraction, so CuraEngine has to do without one as well: it
+    combs over any distance, or never retracts.
+    """
+    values = {**settings.global_, **settings.extruder}
+    is_combing_limited = float(values["retraction_combing_max_distance"]) > 0.0
+    retracts = values["retraction_enable"] == "True"
+    retracts &= values["retraction_combing"] == "off" or is_combing_limited
+    return settings.has_single_hidden_walls and len(list_wall_lines(settings)) == 2 and not retracts
+
+
 def remove_inner_walls(
     gcode: bytes, path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings
 ) -> bytes:
-    """Remove the inner wall along hidden sides, if `EngineSettings.has_single_hidden_walls`.
+    """Remove the inner wall along hidden sides, if `removes_inner_walls`.
 
     A layer keeps its inner wall beside skin, where no infill supports the outer wall, and within `RUN_OUT_MM`
     of a wall that stays.
@@ -73,13 +86,14 @@ def remove_inner_walls(
     bytes
         G-code in which the head skips the removed lines or travels along them.
     """
-    walls = list_wall_lines(settings)
-    if not settings.has_single_hidden_walls or len(walls) != 2:
+    if not removes_inner_walls(settings):
         return gcode
+    walls = list_wall_lines(settings)
     points_mm = find_bed_points(path, settings)
     spacing_mm = walls[1].depth_mm - walls[0].depth_mm
     fill_mm = walls[1].depth_mm + settings.line_width_mm / 2.0  # minimum depth of the infill's lines
-    removal = _find_removal(path, points_mm, sides, settings, walls[1].depth_mm, fill_mm)
+    backing = Backing.from_path(path, points_mm, sides, walls[0].depth_mm, fill_mm)
+    removal = _find_removal(path, points_mm, sides, settings, walls[1].depth_mm, backing)
     if not removal.stretches:
         return gcode
     travel_mm_min = 60.0 * settings.speed_travel_mm_s
@@ -96,7 +110,7 @@ def _find_removal(
     sides: Sequence[HiddenSide],
     settings: EngineSettings,
     wall_mm: float,
-    fill_mm: float,
+    backing: Backing,
 ) -> _Removal:
     """Find the moves of inner walls at the depth `wall_mm` that are removed."""
     count = len(path.layer)
@@ -108,7 +122,6 @@ def _find_removal(
         return removal
     loops = _list_loops(path, walls, points_mm)
     side_numbers = _find_sides(loops, points_mm, sides, wall_mm)
-    backing = Backing.from_path(path, points_mm, sides, fill_mm)
     for loop in loops:
         for moves in _list_loop_runs(loop, side_numbers[loop.moves] >= 0):
             starts_mm, deltas_mm = points_mm[0][moves], points_mm[1][moves] - points_mm[0][moves]

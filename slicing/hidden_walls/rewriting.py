@@ -41,6 +41,7 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
     """
     lines = [match.span() for match in MOVE_LINE.finditer(gcode)]
     assert len(lines) == len(path.layer), "CuraEngine writes each move as G0 or G1"
+    assert _is_replaceable(path)[list(segments)].all(), "moves of the feeder and of Z are not replaced"
     resets = {command.move for command in path.commands if command.code == "G92" and "E" in command.words}
     is_relative = _find_relative_moves(path)
     extruded_mm = path.extruded_mm
@@ -76,6 +77,12 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
             pieces += [gcode[offset:line_start], new_line]
             offset = next_line_start
     return b"".join((*pieces, gcode[offset:]))
+
+
+def _is_replaceable(path: Toolpath) -> Bools:
+    """Mark the moves (n,) of the head on one level, without a retraction."""
+    is_level = path.is_move & (path.end[:, 2] == path.start[:, 2])
+    return np.asarray(is_level & (path.extruded_mm >= 0.0))
 
 
 def _find_relative_moves(path: Toolpath) -> Bools:

@@ -12,6 +12,7 @@ from farm.config import PrinterSection
 from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Shares, TimeFactors
 from farm.planning.plate_times import compute_prelude_seconds
 from farm.planning.printer_settings import find_usable_volumes, list_model_sizes, resolve_printer_settings
+from slicing.hidden_walls import removes_inner_walls
 from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
 
 
@@ -156,7 +157,7 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
 
 def _find_hidden_inner_wall_mm_s(settings: EngineSettings) -> float:
     """Return the speed at which the head moves where the inner wall of a hidden side is, or would be."""
-    if settings.has_single_hidden_walls and settings.wall_count == 2:
+    if removes_inner_walls(settings):
         return settings.speed_travel_mm_s
     return settings.limit_hidden_wall_mm_s(settings.speed_wall_x_mm_s)
 

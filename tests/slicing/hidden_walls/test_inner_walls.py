@@ -207,6 +207,8 @@ def test_inner_wall_stays_around_a_hole_but_not_around_a_mark(slice_walls, depth
         {"wall_thickness": 0.7},
         {"infill_sparse_density": 0.0},
         {"cool_min_layer_time": 30.0},
+        {"retraction_combing": "off"},
+        {"retraction_combing_max_distance": 30.0},
     ],
 )
 def test_inner_walls_stay_if_the_user_or_the_print_needs_them(slice_walls, make_settings, overrides):
@@ -233,3 +235,40 @@ def test_cache_distinguishes_single_walls(slice_walls, make_settings, tmp_path):
     ]
     assert [result.cached for result in results] == [False, False, True]
     assert results[0].sha256 != results[1].sha256 == results[2].sha256
+
+
+def list_layers_with_changed_walls(slice_walls, mesh, side):
+    """List the layers in which over 5 mm of inner wall are removed along a side."""
+    lengths_mm = []
+    for sides in ((), (side,)):
+        lines_mm, layers = list_lines(slice_walls(*sides, mesh=mesh)[1], "WALL-INNER")
+        lengths_mm.append(np.bincount(layers, np.linalg.norm(lines_mm[:, 1] - lines_mm[:, 0], axis=1), 99))
+    return np.flatnonzero(lengths_mm[0] - lengths_mm[1] > 5.0).tolist()
+
+
+def make_box(low_mm, high_mm):
+    return trimesh.creation.box(bounds=(low_mm, high_mm))
+
+
+def test_inner_wall_stays_where_no_infill_is_beside_it(slice_walls):
+    """Check the end of a hollow tab, whose wall of 1.4 mm has room for the two walls of each side alone."""
+    tab = make_box((20.0, -12.0, 0.0), (30.0, 12.0, 8.0)).difference(
+        make_box((18.0, -10.6, -1.0), (28.6, 10.6, 9.0))
+    )
+    plate = make_box((-30.0, -25.0, 0.0), (21.0, 25.0, 8.0)).union(tab)
+    assert list_layers_with_changed_walls(slice_walls, plate, RIGHT) == []
+
+
+@pytest.mark.parametrize("step_mm", [0.0, 0.25, 0.5])
+def test_inner_wall_stays_below_a_wall_that_lies_on_it(slice_walls, step_mm):
+    """Check a side whose upper half is a little further back than the lower one."""
+    block = make_box((-30.0, -25.0, 0.0), (30.0, 25.0, 4.0)).union(
+        make_box((-30.0, -25.0, 3.0), (30.0 - step_mm, 25.0, 10.0))
+    )
+    removed_layers = list_layers_with_changed_walls(slice_walls, block, RIGHT)
+    lines_mm, layers = list_lines(slice_walls(mesh=block)[1], "WALL-OUTER")
+    is_lower = np.abs(30.0 - lines_mm[:, :, 0] - OUTER_LINE_DEPTH_MM).max(axis=1) < 0.02
+    last_layer = layers[is_lower].max() if step_mm else 19
+    assert {8, 12, last_layer - 1} < set(removed_layers)
+    assert (last_layer in removed_layers) == (step_mm == 0.0)
+    assert (max(removed_layers) > last_layer) == (step_mm == 0.0)
