@@ -109,8 +109,8 @@ CUTS: dict[str, Cut] = {
 }
 
 
-class ZeroStopwatch:
-    """Stopwatch that always reads 0, because acceptance does not depend on it."""
+class ZeroTimeEstimator:
+    """Estimator that always returns 0, because acceptance does not depend on it."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
         """Ignore a move."""
@@ -201,7 +201,7 @@ def split_layers(gcode: bytes) -> tuple[bytes, list[bytes], bytes]:
 def find_refusal(gcode: bytes, target: PrintTarget) -> str | None:
     """Read a file; return the reason for its refusal, or None if it is accepted."""
     try:
-        accept_gcode(gcode.splitlines(keepends=True), target, stopwatch=ZeroStopwatch())
+        accept_gcode(gcode.splitlines(keepends=True), target, time_estimator=ZeroTimeEstimator())
     except GcodeRefused as refused:
         return str(refused)
     return None

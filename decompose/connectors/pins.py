@@ -46,7 +46,7 @@ NO_SQUARE_FACE_REASON = "no glued face is perpendicular to the direction in whic
 
 
 def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
-    """Choose the depths of the deep and the shallow hole for a pin, in half millimetres.
+    """Choose the depths in mm of the deep and the shallow hole for a pin, rounded to 0.5 mm.
 
     The print time of a hole grows with its depth. Pins only align the faces; the glue holds them.
     """
@@ -89,21 +89,21 @@ def place_pins(
         Steps without a pin, each with the reason.
     """
     pins: list[Pin] = []
-    unpinned: list[tuple[int, str]] = []
+    unpinned_steps: list[tuple[int, str]] = []
     if options.pin_mm is None:
-        return pins, unpinned
+        return pins, unpinned_steps
     for number, step in enumerate(assembly.steps):
         held_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
         pairs = [pair for j in held_joints for pair in find_sides(workpieces.blanks, j, joints[j])]
         sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, sliding=True)
         glue_mm = sample_glue([side for side, _ in pairs])
         placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
-        placed = placer.place_connectors([*options.used_distances_mm, *_measure_pair_distances_mm(pins)])
-        pins += placed
-        if not placed:
+        new_pins = placer.place_connectors([*options.used_distances_mm, *_measure_pair_distances_mm(pins)])
+        pins += new_pins
+        if not new_pins:
             reason = "too small for a pin" if sites else NO_SQUARE_FACE_REASON
-            unpinned.append((number, reason))
-    return pins, unpinned
+            unpinned_steps.append((number, reason))
+    return pins, unpinned_steps
 
 
 def _measure_pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
@@ -128,8 +128,8 @@ def _find_sites(
     sites = []
     for one, other in pairs:
         moved, fixed = (one, other) if one.part in step.moved_parts else (other, one)
-        along = float(moved.inward_normal @ step.direction)
-        if abs(along) < SLIDING_SIN if sliding else along > MIN_ALIGNED_COS:
+        alignment_cos = float(moved.inward_normal @ step.direction)
+        if abs(alignment_cos) < SLIDING_SIN if sliding else alignment_cos > MIN_ALIGNED_COS:
             sites.append(Site(moved, fixed))
     return sites
 
@@ -167,7 +167,7 @@ class _PinPlacer:
         keys, for thin walls.
         """
         pins: list[Pin] = []
-        keys, *thin_keys = [
+        key_placer, *thin_key_placers = [
             KeyPlacer(
                 KeyMaker(self.workpieces, self.number, self.step.direction, key_mm),
                 self.sites,
@@ -178,26 +178,26 @@ class _PinPlacer:
             )
             for key_mm in choose_key_diameters_mm(self.pin_mm)
         ]
-        keys.place_pair()
+        key_placer.place_pair()
         if not pins:
             pins += self._place_pair(used_distances_mm)
-        for placer in thin_keys:
+        for placer in thin_key_placers:
             if not pins:
                 placer.place_pair()
         if not pins:
             pins += self._place_single_pin()
-        for placer in (keys, *thin_keys):
+        for placer in (key_placer, *thin_key_placers):
             if len(pins) < 2:
                 placer.place_second_key()
-        keys.place_further_keys()
+        key_placer.place_further_keys()
         for _ in range(MAX_FURTHER_PINS if pins else 0):
             further_pin = self._place_further_pin(pins)
             if further_pin is None:
                 break
             pins.append(further_pin)
-        for placer in thin_keys:
+        for placer in thin_key_placers:
             placer.place_further_keys()
-        for placer in (keys, *thin_keys):
+        for placer in (key_placer, *thin_key_placers):
             placer.place_sliding_keys(self.sliding_sites)
         return pins
 
@@ -206,32 +206,34 @@ class _PinPlacer:
         """Minimum difference between the distances of two pairs."""
         return 2.0 * max(blank.pin_fit_mm for blank in self.workpieces.blanks) + MIN_DISTANCE_DIFFERENCE_MM
 
-    def _compute_hole_size_mm(self, side: Side, index: int) -> tuple[float, float]:
-        """Compute the width across the flats, and the depth, of a part's deep (0) or shallow (1) hole."""
+    def _compute_hole_size_mm(self, side: Side, is_shallow: bool) -> tuple[float, float]:
+        """Compute the width across the flats, and the depth, of a part's deep or shallow hole."""
         return self.pin_mm + self.workpieces.blanks[side.part].pin_fit_mm, choose_depths_mm(self.pin_mm)[
-            index
+            is_shallow
         ]
 
-    def _find_places(self, index: int) -> list[shapely.Geometry]:
+    def _find_places(self, is_shallow: bool) -> list[shapely.Geometry]:
         """Find the area of each site in which the axis of a pin may lie, in the coordinates of its face."""
         return [
-            shapely.intersection_all([self._find_axis_area(side, index) for side in (site.moved, site.fixed)])
+            shapely.intersection_all(
+                [self._find_axis_area(side, is_shallow) for side in (site.moved, site.fixed)]
+            )
             for site in self.sites
         ]
 
-    def _find_axis_area(self, side: Side, index: int) -> shapely.Geometry:
+    def _find_axis_area(self, side: Side, is_shallow: bool) -> shapely.Geometry:
         """Find the area on one side of a face in which the axis of a pin may lie."""
         tool = make_hole(
             side.part,
             np.zeros(3),
             side.inward_normal,
             self._find_up_direction(side),
-            self._compute_hole_size_mm(side, index),
+            self._compute_hole_size_mm(side, is_shallow),
             np.zeros(3),
         )
         if tool is None:
             return shapely.Polygon()
-        slack_mm = ROUNDING_MARGIN_MM + (SLOT_MM if index == 1 else 0.0)
+        slack_mm = ROUNDING_MARGIN_MM + (SLOT_MM if is_shallow else 0.0)
         outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
         centre = shapely.minimum_bounding_circle(outline).centroid
         radius_mm = shapely.minimum_bounding_radius(outline) + RIM_MM + slack_mm
@@ -247,7 +249,7 @@ class _PinPlacer:
 
     def _place_pair(self, used_distances_mm: Sequence[float]) -> list[Pin]:
         """Place a deep and a shallow pin as far apart as possible, at a distance that no other pair has."""
-        deep, shallow = (self._find_places(index) for index in range(2))
+        deep, shallow = (self._find_places(is_shallow) for is_shallow in (False, True))
         best_pair = self._find_farthest_pair(deep, shallow)
         if best_pair is None:
             return []
@@ -266,12 +268,12 @@ class _PinPlacer:
                 shapely.Point(self.sites[shallow_site].moved.flatten(shallow_mm))
             ):
                 continue
-            deep_pin = self._make_pin(site, deep_mm, 0, np.zeros(3))
+            deep_pin = self._make_pin(site, deep_mm, False, np.zeros(3))
             if deep_pin is None:
                 return []
             self.workpieces.tools += deep_pin.holes
             shallow_pin = self._make_pin(
-                shallow_site, shallow_mm, 1, self._compute_slot_mm(deep_mm, shallow_mm)
+                shallow_site, shallow_mm, True, self._compute_slot_mm(deep_mm, shallow_mm)
             )
             if shallow_pin is not None:
                 self.workpieces.tools += shallow_pin.holes
@@ -281,9 +283,11 @@ class _PinPlacer:
 
     def _compute_slot_mm(self, point_mm: Floats, end_mm: Floats) -> Floats:
         """Compute the elongation (3,) in mm of a hole towards another one; 0 unless they are far apart."""
-        across = (end_mm - point_mm) - ((end_mm - point_mm) @ self.step.direction) * self.step.direction
-        separation_mm = float(np.linalg.norm(across))
-        return SLOT_MM * across / separation_mm if separation_mm > FAR_PAIR_MM else np.zeros(3)
+        separation_vector_mm = (end_mm - point_mm) - (
+            (end_mm - point_mm) @ self.step.direction
+        ) * self.step.direction
+        separation_mm = float(np.linalg.norm(separation_vector_mm))
+        return SLOT_MM * separation_vector_mm / separation_mm if separation_mm > FAR_PAIR_MM else np.zeros(3)
 
     def _find_farthest_pair(
         self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]
@@ -325,14 +329,14 @@ class _PinPlacer:
 
     def _place_single_pin(self) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if possible."""
-        for index in range(2):
-            places = self._find_places(index)
+        for is_shallow in (False, True):
+            places = self._find_places(is_shallow)
             areas = [(p, n) for n, place in enumerate(places) for p in list_polygons(place) if p.area > 0.0]
             if areas:
                 area, number = max(areas, key=lambda pair: pair[0].area)
                 middle = shapely.maximum_inscribed_circle(area).coords[0]
                 pin = self._make_pin(
-                    number, self.sites[number].moved.lift(np.array(middle)), index, np.zeros(3)
+                    number, self.sites[number].moved.lift(np.array(middle)), is_shallow, np.zeros(3)
                 )
                 if pin is not None:
                     self.workpieces.tools += pin.holes
@@ -340,32 +344,32 @@ class _PinPlacer:
         return []
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place a shallow pin close to as much as possible of the glue that is far from all pins.
+        """Place a shallow pin near the largest amount of glue that is far from all other pins.
 
         Return None if no place is worthwhile.
         """
         far_glue = find_far_glue(self.glue_mm, pins)
         if not len(far_glue):
             return None
-        places = self._find_places(1)
+        places = self._find_places(True)
         sites, corners = self._list_corners(places)
-        inside = [
+        inner_points_mm = [
             sample_points(site.moved, place.buffer(-ROUNDING_MARGIN_MM), PLACE_PITCH_MM)
             for site, place in zip(self.sites, places, strict=True)
         ]
-        sites += [number for number, points in enumerate(inside) for _ in points]
-        points = np.concatenate([corners, *inside])
+        sites += [number for number, points in enumerate(inner_points_mm) for _ in points]
+        points = np.concatenate([corners, *inner_points_mm])
         for best in sort_places_by_gain(points, far_glue):
-            pin = self._make_pin(sites[best], points[best], 1, np.zeros(3))
+            pin = self._make_pin(sites[best], points[best], True, np.zeros(3))
             if pin is not None:
                 self.workpieces.tools += pin.holes
                 return pin
         return None
 
-    def _make_pin(self, number: int, point_mm: Floats, index: int, slot_mm: Floats) -> Pin | None:
+    def _make_pin(self, number: int, point_mm: Floats, is_shallow: bool, slot_mm: Floats) -> Pin | None:
         """Make a pin with its holes; None if a hole would need support or lacks clearance."""
         site = self.sites[number]
-        depth_mm = choose_depths_mm(self.pin_mm)[index]
+        depth_mm = choose_depths_mm(self.pin_mm)[is_shallow]
         holes: list[Tool] = []
         for side, stretch_mm in ((site.moved, slot_mm), (site.fixed, np.zeros(3))):
             hole = make_hole(
@@ -373,7 +377,7 @@ class _PinPlacer:
                 point_mm,
                 side.inward_normal,
                 self._find_up_direction(side),
-                self._compute_hole_size_mm(side, index),
+                self._compute_hole_size_mm(side, is_shallow),
                 stretch_mm,
             )
             if hole is None or not self._has_clearance(side, hole):

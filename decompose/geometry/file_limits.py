@@ -61,8 +61,8 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
     if suffix == ".ply" and _PLY_BINARY.search(data, 0, MAX_PLY_HEADER_BYTES):
         if triangles and len(data) > triangles * MAX_CORNERS * _CORNER_BYTES:
             raise ModelUnreadable(
-                f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: faces with too many corners, or "
-                "a point cloud; export it with triangles"
+                f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: either its faces have too many "
+                "corners, or it is a point cloud; export it with triangles"
             )
     elif suffix != ".stl" and (corners := _count_corners(data)) > MAX_CORNERS:
         raise ModelUnreadable(

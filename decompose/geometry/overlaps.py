@@ -84,16 +84,16 @@ def find_overlaps(solid: Solid) -> Overlaps:
     np.minimum.at(low_mm, ray[is_overlap], crossings.z_mm[is_overlap])
     np.maximum.at(high_mm, ray[is_overlap], (crossings.z_mm + length_mm)[is_overlap])
     places = label(np.isfinite(low_mm).reshape(shape), structure=np.ones((3, 3)))[0]
-    boxes = np.zeros((places.max(initial=0), 2, 3))
-    sizes_mm = np.zeros(len(boxes))
-    for number in range(len(boxes)):
+    boxes_mm = np.zeros((places.max(initial=0), 2, 3))
+    sizes_mm = np.zeros(len(boxes_mm))
+    for number in range(len(boxes_mm)):
         columns = np.flatnonzero(places.ravel() == number + 1)
         rays_mm = origin_mm + step_mm * np.stack(np.divmod(columns, shape[1]), axis=1)
-        boxes[number, 0] = [*rays_mm.min(axis=0), low_mm[columns].min()]
-        boxes[number, 1] = [*rays_mm.max(axis=0), high_mm[columns].max()]
+        boxes_mm[number, 0] = [*rays_mm.min(axis=0), low_mm[columns].min()]
+        boxes_mm[number, 1] = [*rays_mm.max(axis=0), high_mm[columns].max()]
         sizes_mm[number] = (high_mm - low_mm)[columns].sum()
-    boxes += MARGIN_STEPS * step_mm * np.array([[-1.0], [1.0]])
-    return Overlaps(float(excess_mm.sum()) * step_mm**2, boxes[np.argsort(-sizes_mm, kind="stable")])
+    boxes_mm += MARGIN_STEPS * step_mm * np.array([[-1.0], [1.0]])
+    return Overlaps(float(excess_mm.sum()) * step_mm**2, boxes_mm[np.argsort(-sizes_mm, kind="stable")])
 
 
 def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:

@@ -71,7 +71,8 @@ others to five settings (`bench/prices/model.py`).
 
 SUPPORT = ("support", "support sides", "islands", "island paths")
 TOWER_LAYER_S = 2.7
-"""Time of a layer of a support tower before the factor of "islands"; the tower itself is printed as well."""
+"""Time per layer of a support tower, in addition to the time to print it, before it is multiplied by the
+factor of "islands"."""
 
 
 LOOP_SHORTENING = 8.0
@@ -90,7 +91,8 @@ travel is this multiple of the distance between the bores, with a stop for each 
 
 
 MAX_STOP_MM_S = 30.0
-"""Speed of skin above which its line ends lose no more time: slices lose equal times at 30 and at 50 mm/s."""
+"""Speed of skin above which the time lost at line ends no longer grows: sliced parts lose the same time at 30
+and at 50 mm/s."""
 
 
 TURN_TIME_SHARE = 0.5
@@ -99,7 +101,7 @@ TURN_TIME_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Slicer settings that decide print time, in mm, mm/s and s."""
+    """Slicer settings that determine print time, in mm, mm/s and s."""
 
     layer_height_mm: float = 0.25
     line_width_mm: float = 0.35
@@ -148,10 +150,10 @@ class Recipe:
 
     @property
     def skin_s_mm(self) -> float:
-        """Seconds per mm of line in all layers of a skin; one skin of two lies on the bed."""
+        """Seconds per mm of line in all layers of a skin; one of the two skins lies on the bed."""
         layers = min(self.slow_layers, round(self.skin_layers))
-        speed_gain = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layers, 1)
-        first_s_mm = sum(1.0 / (self.brim_mm_s + i * speed_gain) for i in range(layers))
+        speed_step_mm_s = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layers, 1)
+        first_s_mm = sum(1.0 / (self.brim_mm_s + i * speed_step_mm_s) for i in range(layers))
         return (
             self.skin_layers / self.skin_mm_s + (first_s_mm - layers / self.skin_mm_s + self.roof_s_mm) / 2.0
         )
@@ -206,8 +208,8 @@ class Recipe:
         return share * self.sparse_lines_per_mm * stop_s / self.layer_height_mm
 
     @property
-    def top_lines_mm2(self) -> float:
-        """Additional infill lines below a top, as length times depth in mm2 per mm2 of the top."""
+    def top_line_ratio(self) -> float:
+        """Additional infill lines below a top, as length times depth, per area of the top."""
         return (
             self.infill_step_mm
             * self.sparse_lines_per_mm
@@ -230,7 +232,11 @@ class Recipe:
 
     @property
     def skin_cos(self) -> float:
-        """Minimum |n| of faces with skin: on flatter faces the next few layers cover less than the walls."""
+        """Minimum |n| of faces with skin.
+
+        On flatter faces, the part of a layer that the next few layers leave uncovered is wider than the
+        walls.
+        """
         bare_mm = self.skin_layers * self.layer_height_mm
         return math.cos(math.atan(bare_mm / (self.walls_mm + self.line_width_mm / 2.0)))
 
@@ -261,9 +267,9 @@ def compute_time_terms(recipe: Recipe) -> dict[str, Floats]:
         "infill": _build_vector(
             volume_mm3=infill_s_mm3,
             lateral_mm2=-infill_s_mm3 * r.walls_mm,
-            # One skin of two is a top.
+            # One of the two skins is a top.
             skin_mm2=-infill_s_mm3 * r.skin_layers * layer_mm
-            + r.top_lines_mm2 / 2.0 / (layer_mm * r.infill_mm_s),
+            + r.top_line_ratio / 2.0 / (layer_mm * r.infill_mm_s),
         ),
         "walls": _build_vector(
             lateral_mm2=walls_s_mm / layer_mm, height_mm=-LOOP_SHORTENING * r.insets_s / layer_mm
@@ -312,7 +318,7 @@ def _compute_pose_terms(recipe: Recipe) -> dict[str, Floats]:
             - FACTORS["infill ends"] * r.infill_ends_s_mm2,
         ),
         "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer_mm * r.line_width_mm * r.skin_mm_s)),
-        "steep tops": _build_vector(steep_top_mm2=r.top_lines_mm2 / (layer_mm * r.infill_mm_s)),
+        "steep tops": _build_vector(steep_top_mm2=r.top_line_ratio / (layer_mm * r.infill_mm_s)),
     }
 
 

@@ -32,7 +32,7 @@ class GcodeFacts:
     flavour: str
     sliced_s: float  # time of the layers, without heating, homing, start and end
     filament_mm: float  # without priming
-    layer_count: int  # number of layers that the engine planned
+    planned_layer_count: int  # number of layers that the engine planned
     layers: int  # number of layers with extrusion
     top_layer: int  # index of the last layer with extrusion
     min_mm: tuple[float, float, float]  # of all extrusion in layers, including brim and support
@@ -41,7 +41,7 @@ class GcodeFacts:
     moved_before_homing: bool
     extruded_cold: bool
     heaters_off: bool
-    parked_mm: float  # distance by which the filament is retracted at the end
+    park_retraction_mm: float  # distance by which the filament is retracted at the end
 
 
 def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
@@ -71,7 +71,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
         flavour=_read_last_comment(path, "FLAVOR:"),
         sliced_s=float(_read_last_comment(path, "TIME_ELAPSED:") or 0.0),
         filament_mm=float(extruded_mm[is_printing].sum()),
-        layer_count=int(_read_last_comment(path, "LAYER_COUNT:") or 0),
+        planned_layer_count=int(_read_last_comment(path, "LAYER_COUNT:") or 0),
         layers=len(np.unique(layers)),
         top_layer=int(layers[-1]) if len(layers) else -1,
         min_mm=(float(low[0]), float(low[1]), float(low[2])),
@@ -80,7 +80,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
         moved_before_homing=bool(has_moved[:first_move_after_homing].any()),
         extruded_cold=is_cold,
         heaters_off=heaters_off,
-        parked_mm=float(-extruded_mm[last + 1 :].sum()),
+        park_retraction_mm=float(-extruded_mm[last + 1 :].sum()),
     )
 
 
@@ -156,13 +156,13 @@ def check_facts(
             "CuraEngine found nothing to print; the part is too thin or its mesh is open: thicken it, scale "
             "it up, or repair it",
         )
-    # Layers above the last one are checked by the outline.
-    if not facts.layers == facts.top_layer + 1 <= facts.layer_count:
+    # The outline check finds layers that are missing at the top.
+    if not facts.layers == facts.top_layer + 1 <= facts.planned_layer_count:
         raise SliceRejected(
             Rule.LAYERS,
             f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and the "
-            f"file's header says {facts.layer_count}; repair the mesh, or turn the part if it stands on a "
-            "tip",
+            f"file's header says {facts.planned_layer_count}; repair the mesh, or turn the part if it "
+            "stands on a tip",
         )
     tolerance_mm = layer_height_mm / 2 + 0.005
     missing_mm = height_mm - removed_mm - facts.max_mm[2]
@@ -209,21 +209,21 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
             raise SliceRejected(rule, detail)
 
 
-def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
+def check_parking(facts: GcodeFacts, park_retraction_mm: float) -> None:
     """Raise SliceRejected unless the filament is parked at the end, as the next print expects.
 
     Parameters
     ----------
     facts
         Facts of the file.
-    parked_mm
+    park_retraction_mm
         Distance by which the filament has to be retracted.
     """
-    if abs(facts.parked_mm - parked_mm) > PARK_TOLERANCE_MM:
+    if abs(facts.park_retraction_mm - park_retraction_mm) > PARK_TOLERANCE_MM:
         raise SliceRejected(
             Rule.PARKING,
-            f"the filament is retracted {facts.parked_mm:.2f} mm at the end instead of {parked_mm:g} mm; "
-            "leave the end code and retraction_amount as they are",
+            f"the filament is retracted {facts.park_retraction_mm:.2f} mm at the end instead of "
+            f"{park_retraction_mm:g} mm; leave the end code and retraction_amount as they are",
         )
 
 

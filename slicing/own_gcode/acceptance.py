@@ -13,7 +13,7 @@ from slicing.own_gcode.interpreter import Interpreter
 from slicing.own_gcode.machine import check_machine
 from slicing.own_gcode.survey import EXPORT_ADVICE, survey_lines
 from slicing.own_gcode.target import PrintTarget
-from slicing.own_gcode.writer import Stopwatch, Writer
+from slicing.own_gcode.writer import TimeEstimator, Writer
 
 PLAUSIBLE_RATIOS = (0.2, 2.5)
 """Bounds of the ratio of the lines' mean cross-section to that of a line a nozzle wide and a layer high.
@@ -38,7 +38,7 @@ class AcceptedGcode:
     nozzle_c, bed_c
         Temperatures of the first layer.
     print_time_s
-        Time measured by the stopwatch, without start and end.
+        Time measured by `time_estimator`, without start and end.
     filament_mm
         Length of filament, without priming.
     layers
@@ -69,7 +69,9 @@ class AcceptedGcode:
     notices: tuple[str, ...]
 
 
-def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stopwatch) -> AcceptedGcode:
+def accept_gcode(
+    lines: Iterable[bytes], target: PrintTarget, *, time_estimator: TimeEstimator
+) -> AcceptedGcode:
     """Read a file of the Marlin flavour or UltiGCode, and rewrite its print.
 
     The file's own start and end are left out. What it prints between them keeps its path, speeds, fan and
@@ -82,8 +84,8 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         The file's lines, read twice: a list, or an object that opens its file for each iteration.
     target
         Printer and material for which it is read.
-    stopwatch
-        New stopwatch that measures the time of the print, for the program's timeline.
+    time_estimator
+        New estimator that measures the time of the print, for the program's timeline.
 
     Raises
     ------
@@ -92,7 +94,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     """
     survey = survey_lines(lines, target.filament_mm)
     line_mm = _find_line_width_mm(survey.nozzle_mm or target.nozzle_mm)
-    writer = Writer(stopwatch)
+    writer = Writer(time_estimator)
     clearance = Clearance(SLACK_LAYERS * MAX_LAYER_SHARE * line_mm, target.printer.head)
     interpreter = Interpreter(survey, writer, clearance, target, line_mm)
     for number, raw in enumerate(lines, 1):

@@ -1,7 +1,7 @@
-"""Lists of the commands in a person's own G-code that are printed, left out, or refused.
+"""Lists of the commands in a person's own G-code that are executed, left out, or refused.
 
-Printed commands are an allow-list: every other command is refused within a print. The start and the end of a
-file are not printed: only commands that change the meaning of the whole file are refused there.
+Executed commands are an allow-list: every other command is refused within a print. The start and the end of
+a file are not executed: only commands that change the meaning of the whole file are refused there.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 
 _SCRIPT_ADVICE = "remove it from your slicer's start, end or layer script"
 
-PRINTED_COMMANDS = frozenset(
+EXECUTED_COMMANDS = frozenset(
     (
         *("G0", "G1", "G2", "G3", "G4", "G10", "G11", "G90", "G91", "G92"),
         *("M82", "M83", "M104", "M109", "M140", "M190", "M106", "M107", "M220", "M221"),
@@ -46,17 +46,17 @@ _OFFSET_REASON = f"shifts the printer's coordinates: {_SCRIPT_ADVICE}, and place
 _PID_REASON = f"changes how the heaters are controlled: {_SCRIPT_ADVICE}"
 
 REFUSED_COMMANDS = {
-    "G20": "counts in inches: set your slicer to millimetres",
+    "G20": "sets the units to inches: set your slicer to millimetres",
     "M0": _PAUSE_REASON,
     "M1": _PAUSE_REASON,
     "M226": _PAUSE_REASON,
-    "M600": f"changes the filament by hand: {_SCRIPT_ADVICE}",
+    "M600": f"asks for a manual filament change: {_SCRIPT_ADVICE}",
     "M601": _PAUSE_REASON,
     "M25": _PAUSE_REASON,
     "M80": f"switches the power: {_SCRIPT_ADVICE}",
     "M92": f"changes the steps per millimetre: {_SCRIPT_ADVICE}",
     "M112": f"is an emergency stop: {_SCRIPT_ADVICE}",
-    "M200": "counts filament in mm3: switch volumetric extrusion off in your slicer",
+    "M200": "sets the unit of extrusion to mm3: switch volumetric extrusion off in your slicer",
     "M206": _OFFSET_REASON,
     "M428": _OFFSET_REASON,
     "M851": _OFFSET_REASON,
@@ -68,7 +68,7 @@ REFUSED_COMMANDS = {
     "M501": _EEPROM_REASON,
     "M502": _EEPROM_REASON,
     "M504": _EEPROM_REASON,
-    "M997": f"writes the firmware: {_SCRIPT_ADVICE}",
+    "M997": f"replaces the firmware: {_SCRIPT_ADVICE}",
     "M999": f"restarts a printer that stopped with an error: {_SCRIPT_ADVICE}",
     **{f"M{n}": _CARD_REASON for n in (*range(20, 25), *range(26, 33), 923, 928)},
 }
@@ -104,4 +104,4 @@ def find_refusal(code: str) -> str | None:
 
 def find_refusal_in_print(code: str) -> str:
     """Find the reason why a command is refused within a print."""
-    return _REASONS_IN_PRINT.get(code, "is not on the list of commands that are printed: remove it")
+    return _REASONS_IN_PRINT.get(code, "is not supported during a print: remove it")

@@ -118,7 +118,7 @@ class Interpreter:
             raise GcodeRefused(f"line {number}: {code} {reason}")
         if code in command_rules.OMITTED_PROPERTIES:
             self.omitted_properties[code] = command_rules.OMITTED_PROPERTIES[code]
-        elif code in command_rules.PRINTED_COMMANDS:
+        elif code in command_rules.EXECUTED_COMMANDS:
             self._run_command(code, parse_words(rest, number))
         elif code == "G28" and not self._is_printing:
             self.head.forget_position()
@@ -215,7 +215,7 @@ class Interpreter:
         extruded_mm, previous_share = self._find_extruded_mm(words), 0.0
         if math.isnan(x + y + end[0] + end[1]):
             self.head.position = end
-            self._objections.add("an arc starts at an unknown place: the file has not set X and Y before")
+            self._objections.add("an arc starts at an unknown position: the file has not set X and Y yet")
             return
         arc = Arc((x, y), (end[0], end[1]), (x + i, y + j), is_clockwise)
         if arc.length_mm > MAX_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:
@@ -230,10 +230,12 @@ class Interpreter:
             self._total_dwell_s += seconds
             self._dwell_s += seconds
             if self._dwell_s > MAX_DWELL_S:
-                self._objections.add(f"G4 waits {self._dwell_s:g} s in one place: at most {MAX_DWELL_S:g}")
+                self._objections.add(
+                    f"G4 waits {self._dwell_s:g} s in one place; the limit is {MAX_DWELL_S:g} s"
+                )
             elif self._total_dwell_s > MAX_PAUSES_S:
                 self._objections.add(
-                    f"G4 waits {self._total_dwell_s:g} s in total so far: at most {MAX_PAUSES_S:g}"
+                    f"the pauses of G4 add up to {self._total_dwell_s:g} s; the limit is {MAX_PAUSES_S:g} s"
                 )
             else:
                 self._writer.add_dwell(seconds)
@@ -269,7 +271,7 @@ class Interpreter:
         elif not 0 <= target_c <= max_c:
             heater = "nozzle" if is_nozzle else "bed"
             self._objections.refuse(
-                f"{code} sets {target_c:g} C, and the {heater} may have at most {max_c:g}"
+                f"{code} sets {target_c:g} C, but the limit of the {heater} is {max_c:g} C"
             )
         elif not self._is_printing:
             self.nozzle_c, self.bed_c = (target_c, self.bed_c) if is_nozzle else (self.nozzle_c, target_c)

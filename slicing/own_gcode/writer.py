@@ -13,8 +13,8 @@ Step = tuple[float, float, float, float, float]
 """x, y, z and the filament fed, all in mm, and the speed in mm/s."""
 
 
-class Stopwatch(Protocol):
-    """Clock that simulates the printer's moves and measures their time."""
+class TimeEstimator(Protocol):
+    """Simulation of the printer's moves, which measures their time."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
         """Go to x, y, z at a speed; `e` counts all filament fed so far. Lengths are in mm."""
@@ -29,10 +29,10 @@ class Stopwatch(Protocol):
 class Writer:
     """Writer of lines and time marks; lines that are added after the last `commit` are never written."""
 
-    def __init__(self, stopwatch: Stopwatch) -> None:
+    def __init__(self, time_estimator: TimeEstimator) -> None:
         self.text = bytearray()
         self.layers = 0
-        self._stopwatch = stopwatch
+        self._time_estimator = time_estimator
         self._pending: list[Step | bytes | float | None] = []
         self._fed_mm = self._base_mm = 0.0
         self._last_words = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
@@ -66,19 +66,19 @@ class Writer:
                 self.text += item + b"\n"
             else:
                 self.text += b"G4 P%d\n" % round(1000 * item)
-                self._stopwatch.wait(item)
+                self._time_estimator.wait(item)
         self._pending.clear()
 
     def finish(self) -> float:
         """Close the timeline, and return the time of the print in s."""
         self._pending.clear()
-        seconds = self._stopwatch.measure_s(finish=True)
+        seconds = self._time_estimator.measure_s(finish=True)
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
         return seconds
 
     def _write_layer(self) -> None:
         if self.layers:
-            self._write_mark(self._stopwatch.measure_s())
+            self._write_mark(self._time_estimator.measure_s())
         self.text += b";LAYER:%d\n" % self.layers
         self.layers += 1
 
@@ -110,6 +110,6 @@ class Writer:
             return  # no coordinate changes
         self._last_words = list(words)
         self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(changed_words)}\n".encode()
-        self._stopwatch.move(x, y, z, self._fed_mm, speed_mm_s)
-        if self._stopwatch.measure_s() - self._last_mark_s > MAX_MARK_INTERVAL_S:
-            self._write_mark(self._stopwatch.measure_s())
+        self._time_estimator.move(x, y, z, self._fed_mm, speed_mm_s)
+        if self._time_estimator.measure_s() - self._last_mark_s > MAX_MARK_INTERVAL_S:
+            self._write_mark(self._time_estimator.measure_s())

@@ -82,9 +82,9 @@ class EngineSettings:
     filament_diameter_mm: float
     scale_xy: float  # factors by which a part is printed larger, because it shrinks
     scale_z: float
-    hidden: HiddenLayers  # solid layers of hidden faces, of a part that has some
+    hidden: HiddenLayers  # solid layers at the hidden faces of a part
     hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
-    # No inner walls along hidden sides, where infill is beside them.
+    # Whether inner walls are left out along hidden sides, where infill is next to these sides.
     has_single_hidden_walls: bool = False
 
     def limit_hidden_wall_mm_s(self, speed_mm_s: float) -> float:

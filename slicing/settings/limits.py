@@ -11,11 +11,11 @@ from slicing.printer import PrinterModel
 from slicing.settings.definitions import fits_type
 from slicing.settings.resolver import Resolver, Scope
 
-MAX_LAYER_SHARE = 0.8  # maximum layer height as a share of the nozzle, where Cura warns
-_MAX_LINE_SHARE = 2.0  # maximum line width as a share of the nozzle, where Cura warns
+MAX_LAYER_SHARE = 0.8  # layer height, as a share of the nozzle diameter, above which Cura warns
+_MAX_LINE_SHARE = 2.0  # line width, as a share of the nozzle diameter, above which Cura warns
 _MAX_HOP_MM = 10.0
-_MAX_FLOW_PERCENT = 150.0  # where Cura warns, because a line cannot hold more
-_MAX_EXTRA_MM3 = 5.0  # maximum extra volume at each retraction, where Cura warns
+_MAX_FLOW_PERCENT = 150.0  # flow above which Cura warns, because a line cannot hold more
+_MAX_EXTRA_MM3 = 5.0  # extra volume at each retraction above which Cura warns
 
 _PRINTER_REASON = "it describes the printer; choose another printer model or nozzle"
 _STREAM_REASON = "set by this program, for streaming; leave it out"
@@ -24,7 +24,7 @@ _FILE_REASON = "it names a file, which is not read; leave it out"
 _ONE_MESH_REASON = "it is for one mesh among several, and a plate has one; leave it out"
 _ONE_EXTRUDER_REASON = "it is for printers with several nozzles; leave it out"
 _ONE_PART_REASON = "a plate has one part; leave it out"
-_SHAPE_REASON = "it does not print the part as it is; leave it out"
+_SHAPE_REASON = "it changes the shape of the part; leave it out"
 _HEAT_REASON = "its temperatures are not checked; leave it out, and set material_print_temperature"
 _MOTION_REASON = "accelerations depend on the printer and the material; leave it out"
 

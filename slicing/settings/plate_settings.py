@@ -34,7 +34,7 @@ _STREAMED_VALUES: Mapping[str, Any] = {
 }
 
 
-_WALL_KEYS = {"wall_line_count", "wall_thickness"}  # settings of a user who wants these walls on all sides
+_WALL_KEYS = {"wall_line_count", "wall_thickness"}  # if a user sets one, inner walls are kept on all sides
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +62,10 @@ class PartSettings:
     height_mm
         Height of the print.
     brim_width_mm
-        Width of its brim; 0 for none. It is never wider than that of the quality, for which the part room
-        is computed.
+        Width of its brim; 0 for none. It is never wider than that of the quality, from which the
+        usable build volume is computed.
     layer_0_expansion_mm
-        Horizontal expansion of the first layer on each side; negative to compensate an elephant's foot.
+        Horizontal expansion of the first layer on each side; negative to compensate for elephant's foot.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are hidden once the parts are glued. Hidden faces get
         the layers of `Quality.hidden`, and hidden tops get no slow uppermost layer.

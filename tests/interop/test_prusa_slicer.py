@@ -2,7 +2,7 @@
 
 import pytest
 
-from model_files.make_gcode import FILAMENT_MM2, TravelStopwatch
+from model_files.make_gcode import FILAMENT_MM2, TravelTimeEstimator
 from printers.slicing_printers import UM2_PLUS
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import PrintTarget, accept_gcode
@@ -10,7 +10,9 @@ from slicing.own_gcode import PrintTarget, accept_gcode
 
 def accept(path):
     target = PrintTarget(UM2_PLUS, FILAMENT_MM2, 0.4, nozzle_c=210.0, bed_c=60.0)
-    return accept_gcode(path.read_bytes().splitlines(keepends=True), target, stopwatch=TravelStopwatch())
+    return accept_gcode(
+        path.read_bytes().splitlines(keepends=True), target, time_estimator=TravelTimeEstimator()
+    )
 
 
 @pytest.mark.parametrize(
@@ -47,7 +49,7 @@ def test_slices_with_the_profile_for_the_ultimaker_2_are_accepted(slice_box, opt
         (("--filament-diameter", "1.75"), "filament of 1.75 mm: set the filament's diameter to 2.85 mm"),
         (("--gcode-flavor", "smoothie"), "flavour is 'smoothie': set the G-code flavour to Marlin"),
         (("--use-volumetric-e",), "switch off `Use volumetric E`"),
-        (("--temperature", "290"), r"line \d+: M104 sets 290 C, and the nozzle may have at most 260"),
+        (("--temperature", "290"), r"line \d+: M104 sets 290 C, but the limit of the nozzle is 260 C"),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(value),
 )

@@ -115,7 +115,7 @@ def test_refusal_for_prusaslicer_is_plain_text_that_names_the_line(farm, slice_b
     gcode_path = slice_box("hot", "--temperature", "290")
     status, content_type, body = send_with_curl(farm, gcode_path, print="true")
     assert (status, content_type) == (400, "text/plain")
-    assert body.startswith("line ") and "M104 sets 290 C, and the nozzle may have at most 260" in body[:100]
+    assert body.startswith("line ") and "M104 sets 290 C, but the limit of the nozzle is 260 C" in body[:100]
 
 
 @needs_curl

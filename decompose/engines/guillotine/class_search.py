@@ -238,7 +238,7 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
         other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], other_classes)
         solver.solve(float(np.finfo(np.float32).max))  # finite: inf means no fit
-        for state, fewest in zip(*solver.list_class_shares(), strict=True):
+        for state, fewest in zip(*solver.list_class_counts(), strict=True):
             shortage = [
                 max(0, int(n) - count) for n, count in zip((fewest, *state), available_counts, strict=True)
             ]

@@ -52,7 +52,7 @@ class _MakespanBounds:
         """Solve for a limit; return it, whether each fleet (n,) meets it, and when the last part ends."""
         solver = Partitioner(self._boxes, self._other_classes)
         solver.solve(limit_s)
-        states, fewest_printers = solver.list_class_shares()
+        states, fewest_printers = solver.list_class_counts()
         fewest_by_state = {
             tuple(state): int(fewest_parts)
             for state, fewest_parts in zip(states.tolist(), fewest_printers, strict=True)

@@ -47,7 +47,7 @@ MAX_TIE_VALUES = 120_000_000
 
 @dataclass(frozen=True, slots=True)
 class OtherClass:
-    """Printers of another class than the one whose number is minimised.
+    """Printers of a class other than the one whose number is minimised.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Partitioner:
                 run_shares(self._executor, partial(self._solve_half, length, count))
         self.sums += len(self._sums) * count_cuts(self.boxes.shape)
         self._has_ties = break_ties and not has_all_keys
-        return min(int(self.list_class_shares()[1][-1]), UNREACHABLE)
+        return min(int(self.list_class_counts()[1][-1]), UNREACHABLE)
 
     def _solve_half(self, length: int, count: int, half: int) -> None:
         """Solve the first or the second half of `count` boxes of one length along x."""
@@ -171,7 +171,7 @@ class Partitioner:
             return (value // PART_WEIGHT).astype(np.int16)
         return np.asarray(value)
 
-    def list_class_shares(self) -> tuple[Ints, Ints]:
+    def list_class_counts(self) -> tuple[Ints, Ints]:
         """List the states of the last solution, and the fewest printers of the first class in each.
 
         Returns
@@ -185,10 +185,10 @@ class Partitioner:
         fewest = value // PART_WEIGHT if value.dtype == np.int64 else value
         return self._states, fewest.astype(np.int64)
 
-    def list_chosen_boxes(self, within: Box | None = None) -> list[Box]:
-        """List the boxes of the last solution, or only those within one box, in the order of the cuts."""
+    def list_chosen_boxes(self, region: Box | None = None) -> list[Box]:
+        """List the boxes of the last solution, or only those in one region, in the order of the cuts."""
         chosen_boxes: list[Box] = []
-        root = within or self._root
+        root = region or self._root
         if self._has_ties:
             self._keys = find_tied_keys(
                 self.boxes, self.counts, self._limit_s, index_box(root, self.boxes.shape)
@@ -222,13 +222,13 @@ class Partitioner:
     def _find_cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
         """Find the first cut that attains the value of a box: its far and near side, with their states."""
         value = self._find_value(box, state)
-        shares = self._sums[self._sums[:, 0] == state, 1:].tolist()
+        state_pairs = self._sums[self._sums[:, 0] == state, 1:].tolist()
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
                 lower, upper = list(box), list(box)
                 lower[axis + 3] = upper[axis] = plane
                 far, near = _make_box(upper), _make_box(lower)
-                for a, b in shares:
+                for a, b in state_pairs:
                     if self._find_value(near, a) + self._find_value(far, b) == value:
                         return (far, b), (near, a)
         raise LookupError(f"no solution for {box}: no cut has its value at this limit")

@@ -112,15 +112,15 @@ def group_faces(boxes_mm: Floats) -> Ints:
     count = len(boxes_mm)
     groups = _Groups(count * 6)
     lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
-    overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])  # (n, n, 3)
+    overlap_mm = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])  # (n, n, 3)
     is_shared = np.zeros(count * 6, dtype=np.bool_)
     for axis in range(3):
         other_axes = [i for i in range(3) if i != axis]
         is_touching = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_MM
-        for i, j in np.argwhere(is_touching & (overlap[:, :, other_axes] > SAME_MM).all(axis=2)):
+        for i, j in np.argwhere(is_touching & (overlap_mm[:, :, other_axes] > SAME_MM).all(axis=2)):
             groups.join(_number_face(i, 1, axis), _number_face(j, 0, axis))
             is_shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True
-    for i, j, axes in _find_crossings(boxes_mm, overlap):
+    for i, j, axes in _find_crossings(boxes_mm, overlap_mm):
         pairs = [
             (_find_facing_face(boxes_mm, i, j, axis), _find_facing_face(boxes_mm, j, i, axis))
             for axis in axes
@@ -135,21 +135,21 @@ def group_faces(boxes_mm: Floats) -> Ints:
     return np.asarray(labels.reshape(count, 2, 3), dtype=np.int64)
 
 
-def _find_crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[int, int]]]:
+def _find_crossings(boxes_mm: Floats, overlap_mm: Floats) -> list[tuple[int, int, tuple[int, int]]]:
     """Find pairs of boxes that meet only at an edge, and the two axes across that edge.
 
     Parameters
     ----------
     boxes_mm
         (n, 2, 3) lower and upper corners.
-    overlap
+    overlap_mm
         (n, n, 3) length in mm by which two boxes overlap along each axis.
     """
-    is_touching = np.abs(overlap) < SAME_MM
+    is_touching = np.abs(overlap_mm) < SAME_MM
     crossings = []
     for direction in range(3):
         a, b = (i for i in range(3) if i != direction)
-        meets_at_edge = is_touching[:, :, a] & is_touching[:, :, b] & (overlap[:, :, direction] > SAME_MM)
+        meets_at_edge = is_touching[:, :, a] & is_touching[:, :, b] & (overlap_mm[:, :, direction] > SAME_MM)
         crossings += [(int(i), int(j), (a, b)) for i, j in np.argwhere(meets_at_edge) if i < j]
     return crossings
 
@@ -257,9 +257,11 @@ def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm
     """
     low_mm, high_mm = sorted((old_mm, new_mm))
     positions = [new_mm, *(flats_mm - clear_mm), *(flats_mm + clear_mm)]
-    for position in sorted((p for p in positions if low_mm <= p <= high_mm), key=lambda p: abs(p - new_mm)):
-        if np.abs(flats_mm - position).min(initial=np.inf) >= clear_mm - SAME_MM:
-            return float(position)
+    for position_mm in sorted(
+        (p for p in positions if low_mm <= p <= high_mm), key=lambda p: abs(p - new_mm)
+    ):
+        if np.abs(flats_mm - position_mm).min(initial=np.inf) >= clear_mm - SAME_MM:
+            return float(position_mm)
     return old_mm
 
 
@@ -305,21 +307,21 @@ def solve_plane_shifts(
     count, n = len(limits.low_mm), len(seconds)
     parts, sides, axes = np.nonzero(groups >= 0)
     faces = groups[parts, sides, axes]
-    times, lengths = np.zeros((n, count)), np.zeros((n * 3, count))
-    np.add.at(times, (parts, faces), slopes[parts, sides, axes])
-    np.add.at(lengths, (parts * 3 + axes, faces), 2.0 * sides - 1.0)
+    time_coefficients, length_coefficients = np.zeros((n, count)), np.zeros((n * 3, count))
+    np.add.at(time_coefficients, (parts, faces), slopes[parts, sides, axes])
+    np.add.at(length_coefficients, (parts * 3 + axes, faces), 2.0 * sides - 1.0)
     identity, zeros = np.eye(count), np.zeros((n * 3, count))
     rows = np.block(  # columns: the moves, their lengths, and the makespan
         [
-            [times, np.zeros((n, count)), -np.ones((n, 1))],
-            [lengths, zeros, np.zeros((n * 3, 1))],
-            [-lengths, zeros, np.zeros((n * 3, 1))],
+            [time_coefficients, np.zeros((n, count)), -np.ones((n, 1))],
+            [length_coefficients, zeros, np.zeros((n * 3, 1))],
+            [-length_coefficients, zeros, np.zeros((n * 3, 1))],
             [identity, -identity, np.zeros((count, 1))],
             [-identity, -identity, np.zeros((count, 1))],
         ]
     )
-    lengths_mm = limits.max_growth_mm.ravel(), limits.max_shrinkage_mm.ravel()
-    right_sides = np.concatenate([-seconds, *lengths_mm, np.zeros(2 * count)])
+    length_limits_mm = limits.max_growth_mm.ravel(), limits.max_shrinkage_mm.ravel()
+    right_sides = np.concatenate([-seconds, *length_limits_mm, np.zeros(2 * count)])
     is_limited = np.isfinite(right_sides)
     solution = linprog(
         np.array([*np.zeros(count), *np.full(count, MOVE_S_PER_MM), 1.0]),

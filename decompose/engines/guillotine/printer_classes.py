@@ -1,7 +1,7 @@
 """Classes of printers: those in a class have about the same build volume and about the same speed.
 
-Printers that differ only a little are one class, with the build volume that all of them have and the speed
-of the slowest one, so a part that ends in time on the class ends in time on each of its printers.
+Printers that differ only slightly form one class, with the build volume that all of them have and the speed
+of the slowest one, so a part that finishes in time on the class finishes in time on each of its printers.
 """
 
 from __future__ import annotations

@@ -178,7 +178,7 @@ def _rewrite_gcode(path: Path, section: PrinterSection, nozzle_mm: float | None,
                 nozzle_c=settings.nozzle_c,
                 bed_c=settings.bed_c,
             ),
-            stopwatch=FirmwareTime(PROFILES[section.model]),
+            time_estimator=FirmwareTime(PROFILES[section.model]),
         )
         read_program(io.BytesIO(accepted_gcode.gcode), PROFILES[section.model])
     except (GcodeRefused, BadGcode) as error:

@@ -67,10 +67,10 @@ def test_facts_are_read_from_a_valid_file():
     facts = check_gcode(VALID_GCODE)
     assert facts.sliced_s == 21.25
     assert facts.filament_mm == pytest.approx(3.0)  # without priming and retraction
-    assert (facts.layer_count, facts.layers, facts.top_layer) == (2, 2, 1)
+    assert (facts.planned_layer_count, facts.layers, facts.top_layer) == (2, 2, 1)
     assert facts.min_mm == (100.0, 90.0, 0.27)
     assert facts.max_mm == (120.0, 110.0, 0.42)
-    assert facts.parked_mm == pytest.approx(20.0)
+    assert facts.park_retraction_mm == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize(

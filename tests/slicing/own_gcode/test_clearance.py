@@ -99,9 +99,9 @@ def test_total_pause_time_is_limited():
         return lines
 
     check_rules(accept(add_pauses(30, 100)))
-    assert_refused(add_pauses(40, 100), r"waits 3640 s in total so far: at most 3600")
+    assert_refused(add_pauses(40, 100), r"pauses of G4 add up to 3640 s; the limit is 3600 s")
     assert_refused(
-        make_marlin(body=["G4 S50", "G0 X99", "G4 P20000"]), r"waits 70 s in one place: at most 60"
+        make_marlin(body=["G4 S50", "G0 X99", "G4 P20000"]), r"waits 70 s in one place; the limit is 60 s"
     )
 
 

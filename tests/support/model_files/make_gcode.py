@@ -7,8 +7,8 @@ PURGE_LINES = ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000"]
 END_LINES = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
 
 
-class TravelStopwatch:
-    """Stopwatch of moves that ignores acceleration."""
+class TravelTimeEstimator:
+    """Estimator of the time of moves that ignores acceleration."""
 
     def __init__(self):
         self._position, self._elapsed_s = (5.0, 50.0, 20.0, 0.0), 0.0

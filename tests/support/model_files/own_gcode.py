@@ -6,7 +6,7 @@ import pytest
 
 from drivers.gcode import HeaterName, measure_retraction_mm, read_program
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
-from model_files.make_gcode import FILAMENT_MM2, TravelStopwatch
+from model_files.make_gcode import FILAMENT_MM2, TravelTimeEstimator
 from printers.slicing_printers import UM2_PLUS
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import PrintTarget, accept_gcode
@@ -16,11 +16,11 @@ ALLOWED_COMMAND_PATTERN = re.compile(
 )
 
 
-def accept(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
+def accept(lines, time_estimator=None, end=b"\n", nozzle_mm=0.4):
     return accept_gcode(
         [line if isinstance(line, bytes) else line.encode() + end for line in lines],
         PrintTarget(UM2_PLUS, FILAMENT_MM2, nozzle_mm, nozzle_c=210.0, bed_c=65.0),
-        stopwatch=stopwatch or TravelStopwatch(),
+        time_estimator=time_estimator or TravelTimeEstimator(),
     )
 
 

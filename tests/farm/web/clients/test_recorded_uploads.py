@@ -202,5 +202,5 @@ def test_refusal_of_gcode_is_one_line_of_text_that_begins_with_line_and_reason(f
 
     status, headers, text = read_answer(asyncio.run(run_scenario()))
     assert (status, headers["content-type"]) == (400, "text/plain")
-    assert text.startswith("line 5: M109 sets 999 C, and the nozzle may have at most 260")
+    assert text.startswith("line 5: M109 sets 999 C, but the limit of the nozzle is 260 C")
     assert (farm.jobs_by_number, farm.unfinished_uploads) == ({}, [])
