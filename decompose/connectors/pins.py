@@ -344,10 +344,7 @@ class _PinPlacer:
         return []
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place a shallow pin near the largest amount of glue that is far from all other pins.
-
-        Return None if no place is worthwhile.
-        """
+        """Place a shallow pin near the most glue that is far from all other pins; None if no place gains."""
         far_glue = find_far_glue(self.glue_mm, pins)
         if not len(far_glue):
             return None
