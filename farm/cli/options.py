@@ -56,7 +56,7 @@ LongestSide = Annotated[float | None, typer.Option(help="Scale the model to this
 Scale = Annotated[
     float | None, typer.Option(help="Scale the model by this factor: 1000 for a model in metres.")
 ]
-Quality = Annotated[str, typer.Option(help="glue, paper, or one of Cura's qualities.")]
+Quality = Annotated[str, typer.Option(help="glue, glue-strong, paper, or one of Cura's qualities.")]
 Scheduler = Annotated[
     str | None, typer.Option(help="Compute on the cluster of this scheduler, tls://HOST:PORT.")
 ]
