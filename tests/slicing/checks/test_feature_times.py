@@ -51,9 +51,9 @@ def simulate_move_times_s(path):
         position = position + move
         now_s = max(now_s, planner.compute_next_free_s())
         planner.advance(now_s)
-        old_moves = planner.moves
+        old_moves = planner.move_count
         planner.add(tuple(position), feed_mm_s, now_s)
-        queued_moves += [index] * (planner.moves - old_moves)
+        queued_moves += [index] * (planner.move_count - old_moves)
         ends_s.append((len(queued_moves) - len(planner), planner.busy_s))
     finished_moves = np.array(ends_s)
     busy_s = np.interp(
