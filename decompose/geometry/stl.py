@@ -39,6 +39,35 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     return points[f] if is_each_once and np.array_equal(forward_edges, backward_edges) else None
 
 
+def separate_touching(vertices: Floats, faces: Ints, distance_mm: float) -> Floats:
+    """Move vertices that share a place towards their own faces, so that surfaces that touch there separate.
+
+    The edges between two bodies that touch, or between two hollows, each have a vertex of their own at such a
+    place: the faces of one body lie on its side. The rounding to single precision decides what a place is.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3), closed, with vertices of their own where surfaces touch.
+    distance_mm
+        Length of the move.
+
+    Returns
+    -------
+    ndarray
+        (n, 3) vertices in mm, in the same order.
+    """
+    _, place, count = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True, return_counts=True)
+    touches = count[place.reshape(-1)] > 1
+    to_middles = vertices[faces].mean(axis=1, keepdims=True) - vertices[faces]  # (m, 3 corners, 3)
+    lengths_mm = np.linalg.norm(to_middles, axis=2, keepdims=True)
+    directions = np.zeros_like(vertices)
+    np.add.at(directions, faces, to_middles / np.maximum(lengths_mm, np.finfo(np.float64).tiny))
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    moves_mm = distance_mm * directions / np.maximum(lengths, np.finfo(np.float64).tiny)
+    return vertices + np.where(touches[:, None], moves_mm, 0.0)
+
+
 def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
     """Write triangles, unchanged, to a binary STL.
 

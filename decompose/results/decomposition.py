@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from decompose.assembly import Assembly, AssemblyStep, find_order_faults, plan_a
 from decompose.connectors import Connectors, describe_connectors
 from decompose.engines.guillotine import CurvePoint
 from decompose.errors import DecomposeError, GeometryError, Rule
-from decompose.geometry import Solid, round_triangles
+from decompose.geometry import Solid, round_triangles, separate_touching
 from decompose.options import Engine, Options
 from decompose.pieces import Fault, Joint, Seam, describe_thin_rims, measure_seams
 from decompose.printers import PrinterRoom
@@ -23,6 +24,7 @@ from decompose.results.records import Attempt, Coverage, Cutting
 
 SCHEMA_VERSION = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
+STL_GAP_MM = 1e-4  # move of surfaces that touch; a coordinate of 1 m is rounded by less
 BED_TOLERANCE_MM = 2e-5  # maximum distance of the corners of a tilted face from its plane in single precision
 
 
@@ -110,15 +112,19 @@ class Part:
     def build_stl_triangles(self) -> npt.NDArray[np.float32]:
         """Build the triangles (m, 3, 3) float32 in mm of its STL file.
 
-        They are simplified if this is necessary to keep the surface closed.
+        They are simplified, or separated where they touch, if this is necessary to keep the surface closed:
+        the format has no common vertices, so that two edges at the same place look like one with four faces.
 
         Raises
         ------
         GeometryError
             The surface touches itself, so that its STL file cannot be closed.
         """
-        for tolerance_mm in STL_TOLERANCES_MM:
-            corners = round_triangles(*self.build_printing_mesh(tolerance_mm))
+        for gap_mm, tolerance_mm in product((0.0, STL_GAP_MM), STL_TOLERANCES_MM):
+            vertices, faces = self.build_printing_mesh(tolerance_mm)
+            if gap_mm:
+                vertices = separate_touching(vertices, faces, gap_mm)
+            corners = round_triangles(vertices, faces)
             if corners is not None:
                 return corners
         raise GeometryError(Rule.STL, self.id, "touches itself, so that its STL file is not closed")
