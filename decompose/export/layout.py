@@ -7,13 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from decompose.arrays import Floats, Ints
-from decompose.export.picture import (
-    encode_png,
-    make_figure,
-    make_part_colours,
-    make_white_outline,
-    write_labels,
-)
+from decompose.export.canvas import PX_PER_PT, Canvas
+from decompose.export.picture import make_part_colours
 from decompose.export.raster import Shape, draw_shapes, make_camera
 from decompose.files.names import find_part_number
 from decompose.printers import BedPlace
@@ -60,14 +55,11 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
     """
     shapes, front_mm = _lay_out_shapes(parts, order, places)
     drawing = draw_shapes(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
-    figure, axes = make_figure(drawing)
-    write_labels(axes, drawing, [find_part_number(parts[number].id) for number in order])
+    canvas = Canvas(drawing)
+    canvas.write_labels([find_part_number(parts[number].id) for number in order])
     for number, (x, y) in zip(order, drawing.find_pixels(front_mm), strict=True):
-        axes.text(
-            x, y - NAME_PT, name_printer(parts[number]),
-            ha="center", va="top", fontsize=NAME_PT, path_effects=make_white_outline(),
-        )  # fmt: skip
-    return encode_png(figure)
+        canvas.write_text(x, y - NAME_PT / 2.0 * PX_PER_PT, name_printer(parts[number]), NAME_PT, "ma")
+    return canvas.encode_png()
 
 
 def _lay_out_shapes(

@@ -6,9 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from decompose.arrays import Floats, Ints
+from decompose.geometry.rays import find_bounds
 from decompose.jit import jit
+
+Pixels = npt.NDArray[np.uint8]
 
 # Direction towards the light: right, up, and towards the eye.
 LIGHT_DIRECTION = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm([-0.25, 0.62, 0.74])
@@ -58,25 +62,59 @@ def _rasterise_triangles(triangles: Floats, depth: Floats, front: Ints) -> None:
 
 
 @jit
-def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step_px: float, oversample: int) -> Floats:
-    """Colour the triangles in front, darker next to jumps of depth, and average squares of pixels.
+def _project_triangles(triangles: Floats, frame: Floats, projected: Floats, shades: Floats) -> None:
+    """Project triangles to the frame of a camera, and compute their shades in the light.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 corners in mm.
+    frame
+        (3, 3) float64 directions to the right, up, and towards the eye, as rows.
+    projected
+        (m, 3, 3) float64 corners in the frame; written.
+    shades
+        (m,) float64 brightness from 0 to 1; written.
+    """
+    normal = np.zeros(3)
+    for t in range(len(triangles)):
+        for corner in range(3):
+            for axis in range(3):
+                projected[t, corner, axis] = (
+                    frame[axis, 0] * triangles[t, corner, 0]
+                    + frame[axis, 1] * triangles[t, corner, 1]
+                    + frame[axis, 2] * triangles[t, corner, 2]
+                )
+        a, b, c = projected[t, 0], projected[t, 1], projected[t, 2]
+        for axis in range(3):
+            j, k = (axis + 1) % 3, (axis + 2) % 3
+            normal[axis] = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
+        length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+        light = 0.0
+        if length > 0.0:
+            for axis in range(3):
+                light += normal[axis] / length * LIGHT_DIRECTION[axis]
+        shades[t] = AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * min(max(light, 0.0), 1.0)
+
+
+@jit
+def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step_px: float) -> Pixels:
+    """Colour the triangles in front, darker next to jumps of depth.
 
     Parameters
     ----------
     front, depth
         (height, width) int64 index, and (height, width) float64 z in pixels, of the triangle in front; -1 and
-        -inf where nothing is drawn. Both sides are multiples of `oversample`.
+        -inf where nothing is drawn.
     colours
         (m, 3) float64 colours of the triangles from 0 to 1.
     step_px
         Minimum jump of depth in pixels at an outline.
-    oversample
-        Number of pixels along each side of a square.
 
     Returns
     -------
     ndarray
-        (height / oversample, width / oversample, 3) float64 from 0 to 1, white where nothing is drawn.
+        (height, width, 3) uint8, white where nothing is drawn.
     """
     height, width = depth.shape
     lowest = np.inf
@@ -85,13 +123,11 @@ def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step_px: float, 
             if front[y, x] >= 0:
                 lowest = min(lowest, depth[y, x])
     background = lowest - 2.0 * step_px
-    picture = np.zeros((height // oversample, width // oversample, 3))
+    picture = np.full((height, width, 3), 255, np.uint8)
     for y in range(height):
         for x in range(width):
             t = front[y, x]
             if t < 0:
-                for channel in range(3):
-                    picture[y // oversample, x // oversample, channel] += 1.0
                 continue
             doubled_depth = 2.0 * depth[y, x]
             vertical_jump = horizontal_jump = 0.0
@@ -107,8 +143,8 @@ def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step_px: float, 
                 OUTLINE_BRIGHTNESS if abs(vertical_jump) > step_px or abs(horizontal_jump) > step_px else 1.0
             )
             for channel in range(3):
-                picture[y // oversample, x // oversample, channel] += brightness * colours[t, channel]
-    return picture * (1.0 / oversample**2)
+                picture[y, x, channel] = np.uint8(255.0 * brightness * colours[t, channel] + 0.5)
+    return picture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,21 +161,26 @@ class Drawing:
 
     Attributes
     ----------
-    picture
-        (h, w, 3) float64 colours from 0 to 1.
+    pixels
+        (oversample h, oversample w, 3) uint8 colours, `oversample` along each side of a pixel of the picture.
     visible
         (h, w) int64: 1 + the number of the shape in front; 0 for none.
     frame
         (3, 3) directions to the right, up, and towards the eye, as rows.
     origin_mm, pixels_per_mm
-        Coordinates (2,) of the picture's lower left corner in the frame, and the scale.
+        Coordinates (2,) of the picture's lower left corner in the frame, and the scale of `visible`.
     """
 
-    picture: Floats
+    pixels: Pixels
     visible: Ints
     frame: Floats
     origin_mm: Floats
     pixels_per_mm: float
+
+    @property
+    def oversample(self) -> int:
+        """Number of pixels of the buffer along each side of a pixel of the picture."""
+        return len(self.pixels) // len(self.visible)
 
     def find_pixels(self, points: Floats) -> Floats:
         """Find the column and the row (n, 2) of points (n, 3) in the picture, in pixels."""
@@ -180,31 +221,29 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversam
     longest_px
         Longer side of the picture without its margin, in pixels.
     oversample
-        Number of pixels of the buffer along each side of a pixel of the picture.
+        As in `Drawing`.
     """
-    screen_triangles, colours, owners = [], [], []
-    for i, shape in enumerate(shapes):
-        triangles = shape.triangles @ frame.T
-        normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
-        shade = AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * np.clip(normal @ LIGHT_DIRECTION, 0.0, 1.0)
-        screen_triangles.append(triangles)
-        colours.append(shade[:, None] * shape.colour)
-        owners.append(np.full(len(triangles), i + 1))
-    triangles = np.concatenate(screen_triangles)
-    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    ends = np.cumsum([0, *(len(shape.triangles) for shape in shapes)])
+    triangles, shades = np.empty((ends[-1], 3, 3)), np.empty(ends[-1])
+    owners = np.zeros(1 + ends[-1], dtype=np.int64)  # number of the shape of each triangle; 0 for none
+    colours = np.empty((ends[-1], 3))
+    for i, (shape, begin, end) in enumerate(zip(shapes, ends, ends[1:], strict=False), 1):
+        _project_triangles(
+            np.ascontiguousarray(shape.triangles), frame, triangles[begin:end], shades[begin:end]
+        )
+        owners[1 + begin : 1 + end] = i
+        colours[begin:end] = shades[begin:end, None] * shape.colour
+    low, high = find_bounds(triangles)
     margin_mm = MARGIN_SHARE * float((high - low)[:2].max())
     scale = oversample * longest_px / (float((high - low)[:2].max()) + 2.0 * margin_mm)
     size_px = np.ceil((high - low + 2.0 * margin_mm) * scale / oversample).astype(int) * oversample
     depth = np.full((size_px[1], size_px[0]), -np.inf)
     front = np.full((size_px[1], size_px[0]), -1)
     _rasterise_triangles((triangles - low + margin_mm) * scale, depth, front)
-    outline_step_px = OUTLINE_DEPTH_SHARE * float(np.ptp(triangles[:, :, 2])) * scale
-    number = np.concatenate([[0], *owners])  # number of the shape of each triangle; 0 for none
+    outline_step_px = OUTLINE_DEPTH_SHARE * float(high[2] - low[2]) * scale
     return Drawing(
-        picture=_colour_pixels(front, depth, np.concatenate(colours), outline_step_px, oversample),
-        visible=number[front[::oversample, ::oversample] + 1],
+        pixels=_colour_pixels(front, depth, colours, outline_step_px),
+        visible=owners[front[::oversample, ::oversample] + 1],
         frame=frame,
         origin_mm=low[:2] - margin_mm,
         pixels_per_mm=scale / oversample,

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.connectors import Pin
+from decompose.export.canvas import Canvas
 from decompose.export.glb import find_movements_mm
-from decompose.export.picture import AZIMUTH_DEG, encode_png, make_figure, make_white_outline, write_labels
+from decompose.export.picture import AZIMUTH_DEG
 from decompose.export.pin_sheet import format_size
-from decompose.export.raster import Drawing, draw_shapes, make_camera
+from decompose.export.raster import draw_shapes, make_camera
 from decompose.export.step_scene import Scene, build_both_bodies, build_moved_body
 from decompose.files.names import find_part_number
 from decompose.geometry import find_least_rotation
@@ -31,9 +32,11 @@ MAX_DRAWN_VIEWS = 5  # maximum number of views that are drawn in a small size to
 DRAWN_VIEW_PX = 160
 GAP_SHARE = 0.7  # gap below the moved body, as a share of the extent of the glued faces across the step
 LONG_SIDE_PX, TURNED_OVER_PX = 860, 520
+DRAWING_THREADS = 2
 SCALE_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
 PIN_PT, SCALE_PT = 12.0, 11.0
-PIN_INK = "#0b2f8a"
+ROD_PT, BAR_PT = 1.6, 3.0  # widths of the line from a pin to its hole, and of the scale bar
+PIN_INK, ARROW_INK = "#0b2f8a", "#303030"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,23 +69,20 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
         Half-open range of the steps that are drawn; all by default. The views of earlier steps are computed
         too.
     """
-    pictures: list[StepPictures] = []
+    drawings: list[Future[StepPictures]] = []
     azimuth_deg: float | None = None
-    for number, step in enumerate(decomposition.assembly.steps[:end]):
-        offset_mm = find_gap_mm(step, decomposition) * step.direction
-        scene = build_both_bodies(number, decomposition, offset_mm)
-        pose = find_pose(step.direction)
-        azimuth_deg, elevation_deg = choose_view(scene, pose, ELEVATIONS_DEG, azimuth_deg)
-        if number < first:
-            continue
-        camera = make_camera(azimuth_deg, elevation_deg) @ pose
-        both = _draw_both_bodies(scene, step, decomposition, camera, offset_mm)
-        moved = build_moved_body(number, decomposition)
-        turned_pose = turn_pose_over(pose, azimuth_deg)
-        view = choose_view(moved, turned_pose, TURNED_OVER_ELEVATIONS_DEG, azimuth_deg)
-        moved_picture = _draw_moved_body(moved, decomposition, make_camera(*view) @ turned_pose)
-        pictures.append(StepPictures(both, moved_picture, name_top_direction(camera)))
-    return pictures
+    with ThreadPoolExecutor(DRAWING_THREADS) as executor:  # views are chosen here while pictures are drawn
+        for number, step in enumerate(decomposition.assembly.steps[:end]):
+            offset_mm = find_gap_mm(step, decomposition) * step.direction
+            scene = build_both_bodies(number, decomposition, offset_mm)
+            pose = find_pose(step.direction)
+            azimuth_deg, elevation_deg = choose_view(scene, pose, ELEVATIONS_DEG, azimuth_deg)
+            if number >= first:
+                camera = make_camera(azimuth_deg, elevation_deg) @ pose
+                turned_pose = turn_pose_over(pose, azimuth_deg)
+                cameras = StepCameras(camera, turned_pose, azimuth_deg)
+                drawings.append(executor.submit(_draw_step, number, decomposition, offset_mm, cameras))
+    return [drawing.result() for drawing in drawings]
 
 
 def find_pose(direction: Floats) -> Floats:
@@ -199,29 +199,59 @@ def name_top_direction(camera: Floats) -> str:
     return max(names)[1]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StepCameras:
+    """Cameras of a step.
+
+    Attributes
+    ----------
+    both
+        (3, 3) camera of the picture of both bodies.
+    turned_pose
+        (3, 3) pose of the moved body, turned over.
+    azimuth_deg
+        Azimuth of the first picture, to which that of the second is close.
+    """
+
+    both: Floats
+    turned_pose: Floats
+    azimuth_deg: float
+
+
+def _draw_step(
+    number: int, decomposition: Decomposition, offset_mm: Floats, cameras: StepCameras
+) -> StepPictures:
+    """Draw a step: both bodies, and the moved body from its best view."""
+    step = decomposition.assembly.steps[number]
+    scene = build_both_bodies(number, decomposition, offset_mm)  # again, as kept scenes would fill the memory
+    both_picture = _draw_both_bodies(scene, step, decomposition, cameras.both, offset_mm)
+    moved = build_moved_body(number, decomposition)
+    view = choose_view(moved, cameras.turned_pose, TURNED_OVER_ELEVATIONS_DEG, cameras.azimuth_deg)
+    moved_picture = _draw_moved_body(moved, decomposition, make_camera(*view) @ cameras.turned_pose)
+    return StepPictures(both_picture, moved_picture, name_top_direction(cameras.both))
+
+
 def _draw_both_bodies(
     scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, offset_mm: Floats
 ) -> bytes:
     """Draw both bodies of a step, with the names of parts and pins, the movement and a scale, as PNG."""
-    drawing = draw_shapes(scene.shapes, camera, LONG_SIDE_PX, oversample=2)
-    figure, axes = make_figure(drawing)
-    write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
+    canvas = Canvas(draw_shapes(scene.shapes, camera, LONG_SIDE_PX, oversample=2))
+    canvas.write_labels([find_part_number(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:
-        rod = np.array([_find_tip(pin), pin.position_mm + offset_mm])
-        axes.plot(*drawing.find_pixels(rod).T, ls=":", lw=1.2, color=PIN_INK)
-    _name_pins(axes, drawing, scene, [_find_tip(pin) for pin in scene.pins])
-    _draw_arrow(axes, drawing, step, decomposition, offset_mm)
-    _draw_scale(axes, drawing)
-    return encode_png(figure)
+        rod_mm = np.array([_find_tip(pin), pin.position_mm + offset_mm])
+        canvas.draw_dots(canvas.drawing.find_pixels(rod_mm), ROD_PT, PIN_INK)
+    _name_pins(canvas, scene, [_find_tip(pin) for pin in scene.pins])
+    _draw_arrow(canvas, step, decomposition, offset_mm)
+    _draw_scale(canvas)
+    return canvas.encode_png()
 
 
 def _draw_moved_body(scene: Scene, decomposition: Decomposition, camera: Floats) -> bytes:
     """Draw the moved body of a step, with the names of parts and pins, as PNG."""
-    drawing = draw_shapes(scene.shapes, camera, TURNED_OVER_PX, oversample=2)
-    figure, axes = make_figure(drawing)
-    write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
-    _name_pins(axes, drawing, scene, [pin.position_mm for pin in scene.pins])
-    return encode_png(figure)
+    canvas = Canvas(draw_shapes(scene.shapes, camera, TURNED_OVER_PX, oversample=2))
+    canvas.write_labels([find_part_number(decomposition.parts[number].id) for number in scene.parts])
+    _name_pins(canvas, scene, [pin.position_mm for pin in scene.pins])
+    return canvas.encode_png()
 
 
 def _find_tip(pin: Pin) -> Floats:
@@ -230,44 +260,30 @@ def _find_tip(pin: Pin) -> Floats:
     return np.asarray(pin.position_mm + height_mm / 2.0 * pin.axis)
 
 
-def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Floats]) -> None:
+def _name_pins(canvas: Canvas, scene: Scene, points_mm: Sequence[Floats]) -> None:
     """Write the size of each visible pin next to it."""
+    drawing = canvas.drawing
     for number, (pin, point_mm) in enumerate(zip(scene.pins, points_mm, strict=True), scene.first_pin + 1):
         if not (drawing.visible == number).any():
             continue
         x, y = drawing.find_pixels(point_mm[None])[0]
-        axes.text(
-            x + PIN_PT, y + PIN_PT / 2.0, format_size(pin),
-            fontsize=PIN_PT, weight="bold", color=PIN_INK, path_effects=make_white_outline(),
-        )  # fmt: skip
+        size = format_size(pin).replace("×", "x")  # the font has no multiplication sign
+        canvas.write_text(x + PIN_PT, y + PIN_PT / 2.0, size, PIN_PT, "ls", PIN_INK)
 
 
-def _draw_arrow(
-    axes: Any, drawing: Drawing, step: AssemblyStep, decomposition: Decomposition, offset_mm: Floats
-) -> None:
+def _draw_arrow(canvas: Canvas, step: AssemblyStep, decomposition: Decomposition, offset_mm: Floats) -> None:
     """Draw the movement of the moved body as an arrow from its middle."""
     bounds = [decomposition.parts[number].solid.bounds_mm for number in step.moved_parts]
     middle = np.mean([bound.mean(axis=0) for bound in bounds], axis=0)
-    start, end = drawing.find_pixels(np.array([middle + offset_mm, middle]))
-    axes.annotate(
-        "",
-        xy=end,
-        xytext=start,
-        arrowprops={"arrowstyle": "-|>", "lw": 4, "mutation_scale": 25, "color": "black", "alpha": 0.75},
-    )
+    start, end = canvas.drawing.find_pixels(np.array([middle + offset_mm, middle]))
+    canvas.draw_arrow(start, end, ARROW_INK)
 
 
-def _draw_scale(axes: Any, drawing: Drawing) -> None:
+def _draw_scale(canvas: Canvas) -> None:
     """Draw a scale bar of a round length in the corner."""
+    drawing = canvas.drawing
     width_mm = drawing.visible.shape[1] / drawing.pixels_per_mm
     length_mm = max((mm for mm in SCALE_MM if mm < width_mm / 4.0), default=SCALE_MM[0])
     x, y = SCALE_PT, SCALE_PT
-    axes.plot([x, x + length_mm * drawing.pixels_per_mm], [y, y], lw=3, color="black", solid_capstyle="butt")
-    axes.text(
-        x,
-        y + SCALE_PT / 2.0,
-        f"{length_mm:g} mm",
-        fontsize=SCALE_PT,
-        va="bottom",
-        path_effects=make_white_outline(),
-    )
+    canvas.draw_line(np.array([[x, y], [x + length_mm * drawing.pixels_per_mm, y]]), BAR_PT, "black")
+    canvas.write_text(x, y + SCALE_PT / 2.0, f"{length_mm:g} mm", SCALE_PT, "ls")

@@ -134,3 +134,22 @@ def test_dpkg_runs_the_scripts_of_the_package_with_a_stub_of_systemctl():
     if result.returncode == SKIP_STATUS:
         pytest.skip(result.stderr.strip())
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_scripts_use_names_that_exist():
+    """Import the modules and names that the scripts give to Python; a rename would break the installation."""
+    command_texts = [
+        path.read_text() for path in DEPLOY.rglob("*") if path.is_file() and path.suffix != ".png"
+    ]
+    imports = [found for text in command_texts for found in re.findall(r"-c '(from [\w.]+ import \w+)", text)]
+    modules = {
+        name
+        for text in command_texts
+        for name in re.findall(r"python\"? -m ((?:farm|drivers|decompose|slicing)[\w.]*)", text, re.I)
+    }
+    assert "from decompose.jit import INSTALLED_FOLDER" in imports
+    assert "drivers.agent" in modules and "decompose.compilation" in modules
+    for command in imports:
+        exec(command, {})
+    for name in modules:
+        assert importlib.util.find_spec(name) is not None, name

@@ -39,7 +39,7 @@ def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
         "trimesh",
         "numba",
         "sklearn",
-        "matplotlib",
+        "PIL",
         "shapely",
         "manifold3d",
         "httpx",
