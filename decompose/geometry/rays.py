@@ -119,22 +119,31 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
     fill_counts = np.zeros(nx * ny, np.int64)
     edges = np.zeros((3, 4))
+    crossed, crossed_count = np.arange(len(triangles)), len(triangles)  # triangles that rays may cross
     for round_number in range(2):  # the first round counts the crossings, the second one fills them in
         if round_number == 1:
             crossings = _allocate_crossings(crossings.start)
-        for t in range(len(triangles)):
+        triangle_count, crossed_count = crossed_count, 0
+        for k in range(triangle_count):
+            t = crossed[k]
             if normals[t, 2] == 0.0:
                 continue
-            left_x, right_x = _set_edges(triangles, t, edges)
+            left_x, right_x, low_y, high_y = _find_extents(triangles, t)
+            first, last = _find_ray_range(left_x, right_x, x0, step, nx)
+            begin, end = _find_ray_range(low_y, high_y, y0, step, ny)
+            if first >= last or begin >= end:  # most triangles of a fine mesh are between the rays
+                continue
+            crossed[crossed_count] = t
+            crossed_count += 1
+            _set_edges(triangles, t, edges)
             (ax, ay, az), slope_x, slope_y, (lowest, highest) = _compute_plane(triangles, normals, t)
-            first = max(0, int(np.ceil((left_x - x0) / step)))
-            for i in range(first, min(nx, int(np.ceil((right_x - x0) / step)))):
+            for i in range(first, last):
                 x = x0 + i * step
                 low, high = _find_edge_span(edges, x)
                 if low > high:
                     continue
-                begin = max(0, int(np.ceil((low - y0) / step)))
-                for j in range(begin, min(ny, int(np.ceil((high - y0) / step)))):
+                begin, end = _find_ray_range(low, high, y0, step, ny)
+                for j in range(begin, end):
                     column = i * ny + j
                     if round_number == 0:
                         crossings.start[column + 1] += 1
@@ -160,8 +169,41 @@ def _allocate_crossings(counts: Ints) -> Crossings:
 
 
 @jit_inline
-def _set_edges(triangles: Floats, t: int, edges: Floats) -> tuple[float, float]:
-    """Describe the edges of a triangle as seen from above; return its range of x in mm.
+def _find_extents(triangles: Floats, t: int) -> tuple[float, float, float, float]:
+    """Find the least and the greatest x, and the least and the greatest y, of a triangle in mm.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) float64 in mm.
+    t
+        Index of the triangle.
+    """
+    return (
+        min(triangles[t, 0, 0], triangles[t, 1, 0], triangles[t, 2, 0]),
+        max(triangles[t, 0, 0], triangles[t, 1, 0], triangles[t, 2, 0]),
+        min(triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1]),
+        max(triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1]),
+    )
+
+
+@jit_inline
+def _find_ray_range(low: float, high: float, origin: float, step: float, count: int) -> tuple[int, int]:
+    """Find the half-open range of the rays from one coordinate to another along an axis.
+
+    Parameters
+    ----------
+    low, high
+        Coordinates in mm.
+    origin, step, count
+        Coordinate of the first ray and distance between rays in mm, and number of rays.
+    """
+    return max(0, int(np.ceil((low - origin) / step))), min(count, int(np.ceil((high - origin) / step)))
+
+
+@jit_inline
+def _set_edges(triangles: Floats, t: int, edges: Floats) -> None:
+    """Describe the edges of a triangle as seen from above.
 
     Parameters
     ----------
@@ -172,7 +214,6 @@ def _set_edges(triangles: Floats, t: int, edges: Floats) -> tuple[float, float]:
     edges
         (3, 4) float64, filled in: x of the left and of the right end, y of the left end, and slope.
     """
-    left_x, right_x = np.inf, -np.inf
     for k in range(3):
         p, q = k, (k + 1) % 3
         if triangles[t, p, 0] > triangles[t, q, 0]:
@@ -180,8 +221,6 @@ def _set_edges(triangles: Floats, t: int, edges: Floats) -> tuple[float, float]:
         px, qx = triangles[t, p, 0], triangles[t, q, 0]
         edges[k, 0], edges[k, 1], edges[k, 2] = px, qx, triangles[t, p, 1]
         edges[k, 3] = (triangles[t, q, 1] - triangles[t, p, 1]) / (qx - px) if qx > px else 0.0
-        left_x, right_x = min(left_x, px), max(right_x, qx)
-    return left_x, right_x
 
 
 @jit_inline

@@ -6,11 +6,11 @@ from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, compute_price_s
 from decompose.print_time.feature_shares import GROUPS, build_group_cost, estimate_feature_shares
 from decompose.print_time.hidden_faces import MIN_VISIBLE_MM2
+from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
 from decompose.print_time.poses import (
     MIN_TOUCHED_MM2,
     REFERENCE_SHRINKAGE,
-    PartMesh,
     Pose,
     compute_steady_limit_s,
     find_best_pose,

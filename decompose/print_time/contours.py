@@ -12,7 +12,8 @@ import numpy as np
 
 from decompose.arrays import Floats, Ints
 from decompose.jit import jit
-from decompose.print_time.surfaces import Surfaces, measure_surfaces
+from decompose.print_time.part_mesh import PartMesh
+from decompose.print_time.surfaces import Surfaces
 
 RISING_WALL_FACTOR = 1.5
 """Width of the skin that continues under a wall rising from it, as a multiple of the width of the walls at an
@@ -42,67 +43,23 @@ class Contours(NamedTuple):
     steep_top_mm2: float
 
 
-def measure_contours(vertices: Floats, faces: Ints, up: Floats, skin_cos: float, ring_cos: float) -> Contours:
-    """Measure the contours of a closed mesh in a pose.
+def measure_contours(mesh: PartMesh, up: Floats, skin_cos: float, ring_cos: float) -> Contours:
+    """Measure the contours of a part in a pose.
 
     Parameters
     ----------
-    vertices, faces
-        (n, 3) in mm and (m, 3), outward; faces share the vertices of their common edges.
+    mesh
+        Mesh of the part; faces share the vertices of their common edges.
     up
         (3,) unit vector.
     skin_cos, ring_cos
         Limits of slopes with skin, and with denser infill below them; see `CostModel`.
     """
-    surfaces = measure_surfaces(vertices, faces)
-    edges = _pair_half_edges(faces, len(vertices))
+    surfaces = mesh.surfaces
     return Contours(
-        *_sum_rims_mm(vertices, faces, surfaces.normals, up, edges, skin_cos),
+        *_sum_rims_mm(mesh.vertices, mesh.faces, surfaces.normals, up, mesh.edges, skin_cos),
         *_sum_slopes_mm2(surfaces, up, skin_cos, ring_cos),
     )
-
-
-@jit
-def _pair_half_edges(faces: Ints, vertices: int) -> Ints:
-    """Pair the two half-edges of each edge.
-
-    Half-edges are stored in lists by the lower of their vertices until the other half of their edge follows.
-
-    Parameters
-    ----------
-    faces
-        (m, 3) int64 vertices of the faces.
-    vertices
-        Number of vertices.
-
-    Returns
-    -------
-    ndarray
-        (k, 2) int64 half-edges of each edge, each as three times its face plus its corner.
-    """
-    start = np.zeros(vertices + 1, np.int64)
-    for i in range(len(faces)):
-        for corner in range(3):
-            start[min(faces[i, corner], faces[i, (corner + 1) % 3]) + 1] += 1
-    for vertex in range(vertices):
-        start[vertex + 1] += start[vertex]
-    ends = start[:-1].copy()
-    stored, pairs = np.zeros((start[-1], 2), np.int64), np.zeros((start[-1], 2), np.int64)
-    count = 0
-    for i in range(len(faces)):
-        for corner in range(3):
-            a, b = faces[i, corner], faces[i, (corner + 1) % 3]
-            low, high = min(a, b), max(a, b)
-            slot = start[low]
-            while slot < ends[low] and stored[slot, 0] != high:
-                slot += 1
-            if slot < ends[low]:
-                pairs[count, 0], pairs[count, 1] = stored[slot, 1], 3 * i + corner
-                count += 1
-            else:
-                ends[low] += 1
-            stored[slot, 0], stored[slot, 1] = high, 3 * i + corner
-    return pairs[:count].copy()
 
 
 @jit
@@ -150,7 +107,7 @@ def _sum_rims_mm(
     up
         (3,) float64 unit vector.
     edges
-        (k, 2) int64 pairs of half-edges, by `_pair_half_edges`.
+        (k, 2) int64 pairs of half-edges, by `pair_half_edges`.
     skin_cos
         Limit of slopes with skin.
 

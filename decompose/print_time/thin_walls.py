@@ -84,32 +84,38 @@ def measure_thin_walls(
         Approximate number of rays along each axis.
     """
     sums = np.zeros(3)
+    mesh = _Mesh(np.ascontiguousarray(triangles), *find_bounds(triangles), compute_unit_normals(triangles))
     # First x, then y, becomes the last axis; `upright` is the index of z in the new order.
     for upright, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):
-        crossings, normals, ray_mm2 = _send_rays(triangles[:, :, order], count)
-        sums += ray_mm2 * _sum_thin_walls(crossings, normals, upright, widths)
-    crossings, normals, ray_mm2 = _send_rays(triangles, count)
+        turned_mesh = mesh.permute_axes(order)
+        crossings, ray_mm2 = _send_rays(turned_mesh, count)
+        sums += ray_mm2 * _sum_thin_walls(crossings, turned_mesh.normals, upright, widths)
+    crossings, ray_mm2 = _send_rays(mesh, count)
     bare_mm2, gap_mm2, full_mm2 = sums.tolist()
-    overlap_mm3 = ray_mm2 * _sum_overlap_mm(crossings, normals, sheets)
+    overlap_mm3 = ray_mm2 * _sum_overlap_mm(crossings, mesh.normals, sheets)
     return ThinWalls(bare_mm2, gap_mm2, full_mm2, overlap_mm3)
 
 
-def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]:
-    """Send rays along the last axis of triangles (m, 3, 3) in mm.
+class _Mesh(NamedTuple):
+    """Triangles (m, 3, 3) and their bounds (3,) in mm, and unit normals (m, 3)."""
 
-    Returns
-    -------
-    tuple
-        Crossings, (m, 3) unit normals of the faces, and the area that a ray stands for, in mm2.
-    """
-    aligned_triangles = np.ascontiguousarray(triangles)
-    lo, hi = find_bounds(aligned_triangles)
-    width_mm, depth_mm = (hi - lo)[:2].tolist()
+    triangles: Floats
+    lo: Floats
+    hi: Floats
+    normals: Floats
+
+    def permute_axes(self, order: list[int]) -> _Mesh:
+        """Reorder x, y and z of all arrays; `order` is an even permutation, so that normals stay outward."""
+        return _Mesh(*(np.ascontiguousarray(array[..., order]) for array in self))
+
+
+def _send_rays(mesh: _Mesh, count: int) -> tuple[Crossings, float]:
+    """Send rays along the last axis; return the crossings, and the area in mm2 that a ray stands for."""
+    width_mm, depth_mm = (mesh.hi - mesh.lo)[:2].tolist()
     step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
-    origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
-    normals = compute_unit_normals(aligned_triangles)
+    origin_mm = mesh.lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
     rays = Rays(origin_mm, step_mm, (math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)))
-    return find_crossings(aligned_triangles, normals, rays), normals, step_mm**2
+    return find_crossings(mesh.triangles, mesh.normals, rays), step_mm**2
 
 
 @jit

@@ -20,8 +20,9 @@ from decompose.geometry import find_convex_outline, find_smallest_rectangle, mea
 from decompose.jit import jit
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import CostModel
+from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import POSE_ROTATIONS, sum_pose_features
-from decompose.print_time.poses.pose import COLUMN, PartMesh, Pose, measure_from_features
+from decompose.print_time.poses.pose import COLUMN, Pose, measure_from_features
 from decompose.print_time.surfaces import measure_surfaces
 from decompose.printers import PrinterRoom
 

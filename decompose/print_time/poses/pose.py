@@ -13,10 +13,10 @@ from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.contours import measure_contours
 from decompose.print_time.cost import CostModel
 from decompose.print_time.hidden_faces import find_hidden_faces
+from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import LATERAL, SKIN, price_short_layers_s, sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
 from decompose.print_time.recipe import ADDITIVE_FEATURES
-from decompose.print_time.surfaces import measure_surfaces
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
 
 COLUMN = ADDITIVE_FEATURES.index("column_mm3")
@@ -138,15 +138,6 @@ def measure_pose(
     return measure_from_features(PartMesh(vertices, faces, is_cut), rotation, features, cost, fit_first_layer)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PartMesh:
-    """Closed mesh of a part: vertices (n, 3) in mm, faces (m, 3), and which faces (m,) are cuts."""
-
-    vertices: Floats
-    faces: Ints
-    is_cut: Bools
-
-
 def measure_from_features(
     mesh: PartMesh, rotation: Floats, features: Floats, cost: CostModel, fit_first_layer: bool
 ) -> Pose:
@@ -172,8 +163,8 @@ def measure_from_features(
     width_mm, depth_mm, height_mm = (hi - lo).tolist()
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
-    surfaces, up = measure_surfaces(mesh.vertices, mesh.faces), np.ascontiguousarray(rotation[2])
-    hidden_faces = find_hidden_faces(surfaces, mesh.is_cut, up, float(lo[2]), cost.skin_cos)
+    up = np.ascontiguousarray(rotation[2])
+    hidden_faces = find_hidden_faces(mesh.surfaces, mesh.is_cut, up, float(lo[2]), cost.skin_cos)
     saved_mm = hidden_faces.compute_saved_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
     sheets = Sheets(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
     columns = measure_columns(triangles, mesh.is_cut, cost.overhang_cos)
@@ -190,7 +181,7 @@ def measure_from_features(
             (triangles[mesh.is_cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any()
         )
         expansion_mm = footing.choose_expansion_mm(is_joined)
-    contours = measure_contours(mesh.vertices, mesh.faces, up, cost.skin_cos, cost.ring_cos)
+    contours = measure_contours(mesh, up, cost.skin_cos, cost.ring_cos)
     pose_cost = cost if brim_width_mm is None else replace(cost, brim_mm=brim_width_mm)
     return Pose(
         to_model=to_model,

@@ -14,10 +14,11 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.print_time.cost import CostModel
+from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MM
 from decompose.print_time.poses.orientation import find_fitting_rotations
-from decompose.print_time.poses.pose import COLUMN, PartMesh, Pose, measure_from_features
+from decompose.print_time.poses.pose import COLUMN, Pose, measure_from_features
 from decompose.printers import PrinterRoom
 
 MAX_STEADY_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
