@@ -54,7 +54,7 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
         PNG.
     """
     shapes, front_mm = _lay_out_shapes(parts, order, places)
-    drawing = draw_shapes(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
+    drawing = draw_shapes(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX)
     canvas = Canvas(drawing)
     canvas.write_labels([find_part_number(parts[number].id) for number in order])
     for number, (x, y) in zip(order, drawing.find_pixels(front_mm), strict=True):

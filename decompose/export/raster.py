@@ -209,7 +209,7 @@ def make_camera(azimuth_deg: float, elevation_deg: float) -> Floats:
     return np.stack([right, np.cross(eye, right), eye])
 
 
-def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: int = 3) -> Drawing:
+def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: int = 2) -> Drawing:
     """Draw shapes without perspective.
 
     Parameters

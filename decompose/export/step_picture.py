@@ -235,7 +235,7 @@ def _draw_both_bodies(
     scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, offset_mm: Floats
 ) -> bytes:
     """Draw both bodies of a step, with the names of parts and pins, the movement and a scale, as PNG."""
-    canvas = Canvas(draw_shapes(scene.shapes, camera, LONG_SIDE_PX, oversample=2))
+    canvas = Canvas(draw_shapes(scene.shapes, camera, LONG_SIDE_PX))
     canvas.write_labels([find_part_number(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:
         rod_mm = np.array([_find_tip(pin), pin.position_mm + offset_mm])
@@ -248,7 +248,7 @@ def _draw_both_bodies(
 
 def _draw_moved_body(scene: Scene, decomposition: Decomposition, camera: Floats) -> bytes:
     """Draw the moved body of a step, with the names of parts and pins, as PNG."""
-    canvas = Canvas(draw_shapes(scene.shapes, camera, TURNED_OVER_PX, oversample=2))
+    canvas = Canvas(draw_shapes(scene.shapes, camera, TURNED_OVER_PX))
     canvas.write_labels([find_part_number(decomposition.parts[number].id) for number in scene.parts])
     _name_pins(canvas, scene, [pin.position_mm for pin in scene.pins])
     return canvas.encode_png()

@@ -8,6 +8,8 @@ from decompose.arrays import Floats
 from decompose.jit import jit
 
 COLLINEAR_MM2 = 1e-9  # twice the area of a triangle up to which its corners count as collinear
+MIN_FILTERED = 64  # minimum number of points of which inner ones are dropped
+MIN_INSIDE_MM2 = 1e-6  # minimum value of the cross product at which a point counts as inside an edge
 
 
 @jit
@@ -26,6 +28,7 @@ def find_convex_outline(points: Floats) -> Floats:
     ndarray
         (k, 2) float64 in mm; (0, 2) if the points span no area.
     """
+    points = _drop_inner_points(points)
     order = np.argsort(points[:, 1], kind="mergesort")
     order = order[np.argsort(points[order, 0], kind="mergesort")]
     n = len(order)
@@ -45,6 +48,50 @@ def find_convex_outline(points: Floats) -> Floats:
             count += 1
         count -= 1  # the last point begins the other half
     return chain[:count].copy() if count >= 3 else np.zeros((0, 2))
+
+
+@jit
+def _drop_inner_points(points: Floats) -> Floats:
+    """Drop most points inside the convex outline, because sorting takes longer than this.
+
+    These are the points inside the octagon of those that lie furthest in eight directions.
+
+    Source: S. G. Akl, G. T. Toussaint, "A fast convex hull algorithm", 1978.
+
+    Parameters
+    ----------
+    points
+        (n, 2) float64 in mm.
+
+    Returns
+    -------
+    ndarray
+        (k, 2) float64 in mm, in the same order.
+    """
+    if len(points) < MIN_FILTERED:
+        return points
+    furthest, reach_mm = np.zeros(8, np.int64), np.full(8, -np.inf)
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        for k, along_mm in enumerate((x, x + y, y, y - x, -x, -x - y, -y, x - y)):
+            if along_mm > reach_mm[k]:
+                furthest[k], reach_mm[k] = i, along_mm
+    kept, count = np.zeros((len(points), 2)), 0
+    for i in range(len(points)):
+        is_inside = True
+        for k in range(8):
+            a, b = furthest[k], furthest[(k + 1) % 8]
+            if a == b:
+                continue
+            side_mm2 = (points[b, 0] - points[a, 0]) * (points[i, 1] - points[a, 1])
+            side_mm2 -= (points[b, 1] - points[a, 1]) * (points[i, 0] - points[a, 0])
+            if side_mm2 <= MIN_INSIDE_MM2:
+                is_inside = False
+                break
+        if not is_inside:
+            kept[count] = points[i]
+            count += 1
+    return kept[:count].copy()
 
 
 @jit
@@ -118,9 +165,13 @@ def find_smallest_rectangle(outline: Floats) -> float:
         a, b = outline[i], outline[(i + 1) % len(outline)]
         side_mm = np.hypot(b[0] - a[0], b[1] - a[1])
         ux, uy = (b[0] - a[0]) / side_mm, (b[1] - a[1]) / side_mm
-        along_edge = outline[:, 0] * ux + outline[:, 1] * uy
-        across = outline[:, 1] * ux - outline[:, 0] * uy
-        u, v = along_edge.max() - along_edge.min(), across.max() - across.min()
+        low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
+        for k in range(len(outline)):
+            along_edge = outline[k, 0] * ux + outline[k, 1] * uy
+            across = outline[k, 1] * ux - outline[k, 0] * uy
+            low_u, high_u = min(low_u, along_edge), max(high_u, along_edge)
+            low_v, high_v = min(low_v, across), max(high_v, across)
+        u, v = high_u - low_u, high_v - low_v
         if u * v < best_mm2 - 1e-6:  # of rectangles of equal size, the first one is taken
             best_mm2 = u * v
             angle_rad = np.arctan2(uy, ux) if u >= v else np.arctan2(ux, -uy)

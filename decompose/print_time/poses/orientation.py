@@ -250,10 +250,11 @@ def _find_rotation(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) ->
     angles_rad = find_smallest_rectangle(outline) + YAWS_RAD
     if len(axis):
         angles_rad = np.insert(angles_rad, 0, 0.0)
-    sizes_mm = measure_rectangles(outline, angles_rad).tolist()
-    for angle_rad, (width_mm, depth_mm) in zip(angles_rad, sizes_mm, strict=True):
-        if all(printer.fits(width_mm, depth_mm, height_mm) for printer in printers):
-            return np.vstack([_build_yaw(angle_rad) @ np.array([x, y]), up])
+    for some_angles_rad in (angles_rad[:1], angles_rad[1:]):  # the first one fits almost always
+        sizes_mm = measure_rectangles(outline, some_angles_rad).tolist()
+        for angle_rad, (width_mm, depth_mm) in zip(some_angles_rad, sizes_mm, strict=True):
+            if all(printer.fits(width_mm, depth_mm, height_mm) for printer in printers):
+                return np.vstack([_build_yaw(angle_rad) @ np.array([x, y]), up])
     return None
 
 
