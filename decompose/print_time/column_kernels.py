@@ -290,3 +290,23 @@ def _find_standing_columns(runs: Runs, shape: tuple[int, int]) -> Bools:
             runs.counts[column] > 0 and runs.ends[first, 0] < MAX_BED_GAP_MM
         )
     return is_standing
+
+
+@jit
+def sum_steps_mm(heights_mm: Floats) -> float:
+    """Sum the differences in mm between neighbouring columns; a slope counts as steps.
+
+    Parameters
+    ----------
+    heights_mm
+        (nx, ny) float64 heights of the columns, which are surrounded by columns of height 0.
+    """
+    nx, ny = heights_mm.shape
+    steps_mm = 0.0
+    for i in range(nx + 1):
+        for j in range(ny + 1):
+            height_mm = heights_mm[i, j] if i < nx and j < ny else 0.0
+            before_x_mm = heights_mm[i - 1, j] if i > 0 and j < ny else 0.0
+            before_y_mm = heights_mm[i, j - 1] if j > 0 and i < nx else 0.0
+            steps_mm += abs(height_mm - before_x_mm) + abs(height_mm - before_y_mm)
+    return steps_mm

@@ -9,11 +9,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from decompose.arrays import Bools, Floats
 from decompose.geometry.rays import Rays, find_bounds
-from decompose.print_time.column_kernels import MIN_STEP_MM, sweep_columns
+from decompose.print_time.brim import count_brim_columns
+from decompose.print_time.column_kernels import MIN_STEP_MM, sum_steps_mm, sweep_columns
 
 COLUMN_COUNT = 12_000  # approximate number of columns; support volumes have errors of 1 to 2 %
 
@@ -74,14 +74,8 @@ class Columns:
         """Measure the area of a brim around everything that stands on the bed; holes get no brim."""
         if width_mm <= 0.0:
             return 0.0
-        is_standing = _fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
-        # The outline lies half a column beyond the middle of the last column inside.
-        distances_mm = (ndimage.distance_transform_edt(~is_standing) - 0.5) * self.step_mm
-        return (
-            float((~is_standing & (distances_mm <= width_mm)).sum() * self.step_mm**2)
-            if is_standing.any()
-            else 0.0
-        )
+        is_standing = np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1)
+        return count_brim_columns(is_standing, width_mm, self.step_mm) * self.step_mm**2
 
 
 def measure_columns(
@@ -114,7 +108,7 @@ def measure_columns(
     area_mm2 = step_mm**2
     return Columns(
         support_mm3=float(sums.supports_mm.sum() * area_mm2),
-        support_side_mm2=_sum_side_mm2(sums.supports_mm, step_mm) + sums.edges_mm2,
+        support_side_mm2=sum_steps_mm(sums.supports_mm) * step_mm + sums.edges_mm2,
         towers_mm=sums.towers_mm,
         islands_mm=sums.islands_mm,
         bodies_mm=sums.bodies_mm,
@@ -131,21 +125,10 @@ def measure_columns(
     )
 
 
-def _fill_holes(mask: Bools) -> Bools:
-    """Fill the holes of a mask (nx, ny) whose rim is empty."""
-    labels, _ = ndimage.label(~mask)
-    return np.asarray(labels != labels[0, 0])
-
-
 def _find_row_ends(is_marked: Bools) -> Floats:
     """Find the indices (p, 2) of the first and of the last marked column of each row (nx, ny)."""
     rows = np.flatnonzero(is_marked.any(axis=1))
+    if not len(rows):
+        return np.zeros((0, 2))
     first, last = is_marked.argmax(axis=1), is_marked.shape[1] - 1 - is_marked[:, ::-1].argmax(axis=1)
     return np.concatenate([np.stack([rows, ends[rows]], axis=1) for ends in (first, last)]).astype(np.float64)
-
-
-def _sum_side_mm2(heights_mm: Floats, step_mm: float) -> float:
-    """Sum the upright area between columns (nx, ny) of different heights; slopes are counted as steps."""
-    padded_mm = np.pad(heights_mm, 1)
-    steps_mm = np.abs(np.diff(padded_mm, axis=0)).sum() + np.abs(np.diff(padded_mm, axis=1)).sum()
-    return float(steps_mm * step_mm)

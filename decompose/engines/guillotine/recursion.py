@@ -43,10 +43,8 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
         near = value[begin : begin + count]
         begin = sums[k, 2] * size + far_index
         far = value[begin : begin + count]
-        for i in range(len(least)):
-            total = near[i] + far[i]
-            if total < least[i]:
-                least[i] = total
+        for i in range(len(least)):  # in the type of the table, which the processor adds many of at once
+            least[i] = min(value.dtype.type(near[i] + far[i]), least[i])
 
 
 @jit
