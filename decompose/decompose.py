@@ -13,7 +13,7 @@ import numpy as np
 
 from decompose.arrays import Floats, Ints
 from decompose.best import find_best
-from decompose.bound import compute_any_boxes_bound_s
+from decompose.bound import bound_shared_work_s, sum_least_work_s
 from decompose.engines import ENGINES, apply_paper_settings
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Interior, Options
@@ -64,11 +64,13 @@ def decompose_model(
     problem = Problem(model, tuple(printers), cost, options, executor)
     serial = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
     serial_wall_s = perf_counter() - start_s
+    # The model is usually cut along its own axes, and this is done before the search needs both processors.
+    least_work = problem.start(partial(_sum_least_work_s, problem, vertices[faces]))
     run_with_serial = partial(run_engine, serial=serial)
     result = (
         find_best(problem, run_with_serial) if options.engine is Engine.BEST else run_with_serial(problem)
     )
-    result = _add_bound(problem, result)
+    result = _add_bound(problem, result, least_work)
     stages = result.compute_s | {"serial": serial_wall_s, "total": perf_counter() - start_s}
     return replace(result, compute_s=stages)
 
@@ -92,24 +94,42 @@ def run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> D
     return replace(finish_result(problem, partition, serial()), compute_s=stage_times.list_stage_times())
 
 
-def _add_bound(problem: Problem, result: Decomposition) -> Decomposition:
+def _add_bound(
+    problem: Problem, result: Decomposition, least_work: Callable[[], float | None]
+) -> Decomposition:
     """Add the bound for boxes on any grid to a result of the engine `guillotine`, if bounds are requested.
 
     A model with very many faces is simplified, as for its price.
+
+    Parameters
+    ----------
+    problem, result
+        Problem and result.
+    least_work
+        Function that returns the result of `_sum_least_work_s` for the model in its own frame.
     """
-    if result.cutting is None or not problem.options.prove:
+    if result.cutting is None:
         return result
-    solid = simplify_solid_for_pricing(problem.model.solid.rotate(result.cutting.frame))
-    vertices, faces = solid.arrays()
-    keeps_interior = problem.options.interior is Interior.KEEP
-    bound_s = compute_any_boxes_bound_s(
-        vertices[faces],
-        problem.printers,
-        problem.cost,
-        math.inf if keeps_interior else problem.options.min_wall_mm,
-        min(result.makespan_s, result.lower_bound_s),
-    )
+    work_s = least_work()
+    if not np.array_equal(result.cutting.frame, np.eye(3)):
+        solid = simplify_solid_for_pricing(problem.model.solid.rotate(result.cutting.frame))
+        vertices, faces = solid.arrays()
+        work_s = _sum_least_work_s(problem, vertices[faces])
+    if work_s is None:
+        return result
+    known_s = min(result.makespan_s, result.lower_bound_s)
+    bound_s = bound_shared_work_s(work_s, problem.printers, problem.cost, known_s)
     return replace(result, any_boxes_bound_s=bound_s)
+
+
+def _sum_least_work_s(problem: Problem, triangles: Floats) -> float | None:
+    """Sum the work of the parts of triangles (m, 3, 3); None if there is no bound for boxes on any grid."""
+    is_bounded = problem.options.prove and problem.options.engine in (Engine.BEST, Engine.GUILLOTINE)
+    if not is_bounded:
+        return None
+    keeps_interior = problem.options.interior is Interior.KEEP
+    wall_mm = math.inf if keeps_interior else problem.options.min_wall_mm
+    return sum_least_work_s(triangles, problem.printers, problem.cost, wall_mm)
 
 
 def simplify_solid_for_pricing(solid: Solid) -> Solid:

@@ -67,8 +67,21 @@ def compute_any_boxes_bound_s(
     float
         Seconds.
     """
-    time_factors = [printer.time_factor for printer in printers]
-    rooms_mm = np.array([box for printer in printers for box in printer.boxes])
+    work_s = sum_least_work_s(triangles, printers, cost, wall_mm)
+    return bound_shared_work_s(work_s, printers, cost, makespan_s)
+
+
+def sum_least_work_s(
+    triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float
+) -> float:
+    """Sum the time in seconds of all parts, apart from what each part costs or saves by itself.
+
+    Parameters
+    ----------
+    triangles, printers, cost, wall_mm
+        As in `compute_any_boxes_bound_s`.
+    """
+    longest_mm = max(side_mm for printer in printers for box in printer.boxes for side_mm in box)
     volume_mm3 = float(
         np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0
     )
@@ -77,8 +90,25 @@ def compute_any_boxes_bound_s(
     may_omit = _find_unneeded_cells(grid, wall_mm)
     for axis in range(3):
         solid_mm, hollow_mm, area_mm2 = _measure_rows(grid, may_omit, axis).T
-        work_s += float((area_mm2 * _price_cuts_s_mm2(solid_mm, hollow_mm, rooms_mm.max(), cost)).sum())
-    saved_s = cost.inset_s_mm * float(rooms_mm[:, 2].max())
+        work_s += float((area_mm2 * _price_cuts_s_mm2(solid_mm, hollow_mm, longest_mm, cost)).sum())
+    return work_s
+
+
+def bound_shared_work_s(
+    work_s: float, printers: Sequence[PrinterRoom], cost: CostModel, makespan_s: float
+) -> float:
+    """Compute the bound in seconds if the work of `sum_least_work_s` is shared among all printers.
+
+    Parameters
+    ----------
+    work_s
+        Work of all parts.
+    printers, cost, makespan_s
+        As in `compute_any_boxes_bound_s`.
+    """
+    time_factors = [printer.time_factor for printer in printers]
+    highest_mm = max(box[2] for printer in printers for box in printer.boxes)
+    saved_s = cost.inset_s_mm * float(highest_mm)
     saved_s += _compute_max_rim_s(cost, makespan_s / min(time_factors))
     per_part_s = cost.fixed_s - saved_s
     per_part_s *= min(time_factors) if per_part_s > 0.0 else max(time_factors)

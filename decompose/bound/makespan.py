@@ -29,7 +29,7 @@ from decompose.print_time import MAX_INSET_SHARE, CostModel
 WEIGHT_UNIT = 1 << 24  # weight of a whole part before rounding to whole numbers
 MAX_LIMITS = 30  # maximum number of limits T that are tested
 FIRST_SHARE = 0.95  # the search begins at this share of a good partition's makespan
-TOLERANCE = 0.005  # accuracy of the bound, as a share of it
+TOLERANCE = 0.0075  # accuracy of the bound, as a share of it
 
 
 @dataclass(frozen=True, slots=True)
