@@ -18,8 +18,7 @@ from decompose.arrays import Floats
 from decompose.assembly import Assembly, AssemblyStep
 from decompose.connectors.coverage import Site, find_far_glue, sample_glue, sample_points, sort_places_by_gain
 from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
-from decompose.connectors.key_placer import KeyPlacer
-from decompose.connectors.keys import KeyMaker
+from decompose.connectors.keys import KeyMaker, KeyPlacer
 from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs, measure_distance_mm
 from decompose.connectors.tools import make_hole
 from decompose.options import THIN_FILAMENT_MM, ConnectorOptions

@@ -15,7 +15,7 @@ from enum import StrEnum
 
 from drivers.emulator.faults import Faults, FaultSampler
 from drivers.emulator.firmware import wording
-from drivers.emulator.firmware.dialect import Dialect
+from drivers.emulator.firmware.dialects.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, read_value
 from drivers.emulator.firmware.planner import CAPACITY
 from drivers.emulator.firmware.receiver import Receiver

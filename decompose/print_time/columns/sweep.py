@@ -9,7 +9,7 @@ import numpy as np
 from decompose.arrays import Bools, Floats
 from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_crossings
 from decompose.jit import jit, jit_inline
-from decompose.print_time.islands import Runs, sum_islands_mm
+from decompose.print_time.columns.islands import Runs, sum_islands_mm
 
 MIN_STEP_MM = 0.4  # minimum distance between columns
 LEVELS = 8  # number of heights at which the growing part is measured

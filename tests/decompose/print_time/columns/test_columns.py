@@ -8,8 +8,8 @@ import trimesh
 
 from decompose.geometry import Solid
 from decompose.print_time import measure_columns
-from decompose.print_time.column_kernels import LEVELS
 from decompose.print_time.columns import Columns
+from decompose.print_time.columns.sweep import LEVELS
 
 OVERHANG_COS = np.sin(np.radians(45.0))
 

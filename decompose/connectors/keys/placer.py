@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Bools, Floats
 from decompose.connectors.coverage import Site, find_far_glue, sort_places_by_gain
-from decompose.connectors.keys import SHORT_KEY_MM, KeyMaker, KeyPlace
+from decompose.connectors.keys.places import SHORT_KEY_MM, KeyMaker, KeyPlace
 from decompose.connectors.records import Pin
 
 MIN_SEPARATION_MM = 12.0  # minimum distance between two keys, or between a key and a pin

@@ -15,7 +15,7 @@ from drivers.emulator.firmware.commands import (
     Commands,
     Work,
 )
-from drivers.emulator.firmware.dialect import Dialect
+from drivers.emulator.firmware.dialects.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, read_value
 from drivers.emulator.firmware.planner import Limits
 from drivers.emulator.firmware.reports import format_temperatures

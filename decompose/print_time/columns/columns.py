@@ -12,8 +12,8 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.geometry.rays import Rays, find_bounds
-from decompose.print_time.brim import count_brim_columns
-from decompose.print_time.column_kernels import MIN_STEP_MM, sum_steps_mm, sweep_columns
+from decompose.print_time.columns.brim import count_brim_columns
+from decompose.print_time.columns.sweep import MIN_STEP_MM, sum_steps_mm, sweep_columns
 
 COLUMN_COUNT = 12_000  # approximate number of columns; support volumes have errors of 1 to 2 %
 

@@ -12,7 +12,7 @@ from drivers.emulator.firmware.commands import (
     set_axis_mode,
     stop_moves,
 )
-from drivers.emulator.firmware.dialect import Dialect
+from drivers.emulator.firmware.dialects.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine
 from drivers.emulator.firmware.planner import Limits
 from drivers.emulator.firmware.reports import format_temperatures, report_endstops, report_position

@@ -1,0 +1,21 @@
+"""Keys: pins that lie along a joint. Their places, and the choice among them."""
+
+from __future__ import annotations
+
+from decompose.connectors.keys.placer import KeyPlacer
+from decompose.connectors.keys.places import (
+    SHORT_KEY_MM,
+    KeyMaker,
+    choose_key_lengths_mm,
+    compute_bottom_length_mm,
+    compute_groove_depth_mm,
+)
+
+__all__ = [
+    "SHORT_KEY_MM",
+    "KeyMaker",
+    "KeyPlacer",
+    "choose_key_lengths_mm",
+    "compute_bottom_length_mm",
+    "compute_groove_depth_mm",
+]
