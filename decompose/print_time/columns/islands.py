@@ -59,10 +59,11 @@ def sum_islands_mm(
     nx, ny = shape
     other_islands, other_bodies, holes, hole_paths, island_paths = 0, 0, 0, 0.0, 0.0
     rows, row_length = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
-    kind = np.zeros(rows * row_length, np.int8)  # kind of each cell: empty, solid or support
+    kinds = _fill_levels(runs, ny, height_mm, (rows, row_length))
     parent = np.zeros(rows * row_length, np.int64)
     for level in range(ISLAND_LEVELS):
-        rectangle = _fill_level(runs, ny, height_mm * (level + 0.5) / ISLAND_LEVELS, kind, (rows, row_length))
+        kind = kinds[level]
+        rectangle = _count_rectangle(kind, rows, row_length)
         islands, bodies, cells = _count_islands(kind, parent, rows, row_length)
         if islands > 1:
             other_islands += islands - 1
@@ -86,8 +87,8 @@ def sum_islands_mm(
 
 
 @jit
-def _fill_level(runs: Runs, ny: int, z_mm: float, kind: Bytes, shape: tuple[int, int]) -> int:
-    """Fill a raster from every second column at a height, and count the cells of its bounding rectangle.
+def _fill_levels(runs: Runs, ny: int, height_mm: float, shape: tuple[int, int]) -> Bytes:
+    """Fill a raster from every second column for each level.
 
     Parameters
     ----------
@@ -95,30 +96,47 @@ def _fill_level(runs: Runs, ny: int, z_mm: float, kind: Bytes, shape: tuple[int,
         Runs of all columns.
     ny
         Number of columns along y.
-    z_mm
-        Height in mm.
-    kind
-        (rows * row_length,) int8, filled in: 1 for solid, 2 for support, else 0.
+    height_mm
+        Height of the mesh in mm.
     shape
-        Number of rows of the raster, and number of cells in each row.
+        Number of rows of a raster, and number of cells in each row.
 
     Returns
     -------
-    int
-        Number of cells of the smallest rectangle around the cells that are not empty.
+    ndarray
+        (ISLAND_LEVELS, rows * row_length) int8: 1 for solid, 2 for support, else 0.
     """
     rows, row_length = shape
+    kinds = np.zeros((ISLAND_LEVELS, rows * row_length), np.int8)
+    for index in range(rows * row_length):
+        column = index // row_length * ISLAND_STRIDE * ny + index % row_length * ISLAND_STRIDE
+        for k in range(runs.start[column], runs.start[column] + runs.counts[column]):
+            bottom_mm, top_mm = runs.ends[k, 0], runs.ends[k, 1]
+            support_bottom_mm = bottom_mm - runs.ends[k, 3]
+            for level in range(ISLAND_LEVELS):
+                z_mm = height_mm * (level + 0.5) / ISLAND_LEVELS
+                if bottom_mm < z_mm < top_mm:
+                    kinds[level, index] = 1
+                elif support_bottom_mm < z_mm <= bottom_mm:
+                    kinds[level, index] = 2
+    return kinds
+
+
+@jit
+def _count_rectangle(kind: Bytes, rows: int, row_length: int) -> int:
+    """Count the cells of the smallest rectangle around the cells of a raster that are not empty.
+
+    Parameters
+    ----------
+    kind
+        (rows * row_length,) int8, 0 for an empty cell.
+    rows, row_length
+        Number of rows of the raster, and number of cells in each row.
+    """
     low_i, high_i, low_j, high_j = rows, -1, row_length, -1
     for i in range(rows):
         for j in range(row_length):
-            index, column = i * row_length + j, i * ISLAND_STRIDE * ny + j * ISLAND_STRIDE
-            kind[index] = 0
-            for k in range(runs.start[column], runs.start[column] + runs.counts[column]):
-                if runs.ends[k, 0] < z_mm < runs.ends[k, 1]:
-                    kind[index] = 1
-                elif runs.ends[k, 0] - runs.ends[k, 3] < z_mm <= runs.ends[k, 0]:
-                    kind[index] = 2
-            if kind[index] > 0:
+            if kind[i * row_length + j] > 0:
                 low_i, high_i, low_j, high_j = min(low_i, i), max(high_i, i), min(low_j, j), max(high_j, j)
     return max(0, high_i + 1 - low_i) * max(0, high_j + 1 - low_j)
 
