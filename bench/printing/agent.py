@@ -24,7 +24,8 @@ from pathlib import Path
 
 from drivers import messages as m
 from drivers.clock import Clock
-from drivers.emulator.firmware import ultimaker2, wording
+from drivers.emulator.firmware import wording
+from drivers.emulator.firmware.dialects import ultimaker2
 from drivers.emulator.firmware.planner import Limits
 from drivers.emulator.port import Port
 from drivers.errors import DriverError
