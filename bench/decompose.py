@@ -2,13 +2,14 @@
 
 Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines best,parallelobox-faithful]
        [--only NAME,...] [--side 450] [--quality paper] [--granularity auto] [--budget S] [--results DIR]
-       [--jobs N] [--no-slices] [--no-whole] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
+       [--jobs N] [--no-slices] [--whole as-is,best-pose | --no-whole] [--json]
+       [--scheduler tls://HOST:PORT --certificates DIR]
 
 Engines other than `best` run only for the first number of printers. If an engine that takes no number returns
 k parts, `best` runs for k printers as well, for a fair comparison. Partitions of the guillotine engine are
 balanced again by their sliced times (`decompose.relevel`) if that makes them faster. Each run is stored in a
-file in --results and is not repeated; slices are cached. The uncut model is sliced once, on a bed without
-limits (with --no-whole, its time is the estimate of the cost model).
+file in --results and is not repeated; slices are cached. The uncut model is sliced as it stands, and in its
+best pose, on a bed without limits (with --no-whole, its times are the estimates of the cost model).
 """
 
 from __future__ import annotations
@@ -26,18 +27,27 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 import trimesh
 
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
 from bench.prices.parts import ENDLESS_BED, make_recipe
-from bench.search.decomposition_rows import PART_ENGINES, compute_row, format_row, summarise
+from bench.search.decomposition_rows import (
+    AS_IS,
+    BEST_POSE,
+    PART_ENGINES,
+    add_whole,
+    compute_row,
+    format_row,
+    summarise,
+)
 from bench.search.peak_memory import read_peak_mb
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.export import write_decomposition
 from decompose.geometry import load_model
 from decompose.options import BUDGET_S, BestOptions, Engine, Options
-from decompose.print_time import CostModel
+from decompose.print_time import CostModel, find_best_pose
 from decompose.printers import PrinterRoom
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
@@ -195,16 +205,23 @@ def slice_parts(
         return list(pool.map(slice_report_part, report["parts"]))
 
 
-def slice_whole_model(run: Run, results: Path, cache: Path) -> float | None:
-    """Slice the uncut model; return CuraEngine's time in seconds."""
-    record_path = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole.json"
+def slice_whole_model(run: Run, pose_name: str, results: Path, cache: Path) -> float | None:
+    """Slice the uncut model as it stands, or in its best pose; return CuraEngine's time in seconds."""
+    record_path = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole-{pose_name}.json"
     if record_path.is_file():
         seconds: float | None = json.loads(record_path.read_text())
         return seconds
     vertices, faces = load_model(run.path, longest_side_mm=run.side_mm).solid.arrays()
+    if pose_name == BEST_POSE:
+        cost = CostModel.from_recipe(make_recipe(run.quality))
+        pose = find_best_pose(
+            vertices, faces, np.zeros(len(faces), np.bool_), (), cost, run.quality == "glue"
+        )
+        assert pose is not None  # no model is too large for a printer without limits
+        vertices = vertices @ pose.to_model[:3, :3]
     lo, hi = vertices.min(axis=0), vertices.max(axis=0)
     mesh = trimesh.Trimesh(vertices - [*(lo + hi)[:2] / 2.0, lo[2]], faces, process=False)
-    stl = results / f"{run.path.stem}-whole.stl"
+    stl = results / f"{run.path.stem}-whole-{pose_name}.stl"
     mesh.export(stl)
     settings = resolve_settings(run.settings_request, find_resources())
     gcode = stl.with_suffix(".gcode")
@@ -262,10 +279,9 @@ def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
     def measure_run(printers: int, engine: str) -> dict[str, Any]:
         run = Run(path, args.side, printers, engine, args.quality, args.granularity, args.budget)
         row = load_or_run(run, args)
-        if "refused" not in row and args.whole:
-            row["whole_s"] = slice_whole_model(run, args.results, args.results / "slices")
-            if row["whole_s"] is not None:
-                row["efficiency_sliced"] = row["whole_s"] / (printers * row["parallel_s"])
+        for pose_name in args.whole if "refused" not in row else ():
+            whole_s = slice_whole_model(run, pose_name, args.results, args.results / "slices")
+            add_whole(row, pose_name, whole_s)
         print(format_row(row), file=sys.stderr if args.json else sys.stdout, flush=True)
         rows.append(row)
         return row
@@ -293,7 +309,8 @@ def main() -> int:
     parser.add_argument("--results", type=Path, default=Path("bench-results"))
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--no-slices", action="store_true")
-    parser.add_argument("--no-whole", dest="whole", action="store_false")
+    parser.add_argument("--whole", type=lambda text: text.split(","), default=[AS_IS, BEST_POSE])
+    parser.add_argument("--no-whole", dest="whole", action="store_const", const=[])
     parser.add_argument("--json", action="store_true")
     add_cluster_options(parser)
     args = parser.parse_args()

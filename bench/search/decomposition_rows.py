@@ -11,6 +11,9 @@ PART_ENGINES = ("symmetry", "cube-skeleton")
 """Engines that take no number of printers."""
 
 
+AS_IS, BEST_POSE = "as-is", "best-pose"  # poses in which the uncut model is sliced
+
+
 def compute_row(
     model: str, printers: int, engine: str, report: dict[str, Any], sliced_s: list[float | None] | None
 ) -> dict[str, Any]:
@@ -65,6 +68,25 @@ def compute_row(
     return row
 
 
+def add_whole(row: dict[str, Any], pose_name: str, whole_s: float | None) -> None:
+    """Add CuraEngine's time of the uncut model in seconds to a row; None if its slice is refused.
+
+    Parameters
+    ----------
+    row
+        Row of `compute_row`.
+    pose_name
+        `AS_IS` or `BEST_POSE`.
+    whole_s
+        Time of the uncut model in that pose.
+    """
+    suffix, price_s = ("", row["serial_as_is_s"]) if pose_name == AS_IS else ("_best_pose", row["serial_s"])
+    row[f"whole{suffix}_s"] = whole_s
+    if whole_s is not None:
+        row[f"efficiency{suffix}_sliced"] = whole_s / (row["printers"] * row["parallel_s"])
+        row[f"whole{suffix}_cost_error"] = price_s / whole_s - 1.0
+
+
 def format_row(row: dict[str, Any]) -> str:
     """Format one row."""
     row_label = f"{row['model']:20} N {row['printers']:3} {row['engine']:22}"
@@ -72,6 +94,8 @@ def format_row(row: dict[str, Any]) -> str:
         return f"{row_label} refused: {row['refused']}"
     error = f"{row['cost_error']:.1%}" if "cost_error" in row else "-"
     sliced_text = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
+    if "efficiency_best_pose_sliced" in row:
+        sliced_text += f", sliced in best pose {row['efficiency_best_pose_sliced']:.3f}"
     time_text = f"{row['parallel_s']:6.0f} s" + (f" (first {row['first_s']:.0f})" if "first_s" in row else "")
     return (
         f"{row_label} {row['parts']:3} parts, {time_text}, "
@@ -100,6 +124,13 @@ def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
             "balance": min(r["balance"] for r in rows_at_count),
             "gap": max(r["gap"] for r in rows_at_count),
             "above_bound": max(r["above_bound"] for r in rows_at_count),
+            "best_pose_sliced_mean": compute_geometric_mean(
+                [
+                    r["efficiency_best_pose_sliced"]
+                    for r in rows_at_count
+                    if "efficiency_best_pose_sliced" in r
+                ]
+            ),
             "cost_error": max((r["cost_error"] for r in rows_at_count if "cost_error" in r), default=None),
             "models": len(rows_at_count),
         }
