@@ -19,7 +19,6 @@ OUTLINE_PT = 1.25  # width of the white outline of a text, which keeps it legibl
 ARROW_PT, ARROW_HEAD_PT = 4.0, 13.0  # width of an arrow, and length of its head
 DOT_SPACING = 2.5  # distance between the dots of a line, in multiples of its width
 COLOUR_COUNT = 128
-_FASTEST_GOOD_METHOD = 1  # Pillow's "maximum coverage": half the time of "median cut", files 5 % larger
 
 
 class Canvas:
@@ -126,9 +125,12 @@ class Canvas:
 
     def encode_png(self, colour_count: int = COLOUR_COUNT) -> bytes:
         """Average the pixels to those of the final picture, and encode it as a small PNG."""
+        from PIL import Image
+
         file = BytesIO()
         picture = self._image.reduce(self.drawing.oversample)
-        picture.quantize(colour_count, _FASTEST_GOOD_METHOD).save(file, "PNG")
+        method = Image.Quantize.MAXCOVERAGE  # half the time of the default, and files 5 % larger
+        picture.quantize(colour_count, method).save(file, "PNG")
         return file.getvalue()
 
 
