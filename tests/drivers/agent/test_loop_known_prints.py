@@ -9,6 +9,7 @@ import pytest
 
 from drivers import messages as m
 from drivers.agent.loop import Agent
+from drivers.emulator.launch import Command, control
 from drivers.records import JOURNAL, Journal, StartFile
 
 MODEL = "ultimaker2_plus"
@@ -64,3 +65,4 @@ def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
     assert agent._board.session is not None
     agent._requests.has_ended = True
     agent.run()
+    control(tmp_path / "emulator", Command.POWER_OFF)  # it outlives its agent
