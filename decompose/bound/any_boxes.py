@@ -43,43 +43,26 @@ CELLS_PER_SIDE = 64  # cube root of the number of cells; enough for a wall of 10
 UNREACHED_COS = 1.0  # no component of a unit normal is larger
 
 
-def compute_any_boxes_bound_s(
-    triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float, makespan_s: float
+def sum_least_work_s(
+    triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float
 ) -> float:
-    """Compute a lower bound on the makespan of all partitions of a solid into axis-parallel boxes.
+    """Sum the least time of all parts of a solid, apart from what each part costs or saves by itself.
 
     Parameters
     ----------
     triangles
         (m, 3, 3) in mm, outward by the right-hand rule, closed.
     printers
-        Printers, at most one box each, with their rooms and speeds.
+        Printers, at most one box each, with their rooms.
     cost
         Print time of a part.
     wall_mm
         Distance from the surface within which all solid must be in a box; inf if all solid must be.
-    makespan_s
-        Upper limit of the bound, such as the makespan of a known partition. It also limits the saving by
-        rims, because partitions with a longer makespan are above the bound in any case.
 
     Returns
     -------
     float
         Seconds.
-    """
-    work_s = sum_least_work_s(triangles, printers, cost, wall_mm)
-    return bound_shared_work_s(work_s, printers, cost, makespan_s)
-
-
-def sum_least_work_s(
-    triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float
-) -> float:
-    """Sum the time in seconds of all parts, apart from what each part costs or saves by itself.
-
-    Parameters
-    ----------
-    triangles, printers, cost, wall_mm
-        As in `compute_any_boxes_bound_s`.
     """
     longest_mm = max(side_mm for printer in printers for box in printer.boxes for side_mm in box)
     volume_mm3 = float(
@@ -97,14 +80,24 @@ def sum_least_work_s(
 def bound_shared_work_s(
     work_s: float, printers: Sequence[PrinterRoom], cost: CostModel, makespan_s: float
 ) -> float:
-    """Compute the bound in seconds if the work of `sum_least_work_s` is shared among all printers.
+    """Compute a lower bound on the makespan of all partitions of a solid into axis-parallel boxes.
 
     Parameters
     ----------
     work_s
-        Work of all parts.
-    printers, cost, makespan_s
-        As in `compute_any_boxes_bound_s`.
+        Result of `sum_least_work_s`, which the printers share.
+    printers
+        Printers, at most one box each, with their rooms and speeds.
+    cost
+        Print time of a part.
+    makespan_s
+        Upper limit of the bound, such as the makespan of a known partition. It also limits the saving by
+        rims, because partitions with a longer makespan are above the bound in any case.
+
+    Returns
+    -------
+    float
+        Seconds.
     """
     time_factors = [printer.time_factor for printer in printers]
     highest_mm = max(box[2] for printer in printers for box in printer.boxes)

@@ -28,7 +28,7 @@ class Canvas:
     """
 
     def __init__(self, drawing: Drawing) -> None:
-        """Copy the pixels of a drawing."""
+        """Start with a drawing without labels."""
         self.drawing = drawing
 
     @cached_property

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.bound import any_boxes, compute_any_boxes_bound_s
+from decompose.arrays import Floats
+from decompose.bound import any_boxes, bound_shared_work_s, sum_least_work_s
 from decompose.geometry import Solid
 from decompose.pieces import find_cut_faces, list_box_planes
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_pose, price_axis_poses_s
@@ -22,6 +23,13 @@ COSTS = (
     CostModel.from_recipe(Recipe()),
     CostModel.from_recipe(Recipe(prelude_s=60.0, bed_layers_saved=2.0, top_layers_saved=1.0)),
 )
+
+
+def compute_any_boxes_bound_s(
+    triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float, makespan_s: float
+) -> float:
+    work_s = sum_least_work_s(triangles, printers, cost, wall_mm)
+    return bound_shared_work_s(work_s, printers, cost, makespan_s)
 
 
 @pytest.fixture(autouse=True, scope="module")
