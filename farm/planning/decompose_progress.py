@@ -35,7 +35,15 @@ class ProgressRate:
         self._first: tuple[float, float] | None = None  # share and time of that report
 
     def measure(self, share: float, now_s: float) -> DecomposeProgress:
-        """Return the progress with its remaining time; see `ProgressFile.report`."""
+        """Return the progress with its remaining time.
+
+        Parameters
+        ----------
+        share
+            Used share of the budget, 0 to 1.
+        now_s
+            Seconds of a monotonic clock.
+        """
         if self._first is None and share > 0.0:
             self._first = share, now_s
         if self._first is None or share <= self._first[0]:
@@ -46,7 +54,7 @@ class ProgressRate:
 
 
 class ProgressFile:
-    """Writer of the progress of a decomposition, with an estimate of the remaining wall seconds.
+    """Writer of the used share of a decomposition's budget.
 
     Parameters
     ----------
@@ -56,7 +64,6 @@ class ProgressFile:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / PROGRESS_FILE_NAME
-        self._rate = ProgressRate()
         self._due_s = -math.inf
 
     def report(self, share: float, now_s: float) -> None:
@@ -65,24 +72,23 @@ class ProgressFile:
         Parameters
         ----------
         share
-            Used share, 0 to 1; the remaining time is estimated from the first report above 0.
+            Used share, 0 to 1.
         now_s
             Seconds of a monotonic clock.
         """
-        progress = self._rate.measure(share, now_s)
         if now_s < self._due_s:
             return
         self._due_s = now_s + _INTERVAL_S
-        text = progress.model_dump_json()
+        text = DecomposeProgress(share=share).model_dump_json(exclude_none=True)
         new_file = self._path.with_suffix(".new")
         with suppress(OSError):  # on a full disk the decomposition itself may still succeed
             new_file.write_text(text)
             new_file.replace(self._path)
 
 
-def read_progress(folder: Path) -> DecomposeProgress | None:
-    """Read the progress of a decomposition; None if it has not started."""
+def read_share(folder: Path) -> float | None:
+    """Read the used share of the budget; None if the decomposition has not started."""
     try:
-        return DecomposeProgress.model_validate_json((folder / PROGRESS_FILE_NAME).read_bytes())
+        return DecomposeProgress.model_validate_json((folder / PROGRESS_FILE_NAME).read_bytes()).share
     except (OSError, ValidationError):
         return None

@@ -53,7 +53,7 @@ def test_jobs_and_dry_runs_are_planned_while_printers_and_workers_are_busy(eveni
         assert list_prints(job) == []
 
     farm.run_checked("submit", models["sphere"])
-    wait_for("the search for parts", lambda: (farm.read_job(4)["progress"] or {}).get("share"))
+    wait_for("the search for parts", lambda: (farm.read_job(4)["progress"] or {}).get("remaining_s"))
     timeline = json.loads(farm.run_checked("submit", models["box"], "--dry-run", "--json"))
     assert len(timeline["slots"]) == 1 and timeline["grams"] > 0
     progress = farm.read_job(4)["progress"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from farm.compute import DECOMPOSING_LIMIT, PoolShare
 from farm.errors import ErrorCode, FarmError
-from farm.planning.decompose_progress import DecomposeProgress, ProgressRate, read_progress
+from farm.planning.decompose_progress import DecomposeProgress, ProgressRate, read_share
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
 from farm.planning.tasks import continue_job, decompose_job, try_grid
 
@@ -69,14 +69,11 @@ class SearchRounds:
         now_s
             Seconds of a monotonic clock.
         """
-        progress = read_progress(self._task.folder)
-        if not self._folders:
-            return progress
-        attempts = [read_progress(folder) for folder in self._folders]
-        share = self._spent_share + sum(attempt.share for attempt in attempts if attempt is not None)
-        if progress is not None:  # after the round
-            share = max(share, progress.share)
-        return self._rate.measure(min(1.0, share), now_s)
+        share = read_share(self._task.folder)
+        if self._folders:
+            attempts = [read_share(folder) or 0.0 for folder in self._folders]
+            share = max(share or 0.0, self._spent_share + sum(attempts))
+        return None if share is None else self._rate.measure(min(1.0, share), now_s)
 
     async def _make_attempts(self, paused_job: PausedJob) -> tuple[Path | str, ...]:
         """Make the attempts of a round; return the file of each outcome, or the limit that it exceeded."""

@@ -160,4 +160,4 @@ def test_progress_adds_up_the_attempts(tmp_path):
 
     reports = asyncio.run(main())
     assert [report.share for report in reports] == [0.25, 0.5, 0.75]
-    assert [report.remaining_s for report in reports] == [None, pytest.approx(20.0), pytest.approx(5.0)]
+    assert [report.remaining_s for report in reports] == [None, pytest.approx(40.0), pytest.approx(10.0)]
