@@ -17,7 +17,7 @@ from farm.http.routes.cameras import make_camera_routes
 from farm.http.routes.events import make_event_routes
 from farm.http.routes.files import make_file_routes
 from farm.http.routes.hosts import make_host_routes
-from farm.http.routes.jobs import make_job_routes, make_part_routes
+from farm.http.routes.jobs import make_job_routes, make_part_routes, make_queue_routes
 from farm.http.routes.keys import make_key_routes, make_session_routes
 from farm.http.routes.printers import make_printer_routes
 from farm.http.routes.status import make_list_routes, make_status_routes
@@ -62,6 +62,7 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
         make_event_routes(services),
         make_upload_routes(services, jobs),
         make_job_routes(services, jobs, dry_runs),
+        make_queue_routes(services, jobs),
         make_part_routes(parts),
         make_printer_routes(services, printers, parts),
         make_host_routes(services),

@@ -31,7 +31,12 @@ from farm.http import (
 )
 from farm.views.report import load_templates as load_report_templates
 from farm.web.access import LIVENESS_PATH, METRICS_PATH, SCHEMA_PAGE_PATH, SCHEMA_PATH, find_role, is_public
-from farm.web.actions import make_job_form_routes, make_printer_form_routes
+from farm.web.actions import (
+    make_job_form_routes,
+    make_part_form_routes,
+    make_print_form_routes,
+    make_printer_form_routes,
+)
 from farm.web.address_limit import group_address
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
 from farm.web.cookies import SessionCookie
@@ -46,11 +51,12 @@ from farm.web.pages import (
     PageContext,
     load_pages,
     make_all_job_routes,
-    make_fleet_routes,
+    make_history_routes,
     make_login_routes,
     make_page_routes,
     make_printer_page_routes,
     make_submit_routes,
+    make_timeline_routes,
     render_api_page,
     render_message,
 )
@@ -137,12 +143,15 @@ def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     pages = PageContext(services, notes, live)
     app.include_router(make_page_routes(pages))
     app.include_router(make_live_routes(live, services.page_streams))
-    app.include_router(make_fleet_routes(pages))
+    app.include_router(make_timeline_routes(pages))
+    app.include_router(make_history_routes(pages))
     app.include_router(make_printer_page_routes(pages))
     app.include_router(make_all_job_routes(pages, jobs, dry_runs))
     app.include_router(make_submit_routes(pages, jobs))
-    app.include_router(make_printer_form_routes(printers, parts))
-    app.include_router(make_job_form_routes(services, jobs, parts))
+    app.include_router(make_printer_form_routes(printers))
+    app.include_router(make_print_form_routes(printers, parts))
+    app.include_router(make_job_form_routes(services, jobs))
+    app.include_router(make_part_form_routes(parts))
 
 
 class Guard:

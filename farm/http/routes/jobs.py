@@ -1,4 +1,4 @@
-"""Routes of jobs and their parts."""
+"""Routes of jobs, of their queue and of their parts."""
 
 from __future__ import annotations
 
@@ -41,15 +41,6 @@ def make_job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) ->
         jobs.record_assembly(number, request.minutes, by)
         return await show_job(number)
 
-    @router.get("/queue")
-    async def show_queue() -> api.Queue:
-        return describe_queue(controller.build_view_context(services.state))
-
-    @router.post("/jobs/{number}/move")
-    async def move_job(number: int, request: api.QueueMove, by: OperatorName) -> api.Queue:
-        jobs.move(number, request, by)
-        return await show_queue()
-
     @router.post("/jobs/{number}/start")
     async def reschedule_job(number: int, request: api.JobStart, by: OperatorName) -> api.JobStatus:
         jobs.reschedule(number, request.at, by)
@@ -67,6 +58,22 @@ def make_job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) ->
     @router.post("/jobs/{number}/resume")
     async def resume_job(number: int, by: CallerName) -> None:
         jobs.pause(number, False, by)
+
+    return router
+
+
+def make_queue_routes(services: Services, jobs: JobCommands) -> APIRouter:
+    """Return the routes of the queue."""
+    router, controller = APIRouter(), services.controller
+
+    @router.get("/queue")
+    async def show_queue() -> api.Queue:
+        return describe_queue(controller.build_view_context(services.state))
+
+    @router.post("/jobs/{number}/move")
+    async def move_job(number: int, request: api.QueueMove, by: OperatorName) -> api.Queue:
+        jobs.move(number, request, by)
+        return await show_queue()
 
     return router
 

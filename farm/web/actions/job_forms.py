@@ -11,8 +11,8 @@ from farm.web.actions.form_route import FormRoute, answer_form, read_form
 from farm.web.notes import Note
 
 
-def make_job_form_routes(services: Services, jobs: JobCommands, parts: PartCommands) -> APIRouter:
-    """Return the routes of forms for jobs and parts."""
+def make_job_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
+    """Return the routes of forms for jobs."""
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/jobs/{number}/approve")
@@ -53,6 +53,13 @@ def make_job_form_routes(services: Services, jobs: JobCommands, parts: PartComma
         minutes = (await read_form(request, api.AssembledRequest)).minutes
         jobs.record_assembly(number, minutes, by)
         return answer_form(request, Note(f"Job {number} is assembled, in {minutes:g} minutes."))
+
+    return router
+
+
+def make_part_form_routes(parts: PartCommands) -> APIRouter:
+    """Return the routes of forms for a job's parts."""
+    router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/jobs/{number}/parts/{part}/reprint")
     async def reprint_part(number: int, part: str, request: Request, by: CallerName) -> Response:

@@ -12,7 +12,7 @@ from farm.web.notes import Note
 from farm.wording import describe_material
 
 
-def make_printer_form_routes(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
+def make_printer_form_routes(printers: PrinterCommands) -> APIRouter:
     """Return the routes of forms for printers."""
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
@@ -29,6 +29,27 @@ def make_printer_form_routes(printers: PrinterCommands, parts: PartCommands) -> 
         return answer_form(
             request, Note(f"{name} has {describe_material(reel.material, reel.kind)}{colour}{grams}.")
         )
+
+    @router.post("/printers/{name}/maintenance")
+    async def begin_maintenance(name: str, request: Request, by: CallerName) -> Response:
+        printers.begin_maintenance(name, (await read_form(request, api.Reason)).why, by)
+        return answer_form(request, Note(f"{name} takes no further plates."))
+
+    @router.post("/printers/{name}/maintained")
+    async def end_maintenance(name: str, request: Request, by: OperatorName) -> Response:
+        printers.end_maintenance(name, by)
+        return answer_form(request, Note(f"{name} is back in use."))
+
+    @router.post("/outage/confirm")
+    async def confirm_outage(request: Request, by: OperatorName) -> Response:
+        return answer_form(request, Note(f"{printers.confirm_outage(by)} may print again."))
+
+    return router
+
+
+def make_print_form_routes(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
+    """Return the routes of forms for the print on a printer."""
+    router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/printers/{name}/pause")
     async def pause_printer(name: str, request: Request, by: CallerName) -> Response:
@@ -50,20 +71,6 @@ def make_printer_form_routes(printers: PrinterCommands, parts: PartCommands) -> 
     async def cancel_print(name: str, request: Request, by: CallerName) -> Response:
         part = parts.cancel_on(name, by)
         return answer_form(request, Note(f"Part {part} on {name} is cancelled."))
-
-    @router.post("/printers/{name}/maintenance")
-    async def begin_maintenance(name: str, request: Request, by: CallerName) -> Response:
-        printers.begin_maintenance(name, (await read_form(request, api.Reason)).why, by)
-        return answer_form(request, Note(f"{name} takes no further plates."))
-
-    @router.post("/printers/{name}/maintained")
-    async def end_maintenance(name: str, request: Request, by: OperatorName) -> Response:
-        printers.end_maintenance(name, by)
-        return answer_form(request, Note(f"{name} is back in use."))
-
-    @router.post("/outage/confirm")
-    async def confirm_outage(request: Request, by: OperatorName) -> Response:
-        return answer_form(request, Note(f"{printers.confirm_outage(by)} may print again."))
 
     return router
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from farm.web.pages.api_page import POLICY, render_api_page
-from farm.web.pages.fleet import make_fleet_routes, make_printer_page_routes
+from farm.web.pages.fleet import make_history_routes, make_printer_page_routes, make_timeline_routes
 from farm.web.pages.jobs import make_all_job_routes
 from farm.web.pages.login_routes import make_login_routes
 from farm.web.pages.page_context import PageContext
@@ -17,11 +17,12 @@ __all__ = [
     "PageContext",
     "load_pages",
     "make_all_job_routes",
-    "make_fleet_routes",
+    "make_history_routes",
     "make_login_routes",
     "make_page_routes",
     "make_printer_page_routes",
     "make_submit_routes",
+    "make_timeline_routes",
     "render_api_page",
     "render_message",
 ]

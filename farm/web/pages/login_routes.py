@@ -31,6 +31,7 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
     """
     router, keys = APIRouter(include_in_schema=False), KeyCommands(services.controller)
     name = services.controller.fleet.fleet.name
+    _add_link_login(router, services, cookie)
 
     @router.get("/login")
     async def show_key_login() -> Response:
@@ -44,6 +45,25 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
             return HTMLResponse(page, key.status, {"www-authenticate": "Bearer"})
         services.key_uses_s[key.key.id] = services.controller.clock.now()
         return _redirect_home(cookie, services.sessions.open_with_key(key.key))
+
+    @router.post("/logout")
+    async def log_out(request: Request) -> Response:
+        holder = find_holder(request)
+        if not holder.has_session:
+            raise Refused(
+                f"{holder.name} has a key, not a session: an operator revokes it with `farm key revoke`"
+            )
+        keys.revoke(holder.key.id, holder.name)
+        response = HTMLResponse(render_message(name, "You have logged out.", has_login_hint=True))
+        cookie.clear(response)
+        return response
+
+    return router
+
+
+def _add_link_login(router: APIRouter, services: Services, cookie: SessionCookie) -> None:
+    """Add the routes of log-in by a link."""
+    name = services.controller.fleet.fleet.name
 
     @router.get("/login/{token}")
     async def show_login(token: str) -> Response:
@@ -60,20 +80,6 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
         except NoSuchThing as error:
             return HTMLResponse(render_message(name, str(error)), 404)
         return _redirect_home(cookie, text)
-
-    @router.post("/logout")
-    async def log_out(request: Request) -> Response:
-        holder = find_holder(request)
-        if not holder.has_session:
-            raise Refused(
-                f"{holder.name} has a key, not a session: an operator revokes it with `farm key revoke`"
-            )
-        keys.revoke(holder.key.id, holder.name)
-        response = HTMLResponse(render_message(name, "You have logged out.", has_login_hint=True))
-        cookie.clear(response)
-        return response
-
-    return router
 
 
 def _redirect_home(cookie: SessionCookie, session: str) -> Response:

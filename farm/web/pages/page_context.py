@@ -13,6 +13,8 @@ from farm.web.callers import find_holder
 from farm.web.live import LivePages, publish_page
 from farm.web.notes import Note, Notes, Reader
 
+SLOW_PAGE_ROUNDS = 10
+"""Rounds of live pages between two renderings of a page that reads all jobs and prints."""
 PageRenderer = Callable[[Reader, Note | None], Awaitable[str]]
 """Function that renders a page for a reader, with a note above it."""
 

@@ -58,23 +58,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
     controller = services.controller
     printers = PrinterCommands(controller)
     parts = PartCommands(controller, printers)
-
-    @router.post(FILE, status_code=_NO_CONTENT)
-    @router.post(FILE_OF_JOB, status_code=_NO_CONTENT)
-    async def command_file(
-        request: Request,
-        body: FileCommand,
-        address: AddressParameter,
-        by: CallerName,
-        name: str,
-        number: str = "",
-    ) -> None:
-        if body.command != "select":
-            raise Refused(f"the farm has no command {body.command} for files")
-        job = find_job(controller.books.jobs, f"{number}/{name}", by)
-        if body.print:
-            await jobs.release(job.id, services.state, by, is_operator(request))
-        selection.select(by, address, job.id)
+    _add_file_command(router, services, jobs, selection)
 
     @router.post("/api/job", status_code=_NO_CONTENT)
     async def command_job(
@@ -105,3 +89,24 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
             raise Refused("printers stay connected: `farm maintenance PRINTER` takes one out of use")
 
     return router
+
+
+def _add_file_command(router: APIRouter, services: Services, jobs: JobCommands, selection: Selection) -> None:
+    """Add the route of commands on files."""
+
+    @router.post(FILE, status_code=_NO_CONTENT)
+    @router.post(FILE_OF_JOB, status_code=_NO_CONTENT)
+    async def command_file(
+        request: Request,
+        body: FileCommand,
+        address: AddressParameter,
+        by: CallerName,
+        name: str,
+        number: str = "",
+    ) -> None:
+        if body.command != "select":
+            raise Refused(f"the farm has no command {body.command} for files")
+        job = find_job(services.controller.books.jobs, f"{number}/{name}", by)
+        if body.print:
+            await jobs.release(job.id, services.state, by, is_operator(request))
+        selection.select(by, address, job.id)

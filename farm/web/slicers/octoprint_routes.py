@@ -35,6 +35,7 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
     router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
     controller = services.controller
     _add_descriptions(router, services)
+    _add_files(router, services)
 
     @router.get("/api/job")
     async def show_job(address: AddressParameter, by: CallerName) -> dict[str, Any]:
@@ -60,20 +61,6 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
             "effectiveSelect": False,
             "effectivePrint": slicer_upload.print_requested and not job.options.hold,
         }
-
-    @router.get("/api/files")
-    @router.get(FILES)
-    async def list_files(address: AddressParameter) -> dict[str, Any]:
-        open_jobs = [job for job in controller.books.list_open_jobs() if address.lists_job(job)]
-        return {"files": [views.describe_file(job, _make_file_url(address, job)) for job in open_jobs]}
-
-    @router.get(FILE)
-    @router.get(FILE_OF_JOB)
-    async def show_file(
-        address: AddressParameter, by: CallerName, name: str, number: str = ""
-    ) -> dict[str, Any]:
-        job = views.find_job(controller.books.jobs, f"{number}/{name}", by)
-        return views.describe_file(job, _make_file_url(address, job))
 
     return router
 
@@ -119,6 +106,25 @@ def _add_descriptions(router: APIRouter, services: Services) -> None:
     async def log_in(request: Request, _: AddressParameter) -> dict[str, Any]:
         caller = identify_caller(request)
         return views.describe_login(caller.name, is_operator(request))
+
+
+def _add_files(router: APIRouter, services: Services) -> None:
+    """Add the routes that describe the files, each with its job."""
+    controller = services.controller
+
+    @router.get("/api/files")
+    @router.get(FILES)
+    async def list_files(address: AddressParameter) -> dict[str, Any]:
+        open_jobs = [job for job in controller.books.list_open_jobs() if address.lists_job(job)]
+        return {"files": [views.describe_file(job, _make_file_url(address, job)) for job in open_jobs]}
+
+    @router.get(FILE)
+    @router.get(FILE_OF_JOB)
+    async def show_file(
+        address: AddressParameter, by: CallerName, name: str, number: str = ""
+    ) -> dict[str, Any]:
+        job = views.find_job(controller.books.jobs, f"{number}/{name}", by)
+        return views.describe_file(job, _make_file_url(address, job))
 
 
 def _describe_printer(services: Services, name: str) -> api.PrinterView:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from farm.web.pages.fleet.printer_routes import make_printer_page_routes
-from farm.web.pages.fleet.routes import make_fleet_routes
+from farm.web.pages.fleet.history import make_history_routes
+from farm.web.pages.fleet.printer import make_printer_page_routes
+from farm.web.pages.fleet.timeline import make_timeline_routes
 
-__all__ = ["make_fleet_routes", "make_printer_page_routes"]
+__all__ = ["make_history_routes", "make_printer_page_routes", "make_timeline_routes"]

@@ -1,16 +1,21 @@
-"""History page with figures of ended prints and filters. Pure."""
+"""History page with figures of ended prints and filters, and its CSV file."""
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import asdict
 from typing import Annotated
 from urllib.parse import urlencode
 
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 
-from farm.views.dashboard import HistoryFilter, HistoryView
+from farm.views import ViewContext
+from farm.views.dashboard import HistoryFilter, HistoryView, describe_history, select_prints, write_csv
+from farm.views.history import describe_ended_print
 from farm.web.notes import Note, Reader
-from farm.web.pages.page_route import EMPTY_IS_NONE
+from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
+from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
 from farm.web.pages.rendering import Farm, render_page
 
 PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 days"), (365, "last year"))
@@ -27,6 +32,38 @@ class HistoryQuery(BaseModel):
     def to_filter(self) -> HistoryFilter:
         """Return the filter of the view."""
         return HistoryFilter(days=self.days, printer=self.printer, job=self.job)
+
+
+def make_history_routes(pages: PageContext) -> APIRouter:
+    """Return the routes of the history.
+
+    The books are read in a thread, because a long history would block the event loop.
+    """
+    router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
+    controller = services.controller
+    fleet = controller.fleet.fleet
+
+    async def render(reader: Reader, query: HistoryQuery, note: Note | None = None) -> str:
+        context = controller.build_view_context(services.state)
+        view = await asyncio.to_thread(describe_history, context, query.to_filter())
+        return render_history(view, fleet, reader, note)
+
+    async def render_live(reader: Reader, _variable: str, query: str) -> str:
+        return await render(reader, read_query(HistoryQuery, query))
+
+    pages.live.add("/history", render_live, SLOW_PAGE_ROUNDS)
+
+    @router.get("/history")
+    async def show_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:
+        return await pages.answer(request, lambda reader, note: render(reader, query, note))
+
+    @router.get("/history.csv")
+    async def export_history(query: Annotated[HistoryQuery, Query()]) -> Response:
+        text = await asyncio.to_thread(_export_history, controller.build_view_context(services.state), query)
+        headers = {"content-disposition": f'attachment; filename="{fleet.name}-prints.csv"'}
+        return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
+
+    return router
 
 
 def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | None = None) -> str:
@@ -55,3 +92,8 @@ def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | N
         periods=PERIODS,
         query=f"?{query}" if query else "",
     )
+
+
+def _export_history(context: ViewContext, query: HistoryQuery) -> str:
+    prints = select_prints(context, query.to_filter())
+    return write_csv(describe_ended_print(context, attempt) for attempt in prints)

@@ -1,20 +1,27 @@
-"""Page of the fleet's timeline, with the effect of a what-if change to a job. Pure."""
+"""Page of the fleet's timeline, with the effect of a what-if change to a job."""
 
 from __future__ import annotations
 
+import asyncio
 from datetime import datetime
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 from zoneinfo import ZoneInfo
 
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from farm import api
-from farm.errors import Refused
+from farm.control import find_successor
+from farm.errors import ErrorCode, FarmError, Refused
+from farm.scheduling import parse_moment_s
 from farm.text import format_duration
-from farm.views.dashboard import Change, TimelineView
+from farm.views import ViewContext
+from farm.views.dashboard import Change, TimelineView, describe_fleet_timeline
+from farm.views.jobs import count_waiting_plates, list_queue
 from farm.web.notes import Note, Reader
-from farm.web.pages.page_route import EMPTY_IS_NONE
+from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
+from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
 from farm.web.pages.rendering import Farm, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
@@ -46,6 +53,71 @@ class TimelineQuery(BaseModel):
             raise Refused("choose a job")
         if self.job is not None and not (self.to or self.at):
             raise Refused("choose another place in the queue, or another start")
+
+
+def make_timeline_routes(pages: PageContext) -> APIRouter:
+    """Return the routes of the timeline.
+
+    The books are read in a thread, because a long history would block the event loop.
+    """
+    router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
+    controller = services.controller
+
+    async def render(reader: Reader, query: TimelineQuery, note: Note | None = None) -> str:
+        context, situation = (
+            controller.build_view_context(services.state),
+            controller.situations.build_for_forecast(),
+        )
+        problem, change = None, None
+        try:
+            change = find_change(context, query)
+            view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.past_s, change)
+        except FarmError as error:
+            problem = str(error)
+            view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.past_s)
+        return render_timeline(view, query, controller.fleet.fleet, reader, note, problem)
+
+    async def render_live(reader: Reader, _variable: str, query: str) -> str:
+        return await render(reader, read_query(TimelineQuery, query))
+
+    pages.live.add("/timeline", render_live, SLOW_PAGE_ROUNDS)
+
+    @router.get("/timeline")
+    async def show_timeline(request: Request, query: Annotated[TimelineQuery, Query()]) -> Response:
+        return await pages.answer(request, lambda reader, note: render(reader, query, note))
+
+    return router
+
+
+def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
+    """Return the what-if change to a job that a reader has chosen; None for the present plan.
+
+    Raises
+    ------
+    NoSuchThing
+        If there is no such job.
+    Refused
+        If none of its plates waits, or the job cannot be moved there.
+    FarmError
+        If the start cannot be parsed.
+    """
+    query.check()
+    if query.job is None:
+        return None
+    job = context.books.get_job(query.job)
+    if not count_waiting_plates(context.books, job):
+        reason = "all of its plates have started" if job.plates else "it has no plan yet"
+        raise Refused(f"job {job.id} has no plate to move: {reason}")
+    before, not_before_s = None, None
+    if query.to is not None:
+        order = [entry.id for entry in list_queue(context.books)]
+        before = find_successor(order, job.id, api.QueueMove(to=query.to))
+    if query.at:
+        try:
+            not_before_s = parse_moment_s(query.at, context.now_s, context.fleet.zone)
+        except ValueError as error:
+            raise FarmError(str(error), ErrorCode.SETTINGS) from error
+    return Change(job.id, query.to is not None, before, not_before_s)
 
 
 def render_timeline(

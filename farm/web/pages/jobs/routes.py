@@ -44,23 +44,14 @@ class JobQuery(BaseModel):
 def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     """Return the routes of a job's pages. The page of a dry run keeps the dry run alive."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
-    controller = services.controller
-    farm = controller.fleet.fleet
-
-    async def read_stored_report(number: int) -> Report:
-        file_name = name_stored_files(controller.books, number).get(_REPORT_FILE)
-        if file_name is None:
-            return Report()
-        try:
-            return await asyncio.to_thread(_read_report, services.state.files / file_name)
-        except OSError:  # the page is useful without its report
-            return Report()
+    farm = services.controller.fleet.fleet
 
     async def render(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
         dry_runs.keep(number, time.monotonic(), PAGE_DRY_RUN_TIMEOUT_S)
-        report = await read_stored_report(number)
+        report = await _read_stored_report(services, number)
         if curve is not None and not report.curve:
-            report = report.model_copy(update={"curve": (await read_stored_report(curve)).curve})
+            curve_report = await _read_stored_report(services, curve)
+            report = report.model_copy(update={"curve": curve_report.curve})
         data = describe_job_page(services, number, report, curve)
         return render_job_page(data, farm, reader, note)
 
@@ -74,6 +65,14 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     @router.get("/jobs/{number}")
     async def show_job(number: int, request: Request, query: Annotated[JobQuery, Query()]) -> Response:
         return await pages.answer(request, lambda reader, note: render(reader, number, note, query.curve))
+
+    _add_documents(router, services)
+    return router
+
+
+def _add_documents(router: APIRouter, services: Services) -> None:
+    """Add the routes of a job's instructions, report and archive of parts."""
+    controller = services.controller
 
     @router.get("/jobs/{number}/instructions")
     async def show_instructions(number: int) -> Response:
@@ -101,11 +100,20 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
         except (NoSuchThing, OSError):
             picture = None
         now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
-        contents = JobContents({}, picture, await read_stored_report(number))
+        contents = JobContents({}, picture, await _read_stored_report(services, number))
         page = render_page(job, history, now, list_figures(job), contents)
         return HTMLResponse(page, headers=_DOCUMENT_HEADERS)
 
-    return router
+
+async def _read_stored_report(services: Services, number: int) -> Report:
+    """Read the report on a job's parts; an empty report if there is none or it cannot be read."""
+    file_name = name_stored_files(services.controller.books, number).get(_REPORT_FILE)
+    if file_name is None:
+        return Report()
+    try:
+        return await asyncio.to_thread(_read_report, services.state.files / file_name)
+    except OSError:  # the page is useful without its report
+        return Report()
 
 
 @lru_cache(maxsize=32)
