@@ -1,11 +1,11 @@
 """The farm's clock: wall time, or a multiple of it if every printer is simulated.
 
-Daemon, agents, emulators and timers all read this clock, so attended hours, time-outs, forecasts and the
+Daemon, agents, emulators and timers all read this clock, so attended hours, timeouts, forecasts and the
 dead-man timer agree everywhere, and a simulated night can run in minutes.
 
-A change of the host's clock must not end a heat-up or a print by a time-out: a process reads wall time once
+A change of the host's clock must not end a heat-up or a print by a timeout: a process reads wall time once
 and adds the time since boot, which also counts while the host sleeps. The daemon, which enforces attended
-hours, follows such a change (`Clock.follow_host`); agents, which enforce time-outs, never do.
+hours, follows such a change (`Clock.follow_host`); agents, which enforce timeouts, never do.
 """
 
 from __future__ import annotations

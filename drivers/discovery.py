@@ -24,7 +24,7 @@ from drivers.remote import AgentClient
 
 BY_PATH = Path("/dev/serial/by-path")
 _BOARD_TIMEOUT_S = 40.0  # wall seconds for the board to answer
-_AGENT_TIME_OUT_S = 60.0  # wall seconds for the agent to report the result
+_AGENT_TIMEOUT_S = 60.0  # wall seconds for the agent to report the result
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +149,7 @@ async def _request_verification(folder: Path) -> None:
         if reply.snapshot.link is not m.LinkState.CONNECTING:
             raise AgentError(reply.snapshot.reason or "its board was not reset")
         is_current = False  # snapshots from before the reply are old
-        async with asyncio.timeout(_AGENT_TIME_OUT_S):
+        async with asyncio.timeout(_AGENT_TIMEOUT_S):
             async for snapshot in client.snapshots():
                 if snapshot.link is m.LinkState.CONNECTING:
                     is_current = True
@@ -158,7 +158,7 @@ async def _request_verification(folder: Path) -> None:
                 elif is_current:
                     raise AgentError(snapshot.reason or "it does not answer")
     except TimeoutError as error:
-        raise AgentError(f"its board did not answer in {_AGENT_TIME_OUT_S:g} s") from error
+        raise AgentError(f"its board did not answer in {_AGENT_TIMEOUT_S:g} s") from error
     finally:
         await client.close()
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 AGENT_LOCK = "lock"  # file in an agent's folder
 _LOCK_TRIES, _RETRY_INTERVAL_S = 20, 0.05
-_KILL_TIME_OUT_S = 1.0  # wall seconds for a killed process to end
+_KILL_TIMEOUT_S = 1.0  # wall seconds for a killed process to end
 _PID_BYTES = 10
 
 
@@ -85,7 +85,7 @@ def kill_holder(path: Path) -> bool:
             try:
                 if is_locked(path):  # if not, the process has ended, and its id may be reused
                     signal.pidfd_send_signal(process, signal.SIGKILL)
-                    select.select([process], [], [], _KILL_TIME_OUT_S)
+                    select.select([process], [], [], _KILL_TIMEOUT_S)
             finally:
                 os.close(process)
     return not is_locked(path)

@@ -79,7 +79,7 @@ class Board:
         self.is_simulated = url.startswith("sim://")
         self.pace = Pace.from_clock(clock)
         self.profile, self._firmware = profile, profile.firmware
-        self.link = Link(self._firmware, self.pace.min_time_out_s)
+        self.link = Link(self._firmware, self.pace.min_timeout_s)
         self.session: Session | None = None
         self.report: Report | None = None
         self.absent_reason: str | None = "the port has not been opened yet"

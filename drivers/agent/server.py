@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 _MAX_REQUEST_BYTES = 64 * 1024
 _MAX_CLIENTS = 16  # the daemon, a bridge and a few users; each takes a descriptor
-_REQUEST_TIME_OUT_S = 10.0  # wall seconds between the first and the last byte of a request
+_REQUEST_TIMEOUT_S = 10.0  # wall seconds between the first and the last byte of a request
 _ACCEPT_PAUSE_S = 1.0  # wall seconds without new clients after no descriptor was free
 _LOG_INTERVAL_S = 60.0  # wall seconds between two warnings
 _MAX_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it can reconnect
@@ -91,7 +91,7 @@ class Server:
         """
         now_s = read_wall_s()
         for client in tuple(self._clients):
-            if now_s - client.partial_since_s > _REQUEST_TIME_OUT_S:
+            if now_s - client.partial_since_s > _REQUEST_TIMEOUT_S:
                 self._drop(client)
         self._listen(now_s >= self._paused_until_s)
 

@@ -30,7 +30,7 @@ from drivers.log_file import rotate_log
 from drivers.printers import PROFILES, Profile
 
 STATUS_INTERVAL_S = 0.4  # wall seconds between two status writes; readers expect one every 0.5 s
-CONTROL_TIME_OUT_S = 0.5
+CONTROL_TIMEOUT_S = 0.5
 PIECE_BYTES = 2  # size of the pieces of an answer
 # Wall seconds by which an accelerated emulator may delay an ok while its planner is full.
 MAX_OK_DELAY_S = 0.002
@@ -180,7 +180,7 @@ class Emulator:
         try:
             link, _ = self._control.accept()
             with link:
-                link.settimeout(CONTROL_TIME_OUT_S)
+                link.settimeout(CONTROL_TIMEOUT_S)
                 with link.makefile("rb") as requests:
                     answer = self._execute(json.loads(requests.readline()), now_s)
                 self.publish_status(now_s)

@@ -83,7 +83,7 @@ class Firmware:
     reset_commands
         Commands that restore the defaults of a board that was not reset.
     waiting_s
-        Commands that wait for all earlier moves, with their time-outs in seconds.
+        Commands that wait for all earlier moves, with their timeouts in seconds.
     forbidden
         Commands that no file may contain, with the reason.
     """

@@ -30,7 +30,7 @@ from drivers.remote import (
 log = logging.getLogger(__name__)
 
 _RETRY_S = 1.0  # wall seconds between two attempts to connect to the agent
-_END_TIME_OUT_S = 30.0  # wall seconds for an idle agent to end
+_END_TIMEOUT_S = 30.0  # wall seconds for an idle agent to end
 
 
 class AgentWatch:
@@ -184,7 +184,7 @@ class AgentWatch:
         if reply.error:
             raise AgentError(reply.error)
         try:
-            async with asyncio.timeout(_END_TIME_OUT_S):
+            async with asyncio.timeout(_END_TIMEOUT_S):
                 # If the id has changed, the next agent runs already.
                 while self.is_alive and find_agent_pid(self._folder) == pid:
                     await asyncio.sleep(0.05)

@@ -21,8 +21,8 @@ from drivers.remote import RETRY_S, Installation
 from drivers.remote.bridge import find_folder
 
 _FOLDER = ".host"  # no printer's name begins with a dot
-_START_TIME_OUT_S = 30.0
-_END_TIME_OUT_S = 5.0
+_START_TIMEOUT_S = 30.0
+_END_TIMEOUT_S = 5.0
 
 
 def read_version() -> str:
@@ -122,7 +122,7 @@ def reach_service(paths: HostPaths) -> socket.socket:
     """
     if is_locked(paths.lock) and not paths.has_this_version():
         end_service(paths)
-    deadline_s, process = time.monotonic() + _START_TIME_OUT_S, None
+    deadline_s, process = time.monotonic() + _START_TIMEOUT_S, None
     while time.monotonic() < deadline_s:
         if not is_locked(paths.lock) and (process is None or process.poll() is not None):
             process = _start_service(paths)
@@ -162,7 +162,7 @@ def end_service(paths: HostPaths) -> None:
     if pid is not None:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGTERM)
-    deadline_s = time.monotonic() + _END_TIME_OUT_S
+    deadline_s = time.monotonic() + _END_TIMEOUT_S
     while is_locked(paths.lock) and time.monotonic() < deadline_s:
         time.sleep(RETRY_S / 5)
     if is_locked(paths.lock) and not kill_holder(paths.lock):

@@ -14,7 +14,7 @@ from drivers.messages import AGENT_SOCKET
 from drivers.records import AGENT_LOG
 from drivers.remote import RETRY_S
 
-_CONNECT_TIME_OUT_S = 30.0
+_CONNECT_TIMEOUT_S = 30.0
 _READ_BYTES = 64 * 1024
 
 
@@ -51,7 +51,7 @@ async def relay_stream(stream: MuxStream, folder: Path, report_interval_s: float
 
 async def _connect(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWriter] | None:
     """Connect to an agent that may just be starting; None if none answers in time."""
-    deadline_s = time.monotonic() + _CONNECT_TIME_OUT_S
+    deadline_s = time.monotonic() + _CONNECT_TIMEOUT_S
     while time.monotonic() < deadline_s:
         with suppress(OSError):
             descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)

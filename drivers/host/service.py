@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 
 _WATCH_INTERVAL_S = 0.5
 _PORT_INTERVAL_S = 10.0  # wall seconds between two lists of the ports
-_UNUSED_TIME_OUT_S = 60.0  # wall seconds without agents and daemon after which the service ends
+_UNUSED_TIMEOUT_S = 60.0  # wall seconds without agents and daemon after which the service ends
 
 
 class HostService:
@@ -69,13 +69,13 @@ class HostService:
             self._add(start, kept_installation)
 
     async def run(self) -> None:
-        """Serve until there has been neither an agent nor a daemon for `_UNUSED_TIME_OUT_S`."""
+        """Serve until there has been neither an agent nor a daemon for `_UNUSED_TIMEOUT_S`."""
         with self._paths.open_socket_path() as path:
             server = await asyncio.start_unix_server(self._serve, path, limit=LINE_BYTES)
         state_task = asyncio.create_task(self._send_states())
         port_task = asyncio.create_task(self._list_ports())
         try:
-            while self._watches or time.monotonic() - self._last_message_s < _UNUSED_TIME_OUT_S:
+            while self._watches or time.monotonic() - self._last_message_s < _UNUSED_TIMEOUT_S:
                 self._watch()
                 await asyncio.sleep(_WATCH_INTERVAL_S)
         finally:

@@ -17,7 +17,7 @@ from drivers.remote import Installation
 
 log = logging.getLogger(__name__)
 
-_READY_TIME_OUT_S = 90.0  # wall seconds within which a new agent has to answer; a board connects in 10
+_READY_TIMEOUT_S = 90.0  # wall seconds within which a new agent has to answer; a board connects in 10
 _POLL_INTERVAL_S = 0.2
 
 
@@ -55,7 +55,7 @@ def judge_trial(trial: Trial) -> str | bool:
         return f"its new agent reports: {snapshot.reason or snapshot.link}"
     if trial.has_ended:
         return "its new agent has ended"
-    return trial.waited_s > _READY_TIME_OUT_S and f"its new agent was not ready in {_READY_TIME_OUT_S:g} s"
+    return trial.waited_s > _READY_TIMEOUT_S and f"its new agent was not ready in {_READY_TIMEOUT_S:g} s"
 
 
 class AgentsUpdate:

@@ -29,18 +29,18 @@ class Link:
     ----------
     firmware
         The board's firmware.
-    min_time_out_s
-        Lower bound of all time-outs, in seconds of the caller's clock: if that clock runs faster than wall
+    min_timeout_s
+        Lower bound of all timeouts, in seconds of the caller's clock: if that clock runs faster than wall
         time, the host's own scheduling must not look like a silent board.
     """
 
-    def __init__(self, firmware: Firmware, min_time_out_s: float = 0.0) -> None:
+    def __init__(self, firmware: Firmware, min_timeout_s: float = 0.0) -> None:
         self._firmware = firmware
-        self._min_time_out_s = min_time_out_s
+        self._min_timeout_s = min_timeout_s
         keeps_alive = firmware.keep_alive is not None
         shortest_s, divisor = (KEEP_ALIVE_S, 4) if keeps_alive else (SILENCE_S, 8)
-        self._silence_s = max(shortest_s, min_time_out_s / divisor)
-        self._query_delay_s = max(QUERY_DELAY_S, min_time_out_s / 40)
+        self._silence_s = max(shortest_s, min_timeout_s / divisor)
+        self._query_delay_s = max(QUERY_DELAY_S, min_timeout_s / 40)
         self.poll_every_s = math.inf
         self.ignore_faults = False  # True to ignore reported faults: a stopped board still answers M105
         self._reset()
@@ -48,9 +48,9 @@ class Link:
     def _reset(self) -> None:
         self.phase = Phase.CLOSED
         self._output = b""
-        self._opening = Opening(self._firmware, self._min_time_out_s)
+        self._opening = Opening(self._firmware, self._min_timeout_s)
         self._partial = b""
-        self._due_s = math.inf  # time-out of the line in flight, or of the phase
+        self._due_s = math.inf  # timeout of the line in flight, or of the phase
         self._poll_at_s = math.inf
         self._awaits_ok = False  # True while the line at the cursor has not been acknowledged
         self._is_undisturbed = True  # no query and no refusal since the line in flight was sent
@@ -74,7 +74,7 @@ class Link:
         """
         self._reset()
         self.phase = Phase.OPENING
-        self._opening = Opening(self._firmware, self._min_time_out_s, unconfirmed)
+        self._opening = Opening(self._firmware, self._min_timeout_s, unconfirmed)
         self._due_s = now_s + self._opening.first_query_s
 
     def on_restarted(self, now_s: float) -> None:
@@ -82,7 +82,7 @@ class Link:
         self._reset()
         self.phase = Phase.BANNER
         self._opening.has_restarted = True
-        self._due_s = now_s + self._opening.banner_time_out_s
+        self._due_s = now_s + self._opening.banner_timeout_s
 
     def on_closed(self) -> None:
         """Stop, as the port was closed."""
@@ -203,7 +203,7 @@ class Link:
         sign = self._opening.classify(line)
         if sign is OpeningLine.START:
             self.phase = Phase.BANNER
-            self._due_s = now_s + self._opening.banner_time_out_s
+            self._due_s = now_s + self._opening.banner_timeout_s
         elif sign is OpeningLine.REFUSAL:
             self._due_s = now_s
         elif sign is OpeningLine.READY:
@@ -253,7 +253,7 @@ class Link:
         """Handle a busy message: the board executes a long command, so a query would be useless."""
         if not self._awaits_ok:
             return
-        if now_s - self._recovery.sent_s > max(self._outbox.time_out_s, 5 * self._min_time_out_s):
+        if now_s - self._recovery.sent_s > max(self._outbox.timeout_s, 5 * self._min_timeout_s):
             self._give_up(Fault.NO_ANSWER, "the board is busy with one command for too long", events)
         else:
             self._recovery.busy_s = now_s
@@ -321,7 +321,7 @@ class Link:
                 self._give_up(Fault.NO_ANSWER, SILENT_REASON, events)
             else:
                 self._output += query
-                self._due_s = now_s + self._opening.answer_time_out_s
+                self._due_s = now_s + self._opening.answer_timeout_s
         else:
             self._send_next(now_s)
         return events
@@ -343,7 +343,7 @@ class Link:
         self._output += self._firmware.last_line_query
         wait_s = self._silence_s * 2**self._recovery.queries
         if self._recovery.queries == MAX_QUERIES:
-            wait_s = max(self._outbox.time_out_s, 5 * self._min_time_out_s) - (wait_s - self._silence_s)
+            wait_s = max(self._outbox.timeout_s, 5 * self._min_timeout_s) - (wait_s - self._silence_s)
         self._due_s = now_s + wait_s
 
     def _schedule_query(self, now_s: float) -> None:

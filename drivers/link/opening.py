@@ -7,13 +7,13 @@ from enum import Enum, StrEnum
 from drivers.firmware import Firmware
 from drivers.link.recovery import MAX_ATTEMPTS
 
-START_TIME_OUT_S = (
+START_TIMEOUT_S = (
     10.0  # maximum time from the opening of the port to ``start``; the bootloader takes one second
 )
 UNCONFIRMED_QUERY_DELAY_S = (
     0.3  # time until the first query, if it is possible that the board does not restart
 )
-BANNER_TIME_OUT_S = 1.0  # time for the rest of the banner after ``start``
+BANNER_TIMEOUT_S = 1.0  # time for the rest of the banner after ``start``
 
 
 class Phase(StrEnum):
@@ -42,7 +42,7 @@ class Opening:
     ----------
     firmware
         The board's firmware.
-    min_time_out_s
+    min_timeout_s
         See `Link`.
     unconfirmed
         Commands that were sent before; a board that does not restart must have received them.
@@ -55,31 +55,31 @@ class Opening:
         True if the unconfirmed commands may be lost.
     """
 
-    def __init__(self, firmware: Firmware, min_time_out_s: float, unconfirmed: bytes = b"") -> None:
+    def __init__(self, firmware: Firmware, min_timeout_s: float, unconfirmed: bytes = b"") -> None:
         self.has_restarted = False
         self.banner = b""
         self.is_refused = False
-        self._firmware, self._min_time_out_s, self._unconfirmed = firmware, min_time_out_s, unconfirmed
+        self._firmware, self._min_timeout_s, self._unconfirmed = firmware, min_timeout_s, unconfirmed
         self._tries = 0
 
     @property
     def first_query_s(self) -> float:
         """Seconds to wait for ``start`` before the first query."""
         return (
-            max(UNCONFIRMED_QUERY_DELAY_S, self._min_time_out_s / 8)
+            max(UNCONFIRMED_QUERY_DELAY_S, self._min_timeout_s / 8)
             if self._unconfirmed
-            else max(START_TIME_OUT_S, self._min_time_out_s)
+            else max(START_TIMEOUT_S, self._min_timeout_s)
         )
 
     @property
-    def banner_time_out_s(self) -> float:
+    def banner_timeout_s(self) -> float:
         """Seconds to wait for the rest of a banner."""
-        return max(BANNER_TIME_OUT_S, self._min_time_out_s / 4)
+        return max(BANNER_TIMEOUT_S, self._min_timeout_s / 4)
 
     @property
-    def answer_time_out_s(self) -> float:
+    def answer_timeout_s(self) -> float:
         """Seconds to wait for the answer to a query."""
-        return max(START_TIME_OUT_S if self._unconfirmed else START_TIME_OUT_S / 2, self._min_time_out_s)
+        return max(START_TIMEOUT_S if self._unconfirmed else START_TIMEOUT_S / 2, self._min_timeout_s)
 
     def classify(self, line: bytes) -> OpeningLine:
         """Classify a line from the board."""

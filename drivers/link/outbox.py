@@ -15,8 +15,8 @@ from drivers.firmware import Firmware
 from drivers.gcode import add_frame, add_frames, remove_frame
 
 HISTORY_LINES = 32
-LINE_TIME_OUT_S = 50.0  # time-out of a line
-POLL_TIME_OUT_S = 150.0  # time-out of an M105, which waits behind up to 8 moves
+LINE_TIMEOUT_S = 50.0  # timeout of a line
+POLL_TIMEOUT_S = 150.0  # timeout of an M105, which waits behind up to 8 moves
 MAX_MOVE_MM = 460.0  # longest straight move over the largest bed
 MAX_ARC_MM = 1450.0  # longest arc
 QUEUED_LINES = 32  # number of lines behind a slow move whose answers it delays: 16 planned, 8 waiting
@@ -41,7 +41,7 @@ class Outbox:
         self._base = 1
         self._cursor = -1
         self._highest_sent = -1  # the highest number that was sent before the cursor moved back
-        self._time_outs_s: dict[int, float] = {}  # time-outs of slow lines, by number
+        self._timeouts_s: dict[int, float] = {}  # timeouts of slow lines, by number
         self._feedrate_mm_min = math.inf  # feedrate after the last encoded line
         self._slowest_move_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`
         self._slow_line_end = -1  # number of the last line that `_slowest_move_s` delays
@@ -96,11 +96,9 @@ class Outbox:
         return self.number in self._polls
 
     @property
-    def time_out_s(self) -> float:
-        """Time-out of the last sent line, in seconds."""
-        return max(
-            POLL_TIME_OUT_S if self.is_poll else LINE_TIME_OUT_S, self._time_outs_s.get(self.number, 0.0)
-        )
+    def timeout_s(self) -> float:
+        """Timeout of the last sent line, in seconds."""
+        return max(POLL_TIMEOUT_S if self.is_poll else LINE_TIMEOUT_S, self._timeouts_s.get(self.number, 0.0))
 
     def holds(self, number: int) -> bool:
         """Return True if line `number` is recent enough to be resent."""
@@ -133,7 +131,7 @@ class Outbox:
         self._source = None
         self._queue.clear()
         del self._frames[sent_count:]
-        self._time_outs_s = {n: s for n, s in self._time_outs_s.items() if n < self._base + sent_count}
+        self._timeouts_s = {n: s for n, s in self._timeouts_s.items() if n < self._base + sent_count}
         feedrates = (_FEEDRATE.search(line) for line in reversed(self._frames))
         if (feedrate := next(filter(None, feedrates), None)) is not None:
             self._feedrate_mm_min = float(feedrate[1]) or self._feedrate_mm_min
@@ -147,7 +145,7 @@ class Outbox:
         self._frames.append(add_frame(number, self._firmware.report_query))
         self._polls = {n for n in self._polls if n >= self._base}
         self._polls = {n + (n >= number) for n in self._polls} | {number}
-        self._time_outs_s = {n + (n >= number): s for n, s in self._time_outs_s.items()}
+        self._timeouts_s = {n + (n >= number): s for n, s in self._timeouts_s.items()}
         if self._source_number + self._source_stop - self._source_start > number:
             self._source_number += 1  # the rest of the program follows
         self._frames += add_frames(number + 1, map(remove_frame, encoded_lines))
@@ -186,7 +184,7 @@ class Outbox:
             del self._frames[:excess]
             self._base += excess
             self._cursor -= excess
-            self._time_outs_s = {n: s for n, s in self._time_outs_s.items() if n >= self._base}
+            self._timeouts_s = {n: s for n, s in self._timeouts_s.items() if n >= self._base}
         first = self._base + len(self._frames)
         commands: list[bytes] = []
         if self._queue:
@@ -201,22 +199,22 @@ class Outbox:
             if command.startswith(_MOVES):
                 self._note_slow_move(number, command)
             elif (waiting_s := self._firmware.waiting_s.get(command.split(b" ", 1)[0])) is not None:
-                self._time_outs_s[number] = waiting_s
+                self._timeouts_s[number] = waiting_s
                 self._slow_path_end = number
             if number <= self._slow_line_end:
-                self._time_outs_s[number] = max(self._slowest_move_s, self._time_outs_s.get(number, 0.0))
+                self._timeouts_s[number] = max(self._slowest_move_s, self._timeouts_s.get(number, 0.0))
 
     def _note_slow_move(self, number: int, move: bytes) -> None:
-        """Note a move that may take longer than `LINE_TIME_OUT_S`, assuming the longest possible move."""
+        """Note a move that may take longer than `LINE_TIMEOUT_S`, assuming the longest possible move."""
         if b"F" in move and (match := _FEEDRATE.search(move)) is not None and float(match[1]) > 0.0:
             self._feedrate_mm_min = float(match[1])
         if move.startswith(_ARCS):
             duration_s = 60.0 * MAX_ARC_MM / self._feedrate_mm_min
-        elif self._feedrate_mm_min * LINE_TIME_OUT_S >= 60.0 * MAX_MOVE_MM or not _match_head_move(move):
+        elif self._feedrate_mm_min * LINE_TIMEOUT_S >= 60.0 * MAX_MOVE_MM or not _match_head_move(move):
             return
         else:
             duration_s = 60.0 * MAX_MOVE_MM / self._feedrate_mm_min
-        if duration_s > LINE_TIME_OUT_S:
+        if duration_s > LINE_TIMEOUT_S:
             self._slowest_move_s = max(
                 duration_s, self._slowest_move_s if number <= self._slow_line_end else 0.0
             )

@@ -23,7 +23,7 @@ from drivers.emulator.launch import launch
 from drivers.errors import PortError
 
 DTR_PULSE_S = 0.1  # duration of a pulse that resets the board
-DRAIN_TIME_OUT_S = 1.0  # maximum time for unsent bytes to be transmitted
+DRAIN_TIMEOUT_S = 1.0  # maximum time for unsent bytes to be transmitted
 _DRAIN_POLL_S = 0.01
 _READ_BYTES = 4096
 _PTY_PREFIX = "/dev/pts/"  # the kernel keeps a pty exclusive until its other end is closed
@@ -125,14 +125,14 @@ class SerialPort:
     def write_now(self, data: bytes) -> None:
         """Send bytes in place of all unsent ones, and wait until they are transmitted.
 
-        Waits `DRAIN_TIME_OUT_S` at most, as the board may no longer accept bytes.
+        Waits `DRAIN_TIMEOUT_S` at most, as the board may no longer accept bytes.
 
         Raises
         ------
         PortError
             The port was disconnected.
         """
-        deadline_s = time.monotonic() + DRAIN_TIME_OUT_S
+        deadline_s = time.monotonic() + DRAIN_TIMEOUT_S
         try:
             # On a pseudo-terminal, a flush also discards bytes that are on their way to the other end.
             self._replace(data, flush=not self._is_pty)

@@ -31,7 +31,7 @@ from drivers.remote.process import (
 from drivers.remote.ssh import NO_AGENT_REASON, BridgeRequest, BridgeTask
 from drivers.safety import StopTarget, stop_printer
 
-_CONNECT_TIME_OUT_S = 30.0
+_CONNECT_TIMEOUT_S = 30.0
 _POLL_INTERVAL_S = 0.5
 _READ_BYTES = 65536
 
@@ -92,7 +92,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
 
 
 def _connect(folder: Path) -> socket.socket:
-    deadline_s = time.monotonic() + _CONNECT_TIME_OUT_S
+    deadline_s = time.monotonic() + _CONNECT_TIMEOUT_S
     while True:
         agent = socket.socket(socket.AF_UNIX)
         try:

@@ -29,7 +29,7 @@ Route = tuple[Sequence[str], bytes]
 """Connection to another host: a command that copies bytes (`build_ssh_command`), and its first input line."""
 StreamOpener = Callable[[], Awaitable[tuple[asyncio.StreamReader, asyncio.StreamWriter]]]
 """Function that opens a stream to the agent on a connection that carries several. Raises AgentError."""
-FIRST_MESSAGE_TIME_OUT_S = 45.0  # over ssh; the agent may have to be started first
+FIRST_MESSAGE_TIMEOUT_S = 45.0  # over ssh; the agent may have to be started first
 _LINE_BYTES = 1024 * 1024
 
 
@@ -122,7 +122,7 @@ class AgentClient:
             reader, self._writer = self._route_process.stdout, self._route_process.stdin
             assert reader is not None and self._writer is not None
             self._writer.write(first_line)
-            first = await asyncio.wait_for(reader.readline(), FIRST_MESSAGE_TIME_OUT_S)
+            first = await asyncio.wait_for(reader.readline(), FIRST_MESSAGE_TIMEOUT_S)
         except (OSError, ValueError, TimeoutError) as error:
             raise AgentError(f"{command[0]}: no connection to the agent ({error or 'time-out'})") from error
         if not first:

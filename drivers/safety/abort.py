@@ -24,7 +24,7 @@ from drivers.firmware import Firmware
 from drivers.ports import Port
 
 MAX_ATTEMPTS = 3  # maximum number of times that the sequence is sent
-_ANSWER_TIME_OUT_S, _READ_INTERVAL_S = 0.5, 0.05  # wall seconds
+_ANSWER_TIMEOUT_S, _READ_INTERVAL_S = 0.5, 0.05  # wall seconds
 
 
 def send_abort(port: Port, firmware: Firmware) -> None:
@@ -42,7 +42,7 @@ def send_abort_until_accepted(port: Port, firmware: Firmware) -> None:
         send_abort(port, firmware)
         answer = b""
         with suppress(PortError):
-            deadline_s = time.monotonic() + _ANSWER_TIME_OUT_S
+            deadline_s = time.monotonic() + _ANSWER_TIMEOUT_S
             while b"Resend" not in answer and time.monotonic() < deadline_s:
                 time.sleep(_READ_INTERVAL_S)
                 answer += port.read()

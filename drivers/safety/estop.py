@@ -40,9 +40,9 @@ from drivers.safety.heater_watch import HeaterWatch
 from drivers.safety.mains import cut_mains
 
 EMULATOR_FOLDER = "emulator"
-_REPORT_TIME_OUT_S = 20.0  # time for `start`, the banner and a report
+_REPORT_TIMEOUT_S = 20.0  # time for `start`, the banner and a report
 _POLL_INTERVAL_S = 0.5  # time between two reports, and between two queries for the position
-_COOLING_TIME_OUT_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
+_COOLING_TIMEOUT_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
 _EXECUTED_STEPS = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
 _FIELD_NAMES = {"cut_s": "reset_s", "still": "is_still"}  # fields by their names in JSON
 
@@ -138,7 +138,7 @@ def list_targets(agents: Path) -> dict[str, StopTarget]:
 
 
 def stop_printer(
-    target: StopTarget, watch_s: float = _REPORT_TIME_OUT_S, notify: ProgressCallback = _ignore_progress
+    target: StopTarget, watch_s: float = _REPORT_TIMEOUT_S, notify: ProgressCallback = _ignore_progress
 ) -> StopResult:
     """Stop one printer. Never raises; returns once the printer cools, after at most 140 s.
 
@@ -171,7 +171,7 @@ def stop_printer(
 
 
 def stop_board(
-    target: StopTarget, watch_s: float = _REPORT_TIME_OUT_S, notify: ProgressCallback = _ignore_progress
+    target: StopTarget, watch_s: float = _REPORT_TIMEOUT_S, notify: ProgressCallback = _ignore_progress
 ) -> StopResult:
     """Stop the board of a printer without an agent; cut the mains if that fails. Never raises.
 
@@ -314,7 +314,7 @@ class _Board:
     def _confirm_cooling(self, method: str) -> tuple[str, bool]:
         watch, report = HeaterWatch(0.0), self._report
         assert report is not None
-        for now_s, event in exchange(self._port, self._link, _COOLING_TIME_OUT_S, is_new=False):
+        for now_s, event in exchange(self._port, self._link, _COOLING_TIMEOUT_S, is_new=False):
             self._on_event(now_s, event)
             if isinstance(event, Report):
                 report = event

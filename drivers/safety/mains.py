@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 TIMEOUT_S = 10.0  # wall seconds for a relay to answer
 POLL_INTERVAL_S = 0.05  # wall seconds between two checks for the end of the command
-KILL_TIME_OUT_S = 1.0  # wall seconds for a killed process to end
+KILL_TIMEOUT_S = 1.0  # wall seconds for a killed process to end
 SWITCH_OFF_ADVICE = "switch it off by hand"
 NO_COMMAND_OUTCOME = f"it has no power_off_cmd: {SWITCH_OFF_ADVICE}"
 _STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # parts of the command's stderr that are kept and shown
@@ -64,7 +64,7 @@ class PowerOffRun:
         self._read_stderr()
         code, now_s = self._process.poll(), time.monotonic()
         if self._is_killed:
-            if code is not None or now_s > self._deadline_s + KILL_TIME_OUT_S:
+            if code is not None or now_s > self._deadline_s + KILL_TIMEOUT_S:
                 self._end(f"power_off_cmd did not end in {self._timeout_s:g} s: {SWITCH_OFF_ADVICE}")
         elif code == 0:
             self._end("power_off_cmd cut its mains")

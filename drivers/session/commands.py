@@ -8,9 +8,9 @@ from drivers.errors import Fault
 from drivers.link import Phase as LinkPhase
 from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript, Wait
 
-SEND_TIME_OUT_S = 180.0  # maximum time for commands to be executed
-RESET_TIME_OUT_S = 30.0  # maximum time for a port that disappeared to return
-CONNECT_TIME_OUT_S = 30.0  # maximum time for the board to answer; the link sends its queries earlier
+SEND_TIMEOUT_S = 180.0  # maximum time for commands to be executed
+RESET_TIMEOUT_S = 30.0  # maximum time for a port that disappeared to return
+CONNECT_TIMEOUT_S = 30.0  # maximum time for the board to answer; the link sends its queries earlier
 MAX_ATTEMPTS = 3  # maximum number of resets before the session gives up
 HEAT_DEAD_MAN_S = 1200.0  # nothing resets the timer during a G28 or behind slow moves
 PRINT_DEAD_MAN_S = 600.0  # moves reset the timer, but an M400 behind 17 slow moves does not
@@ -28,10 +28,10 @@ def connect(context: SessionContext) -> Script:
         context.connection = None
         context.wants_reset = True
         link.poll_every_s = context.pace.heating_s
-        if not (yield context.wait(lambda: not context.wants_reset, RESET_TIME_OUT_S)):
+        if not (yield context.wait(lambda: not context.wants_reset, RESET_TIMEOUT_S)):
             raise PrintEnded(Fault.PORT_LOST, "the port is missing")
         yield context.wait(
-            lambda: context.connection is not None or link.phase is LinkPhase.DEAD, CONNECT_TIME_OUT_S
+            lambda: context.connection is not None or link.phase is LinkPhase.DEAD, CONNECT_TIMEOUT_S
         )
         connection = context.connection
         if connection is not None and connection.restarted:
@@ -45,7 +45,7 @@ def connect(context: SessionContext) -> Script:
     raise PrintEnded(Fault.NO_ANSWER, "the board did not restart when its port was opened")
 
 
-def send(context: SessionContext, *commands: bytes, limit_s: float = SEND_TIME_OUT_S) -> TimedScript:
+def send(context: SessionContext, *commands: bytes, limit_s: float = SEND_TIMEOUT_S) -> TimedScript:
     """Send commands and wait until the last of them was executed."""
     context.link.send(context.now_s, *commands)
     context.last_command_s = context.now_s
@@ -65,7 +65,7 @@ def await_report(context: SessionContext, deadline_s: float) -> TimedScript:
     return (yield Wait(lambda: context.report is not previous, deadline_s))
 
 
-def arm_dead_man(context: SessionContext, time_out_s: float) -> Script:
+def arm_dead_man(context: SessionContext, timeout_s: float) -> Script:
     """Arm the firmware's dead-man timer: heaters go off after that time without a command; 0 disarms it."""
-    context.dead_man_s = max(time_out_s, 10 * context.pace.min_time_out_s) if time_out_s else 0.0
+    context.dead_man_s = max(timeout_s, 10 * context.pace.min_timeout_s) if timeout_s else 0.0
     yield from send(context, context.firmware.dead_man % context.dead_man_s)

@@ -20,30 +20,30 @@ from drivers.records import Suspicion
 from drivers.safety import HeaterWatch
 
 # Maximum time between two reports while heating: a query may wait behind a slow move and be resent.
-REPORT_TIME_OUT_S = 180.0
+REPORT_TIMEOUT_S = 180.0
 # Maximum time without a report while printing: longer than any command may take.
-NO_REPORT_TIME_OUT_S = 700.0
+NO_REPORT_TIMEOUT_S = 700.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """Intervals between M105 queries, and the shortest time-out, in seconds of the farm's clock.
+    """Intervals between M105 queries, and the shortest timeout, in seconds of the farm's clock.
 
     With an accelerated clock, M105 must not flood the link, and the host's scheduling must not look like a
     silent board. So each value has a lower bound in wall time.
     """
 
-    min_time_out_s: float = 2.0
+    min_timeout_s: float = 2.0
     heating_s: float = 1.0
     printing_s: float = 3.0
     idle_s: float = 5.0
 
     @classmethod
     def from_clock(cls, clock: Clock) -> Pace:
-        """Compute the pace: time-outs of at least 2 wall seconds, and at most 10 reports per wall second."""
+        """Compute the pace: timeouts of at least 2 wall seconds, and at most 10 reports per wall second."""
         scale = clock.scale
         return cls(
-            min_time_out_s=2.0 * scale,
+            min_timeout_s=2.0 * scale,
             heating_s=max(1.0, 0.1 * scale),
             printing_s=max(3.0, 0.5 * scale),
             idle_s=max(5.0, 1.0 * scale),
@@ -182,7 +182,7 @@ class SessionContext:
 
     def __post_init__(self) -> None:
         self.started_s = self.report_s = self.last_command_s = self.now_s
-        self.watch = HeaterWatch(2 * self.pace.min_time_out_s)
+        self.watch = HeaterWatch(2 * self.pace.min_timeout_s)
 
     @property
     def firmware(self) -> Firmware:
@@ -211,20 +211,20 @@ class SessionContext:
     @property
     def report_deadline_s(self) -> float:
         """Time by which a report that is requested now has to arrive."""
-        return self.now_s + max(REPORT_TIME_OUT_S, 5 * self.pace.min_time_out_s)
+        return self.now_s + max(REPORT_TIMEOUT_S, 5 * self.pace.min_timeout_s)
 
     @property
     def no_report_deadline_s(self) -> float:
         """Time at which a print without a report is ended."""
-        return self.report_s + max(NO_REPORT_TIME_OUT_S, 5 * self.pace.min_time_out_s)
+        return self.report_s + max(NO_REPORT_TIMEOUT_S, 5 * self.pace.min_timeout_s)
 
     def wait(self, condition: Callable[[], bool], limit_s: float) -> Wait:
-        """Return a wait for a condition of at most `limit_s`, or the shortest time-out if that is longer."""
+        """Return a wait for a condition of at most `limit_s`, or the shortest timeout if that is longer."""
         return Wait(condition, self.compute_limit_s(limit_s))
 
     def compute_limit_s(self, limit_s: float) -> float:
-        """Compute the end of a time limit, which is never below the shortest time-out."""
-        return self.now_s + max(limit_s, 2 * self.pace.min_time_out_s)
+        """Compute the end of a time limit, which is never below the shortest timeout."""
+        return self.now_s + max(limit_s, 2 * self.pace.min_timeout_s)
 
     def request_power_off(self) -> None:
         """Request, once, that the caller cuts the mains."""

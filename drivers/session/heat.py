@@ -17,8 +17,8 @@ from drivers.records import Suspicion
 from drivers.session.commands import arm_dead_man, await_report, send
 from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript
 
-OFF_TIME_OUT_S = 120.0  # longer than the heater watch waits for a heater to cool
-OFF_WITHOUT_MAINS_TIME_OUT_S = 60.0  # replaces OFF_TIME_OUT_S after the request to cut the mains
+OFF_TIMEOUT_S = 120.0  # longer than the heater watch waits for a heater to cool
+OFF_WITHOUT_MAINS_TIMEOUT_S = 60.0  # replaces OFF_TIMEOUT_S after the request to cut the mains
 MIN_COOLING_S = 10.0  # minimum time for a heater to cool after a reset, even after such a request
 BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as for M109: the nozzle must stay this close for this time
@@ -26,7 +26,7 @@ HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
 # Maximum time between commands while heating: M105 does not reset the dead-man timer.
 COMMAND_INTERVAL_S = 300.0
-SUSPICION_TIME_OUT_S = 25.0  # time for a heater that may be stuck on to show that it cools
+SUSPICION_TIMEOUT_S = 25.0  # time for a heater that may be stuck on to show that it cools
 # Time for a board to restart and report temperatures, if the agent died after the finding.
 RESTART_DURATION_S = 15.0
 MAX_UNEXPECTED_REPORTS = 3  # a single report may be garbled
@@ -77,7 +77,7 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
 
 def confirm_heaters_off(context: SessionContext) -> TimedScript:
     """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
-    limit_s = context.compute_limit_s(OFF_TIME_OUT_S)
+    limit_s = context.compute_limit_s(OFF_TIMEOUT_S)
     context.targets_off_s = None
     context.watch.reset()
     context.link.poll_every_s = context.pace.heating_s
@@ -85,7 +85,7 @@ def confirm_heaters_off(context: SessionContext) -> TimedScript:
     earliest_end_s = context.compute_limit_s(MIN_COOLING_S)
     while context.now_s < limit_s:
         limit_s = min(
-            limit_s, max(earliest_end_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_TIME_OUT_S)
+            limit_s, max(earliest_end_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_TIMEOUT_S)
         )
         has_report = yield from await_report(context, limit_s)
         if not has_report or context.report is None or not context.report.targets_off:
@@ -143,11 +143,11 @@ def compute_power_off_due_s(context: SessionContext) -> float:
     """Return the time at which to request a cut of the mains, unless the heater is seen to cool before."""
     if context.suspicion is None or context.wants_power_off or context.ended:
         return math.inf
-    min_wait_s = 2 * context.pace.min_time_out_s
+    min_wait_s = 2 * context.pace.min_timeout_s
     # The suspicion may be from the previous session.
     suspected_s, started_s = context.suspicion.since_s, context.started_s
     return max(
-        suspected_s + max(SUSPICION_TIME_OUT_S, min_wait_s), started_s + max(RESTART_DURATION_S, min_wait_s)
+        suspected_s + max(SUSPICION_TIMEOUT_S, min_wait_s), started_s + max(RESTART_DURATION_S, min_wait_s)
     )
 
 

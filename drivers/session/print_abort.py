@@ -12,7 +12,7 @@ from drivers.session.context import PrintEnded, Script, SessionContext, TimedScr
 from drivers.session.heat import allows_extrusion, confirm_heaters_off
 from drivers.session.park import LIFT_MM, compute_lift_mm, park, try_measure_retraction_mm
 
-STOP_TIME_OUT_S = 30.0  # the stop waits for the current move
+STOP_TIMEOUT_S = 30.0  # the stop waits for the current move
 BARRIER_COUNT = 3  # number of M400: a garbled answer may fake the ok of one, but not of three
 
 _RESET_FAULTS = frozenset(
@@ -44,7 +44,7 @@ def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
     """
     firmware = context.firmware
     context.link.halt()
-    if not (yield from send(context, *firmware.abort, limit_s=STOP_TIME_OUT_S)):
+    if not (yield from send(context, *firmware.abort, limit_s=STOP_TIMEOUT_S)):
         return False
     if is_homed:  # before homing, the distance that the bed may move is unknown
         done_lines = context.done_lines

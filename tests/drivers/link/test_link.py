@@ -142,7 +142,7 @@ def test_slow_board_is_queried_and_no_line_is_sent_twice():
     assert bench.link.repeat_count == 0
 
 
-def test_time_out_is_reset_by_an_ordinary_ok():
+def test_timeout_is_reset_by_an_ordinary_ok():
     bench = Bench().boot()
     bench.run()
     stream_program(bench, make_lines(50))
@@ -174,20 +174,20 @@ def measure_silence_s(bench: Bench, *commands: bytes) -> float:
     return bench.now_s - started_s
 
 
-def test_time_out_is_never_below_the_minimum():
-    assert measure_silence_s(Bench(min_time_out_s=200.0).boot(), b"G1 X1") >= 200.0
-    bench = Bench(min_time_out_s=200.0).boot()
+def test_timeout_is_never_below_the_minimum():
+    assert measure_silence_s(Bench(min_timeout_s=200.0).boot(), b"G1 X1") >= 200.0
+    bench = Bench(min_timeout_s=200.0).boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X1")
     assert bench.link.deadline_s >= bench.now_s + 25.0  # a query is sent after an eighth of the time limit
 
 
 @pytest.mark.parametrize(
-    ("command", "time_out_s"),
+    ("command", "timeout_s"),
     [(b"G1 X1", 50.0), (b"M401", 300.0), (b"G28", 1500.0), (b"G4 P60000", 3000.0), (b"M400", 3000.0)],
 )
-def test_command_that_waits_for_moves_has_a_longer_time_out(command: bytes, time_out_s: float):
-    assert measure_silence_s(Bench().boot(), command) == pytest.approx(time_out_s, abs=0.1)
+def test_command_that_waits_for_moves_has_a_longer_timeout(command: bytes, timeout_s: float):
+    assert measure_silence_s(Bench().boot(), command) == pytest.approx(timeout_s, abs=0.1)
 
 
 def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():

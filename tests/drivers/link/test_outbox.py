@@ -6,8 +6,8 @@ from drivers.emulator.firmware.receiver import RING_BYTES
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode.frame import LINE_BYTES
 from drivers.link import Link, Phase
-from drivers.link.opening import START_TIME_OUT_S
-from drivers.link.outbox import HISTORY_LINES, LINE_TIME_OUT_S, MAX_MOVE_MM, QUEUED_LINES, Outbox
+from drivers.link.opening import START_TIMEOUT_S
+from drivers.link.outbox import HISTORY_LINES, LINE_TIMEOUT_S, MAX_MOVE_MM, QUEUED_LINES, Outbox
 from drivers.link.recovery import MAX_ATTEMPTS, MAX_QUERIES, Place, Recovery
 from drivers.link.replies import Report
 
@@ -16,7 +16,7 @@ SLOW_MOVE, SLOWER_MOVE, FAST_MOVE = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10
 
 def send_commands(commands, polls_before=()):
     """Send all commands through an outbox; return it with the time limit of each."""
-    outbox, time_outs_s = Outbox(ULTIMAKER2), []
+    outbox, timeouts_s = Outbox(ULTIMAKER2), []
     outbox.begin()
     assert outbox.take_next() is not None  # M110
     outbox.queue(tuple(commands))
@@ -25,20 +25,20 @@ def send_commands(commands, polls_before=()):
             outbox.insert_poll()
             outbox.take_next()
         assert outbox.take_next() is not None
-        time_outs_s.append(outbox.time_out_s)
-    return outbox, time_outs_s
+        timeouts_s.append(outbox.timeout_s)
+    return outbox, timeouts_s
 
 
 def test_lines_behind_a_slow_move_have_its_time_limit():
-    _, time_outs_s = send_commands([SLOW_MOVE, *[FAST_MOVE] * (QUEUED_LINES + 3)])
+    _, timeouts_s = send_commands([SLOW_MOVE, *[FAST_MOVE] * (QUEUED_LINES + 3)])
     assert QUEUED_LINES >= 16 + 8  # moves in the planner, and lines that wait
-    assert time_outs_s[: QUEUED_LINES + 1] == [pytest.approx(60 * MAX_MOVE_MM / 60)] * (QUEUED_LINES + 1)
-    assert time_outs_s[QUEUED_LINES + 1 :] == [LINE_TIME_OUT_S] * 3
+    assert timeouts_s[: QUEUED_LINES + 1] == [pytest.approx(60 * MAX_MOVE_MM / 60)] * (QUEUED_LINES + 1)
+    assert timeouts_s[QUEUED_LINES + 1 :] == [LINE_TIMEOUT_S] * 3
 
 
 def test_time_limit_follows_the_slowest_queued_move():
-    _, time_outs_s = send_commands([FAST_MOVE, SLOWER_MOVE, SLOW_MOVE, FAST_MOVE])
-    assert time_outs_s == [LINE_TIME_OUT_S, *[pytest.approx(60 * MAX_MOVE_MM / 30)] * 3]
+    _, timeouts_s = send_commands([FAST_MOVE, SLOWER_MOVE, SLOW_MOVE, FAST_MOVE])
+    assert timeouts_s == [LINE_TIMEOUT_S, *[pytest.approx(60 * MAX_MOVE_MM / 30)] * 3]
 
 
 @pytest.mark.parametrize("lines_before", range(1, 6))
@@ -75,7 +75,7 @@ def test_link_gives_up_on_a_silent_board_after_four_queries():
     while link.phase is not Phase.DEAD:
         now_s = link.deadline_s
         link.tick(now_s)
-    assert now_s == START_TIME_OUT_S + MAX_ATTEMPTS * START_TIME_OUT_S / 2
+    assert now_s == START_TIMEOUT_S + MAX_ATTEMPTS * START_TIMEOUT_S / 2
 
 
 def test_resend_is_accepted_after_two_unanswered_queries():

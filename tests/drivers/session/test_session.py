@@ -197,7 +197,7 @@ def test_repeated_and_late_cancels_change_nothing():
 
 def test_accelerated_pace_is_bounded_in_wall_time():
     pace = Pace.from_clock(Clock(scale=60.0))
-    assert (pace.min_time_out_s, pace.printing_s) == (120.0, 30.0)
+    assert (pace.min_timeout_s, pace.printing_s) == (120.0, 30.0)
     assert Pace.from_clock(Clock()).printing_s == 3.0
 
 
@@ -208,7 +208,7 @@ def test_report_is_requested_by_a_numbered_line():
     assert rig.sent_bytes.count(b" M105*") > 10
 
 
-def test_moves_longer_than_a_time_out_cause_no_fault():
+def test_moves_longer_than_a_timeout_cause_no_fault():
     """Print a brim at 10 mm/s along the longest side, so that each ok comes at the end of a move."""
     moves = "\n".join(f"G1 F600 X{10 + 200 * (i % 2)} E{i + 1}" for i in range(60))
     rig = Rig(text=GCODE.format(moves=moves, end=60 - 6.5)).run()

@@ -76,7 +76,7 @@ def test_part_is_exact_where_lines_or_answers_are_lost(faults: dict[str, float],
     assert printer.firmware.board.filament_mm == pytest.approx(400.0 + 12.5, abs=0.01)
 
 
-def test_slow_move_has_no_time_out_while_the_board_is_busy():
+def test_slow_move_has_no_timeout_while_the_board_is_busy():
     slow_gcode = make_gcode(60).replace("F3000", "F120")  # 20 s each, and the planner is full
     printer = Rig(Faults(), slow_gcode, "creality_ender3", profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)

@@ -164,7 +164,7 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
         late_finding = slow_watch.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
         early_finding = fast_watch.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
         assert late_finding is None and (early_finding is None) == (now_s < 13)
-    pace = Pace(min_time_out_s=240.0)
+    pace = Pace(min_timeout_s=240.0)
     rig = Rig()
     rig.session = Session(
         SessionContext(

@@ -199,7 +199,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
     if isinstance(remote_host, SilentNetwork):  # ten minutes by the farm's clock take five seconds
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
         monkeypatch.setattr(connection, "_MAX_WAIT_S", 0.5)
-        monkeypatch.setattr(client, "FIRST_MESSAGE_TIME_OUT_S", 10.0)
+        monkeypatch.setattr(client, "FIRST_MESSAGE_TIMEOUT_S", 10.0)
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     section = PrinterSection(
         name="a",

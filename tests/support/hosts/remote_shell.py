@@ -20,7 +20,7 @@ READY_LINE = b"ready\n"
 """Line that the shell writes once it listens."""
 _PORT = 2222
 _CHUNK_BYTES = 65536
-_CONNECT_TIME_OUT_S = 10.0
+_CONNECT_TIMEOUT_S = 10.0
 
 
 def listen(address: str) -> None:
@@ -47,7 +47,7 @@ def listen(address: str) -> None:
 def call(addresses: Path, host: str, command: str) -> None:
     """Run a command on a host and copy bytes until one end closes."""
     address = json.loads(addresses.read_text())[host]
-    with socket.create_connection((address, _PORT), _CONNECT_TIME_OUT_S) as remote:
+    with socket.create_connection((address, _PORT), _CONNECT_TIMEOUT_S) as remote:
         remote.settimeout(None)
         remote.sendall(b"exec env " + command.encode() + b"\n")
         writers: dict[int, Callable[[bytes], object]] = {

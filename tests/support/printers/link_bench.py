@@ -88,10 +88,10 @@ class Wire:
 class Bench:
     """A link and a board at the ends of a wire, with their own clock."""
 
-    def __init__(self, wire: Wire | None = None, min_time_out_s: float = 0.0) -> None:
+    def __init__(self, wire: Wire | None = None, min_timeout_s: float = 0.0) -> None:
         self.firmware = Firmware()
         self.wire = wire or Wire(0.0, 0.0, 10_000, 0)
-        self.link = Link(ULTIMAKER2, min_time_out_s)
+        self.link = Link(ULTIMAKER2, min_timeout_s)
         self.now_s = 0.0
         self.events: list[object] = []
 
