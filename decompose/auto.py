@@ -1,4 +1,4 @@
-"""Choice of the number of printers for any engine, by the makespan curve of the engine `guillotine`."""
+"""Choice of the number of printers for any engine, from the makespan curve of the engine `guillotine`."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def decompose_auto(
     Raises
     ------
     NoFit, GeometryError
-        As in `decompose.decompose_model`, if not even all printers are enough.
+        As in `decompose.decompose_model`, if even all printers are not enough.
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
@@ -98,8 +98,9 @@ def decompose_auto(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Compute the makespan of the first 1, 2, ... printers from the tables, except for too few printers.
+    """Compute the makespan of the first 1, 2, ... printers from the tables.
 
+    Numbers of printers that are too small for any partition are omitted.
     Unequal printers are grouped in classes, on a coarser grid, because there are more ways to distribute
     parts among them. The printers of a class have their mean speed.
 

@@ -1,8 +1,8 @@
 """Settings of the just-in-time compiler, and the folder of its machine code.
 
 Compiled code contains functions and constants of other files, but numba compares the time stamp of one file
-only, so that it would use stale code after an update. Therefore, the folder is named by a hash of all
-compiled files.
+only, so it would use stale code after an update. Therefore, the folder is named by a hash of all compiled
+files.
 
 The folder is next to the sources, where `farm setup` fills it (`decompose.compilation`). A user who may not
 write there gets a copy in their own cache, because numba only uses a folder that it can write to.

@@ -187,7 +187,7 @@ def find_model(identity: bytes) -> str:
 def _verify_idle(port: Port, url: str, firmware: Firmware, timeout_s: float) -> None:
     """Verify that a printer is idle.
 
-    It is if opening the port reset its board; otherwise it may be printing from the card.
+    It is idle if opening the port reset its board; otherwise it may be printing from the SD card.
     """
     link, idle_watch = Link(firmware), IdleWatch()
     for now_s, event in exchange(port, link, timeout_s):

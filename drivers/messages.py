@@ -189,9 +189,8 @@ class StartPrint(_Request):
     sha256: str
     print_time_s: float
     filament: Filament  # position known to the daemon; UNKNOWN is refused
-    not_after_s: Annotated[float | None, AddedField(2)] = (
-        None  # the agent's clock; a start delivered later is refused (`Reply.late`)
-    )
+    # Time on the agent's clock; a start delivered later is refused (`Reply.late`).
+    not_after_s: Annotated[float | None, AddedField(2)] = None
     ends_by_s: Annotated[float | None, AddedField(2)] = None  # see `EndPrintBy`
 
 

@@ -69,9 +69,9 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
     corners = [solid.arrays()[0] for solid in solids]
     for k, axis in enumerate(axes):
         frame = make_frame(axis, axes)
-        spans_mm = [points @ frame.T for points in corners]
-        lo_mm = np.array([span_mm.min(axis=0) for span_mm in spans_mm])
-        hi_mm = np.array([span_mm.max(axis=0) for span_mm in spans_mm])
+        rotated_mm = [points_mm @ frame.T for points_mm in corners]
+        lo_mm = np.array([points_mm.min(axis=0) for points_mm in rotated_mm])
+        hi_mm = np.array([points_mm.max(axis=0) for points_mm in rotated_mm])
         overlap_mm = _compute_overlap_mm(lo_mm[:, 1:], hi_mm[:, 1:])
         is_beside = (overlap_mm > MAX_TOUCH_OVERLAP_MM).all(axis=2) & ~np.eye(count, dtype=np.bool_)
         # [i, j] is true if all of part i lies beyond part j.

@@ -167,7 +167,7 @@ class _Plan:
         parts
             (n,) bool, true for the parts of the set.
         outermost
-            Whether the set is glued to no other part, so that loose bodies in it need no step.
+            Whether the set is glued to no other part; if so, loose bodies in it need no step.
         """
         if parts.sum() < 2:
             return 0

@@ -1,7 +1,7 @@
 """Rounds of the engine `best`: the next attempts and their budgets, as pure functions.
 
-The attempts of a round depend only on earlier rounds, not on each other, so that they can run in parallel, in
-any order, with the same result.
+The attempts of a round depend only on earlier rounds, not on each other, so they can run in parallel, in any
+order, with the same result.
 """
 
 from __future__ import annotations

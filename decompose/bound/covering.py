@@ -35,8 +35,8 @@ class Covering:
     ----------
     weights
         (nx, ny, nz) float64 weights of needed cells, at least 0. The weight in a box within the limit is at
-        most its number of pieces (except for rounding), so that the sum of all weights is a lower bound on
-        the pieces of any covering.
+        most its number of pieces (except for rounding), so the sum of all weights is a lower bound on the
+        pieces of any covering.
     boxes
         (k, 6) int16 boxes within the limit that are not part of a larger one.
     shares

@@ -343,7 +343,7 @@ class _PinPlacer:
         return []
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place a shallow pin near the most glue that is far from all other pins; None if no place gains."""
+        """Place a shallow pin that reaches the most glue far from other pins; None if none is worthwhile."""
         far_glue = find_far_glue(self.glue_mm, pins)
         if not len(far_glue):
             return None

@@ -100,7 +100,7 @@ class Mark:
     text
         Numbers of the part and its neighbour (`10-14`, or `-14` on a face that is printed level), and `^`,
         which points to the top of the model (on level faces, to its back); or the part's number alone; or, if
-        no digits fit, full stops for dots, equally many on both faces of a joint.
+        no digits fit, full stops for dots, the same number on both faces of a joint.
     height_mm
         Height of its letters.
     lines_mm

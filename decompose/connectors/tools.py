@@ -34,15 +34,15 @@ _CEILINGS = (
     (2.6, 6.0),
 )
 HALF_RIDGE_MM = 0.5
-"""Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm, so that a
-ceiling that ends in a point closes in a step, which the slicer supports (`closes_in_a_step`)."""
+"""Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm, so a ceiling
+that ends in a point closes in a step, which the slicer supports (`closes_in_a_step`)."""
 LAYER_HEIGHT_MM = 0.2
 MAX_STEP_MM = 0.23  # maximum step between two layers without support
-MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so that a ceiling closes early
+MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so a ceiling closes early
 _EDGE_MM = 1e-3
 _MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
-_CORNERS = np.deg2rad(90.0 + 60.0 * np.arange(6))
-_CONE = np.deg2rad(45.0 * np.arange(8))
+_HEXAGON_RAD = np.deg2rad(90.0 + 60.0 * np.arange(6))
+_CONE_RAD = np.deg2rad(45.0 * np.arange(8))
 
 
 def make_hole(
@@ -80,7 +80,7 @@ def make_hole(
     width_mm, depth_mm = size_mm
     inner_mm = width_mm / 2.0
     upwards, across = _choose_cross_axes(inward_normal, up)
-    ring = (upwards * np.sin(_CORNERS)[:, None] + across * np.cos(_CORNERS)[:, None]) * (
+    ring = (upwards * np.sin(_HEXAGON_RAD)[:, None] + across * np.cos(_HEXAGON_RAD)[:, None]) * (
         inner_mm / math.cos(math.pi / 6.0)
     )
     ring = np.concatenate([ring + stretch_mm, ring - stretch_mm]) if stretch_mm.any() else ring
@@ -123,7 +123,7 @@ def make_groove(
         along = np.cross(inward_normal, np.eye(3)[int(np.abs(inward_normal).argmin())])
     first = along / np.linalg.norm(along)
     second = np.cross(inward_normal, first)
-    rim = (first * np.cos(_CONE)[:, None] + width_ratio * second * np.sin(_CONE)[:, None]) * (
+    rim = (first * np.cos(_CONE_RAD)[:, None] + width_ratio * second * np.sin(_CONE_RAD)[:, None]) * (
         depth_mm + LIP_MM
     )
     cone = np.vstack([rim - LIP_MM * inward_normal, depth_mm * inward_normal])
@@ -180,8 +180,8 @@ def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up: Floats) -
 def closes_in_a_step(tool: Tool, up: Floats) -> bool:
     """Check whether the ceiling of a tool closes within one layer by more than prints without support.
 
-    The sections of a convex tool shrink towards its top. The slicer drops short ones, so that a ceiling that
-    ends in a point closes one or two layers early.
+    The sections of a convex tool shrink towards its top. The slicer drops short ones, so a ceiling that ends
+    in a point closes one or two layers early.
 
     Parameters
     ----------
@@ -190,13 +190,13 @@ def closes_in_a_step(tool: Tool, up: Floats) -> bool:
     up
         (3,) upward direction of the bed in the pose of its part, in the same frame.
     """
-    heights = tool.points_mm @ up
-    high_mm = float(heights.max())
-    top = tool.points_mm[heights > high_mm - _EDGE_MM]
+    heights_mm = tool.points_mm @ up
+    high_mm = float(heights_mm.max())
+    top = tool.points_mm[heights_mm > high_mm - _EDGE_MM]
     if (top @ tool.inward_normal).min() < tool.face_mm + _EDGE_MM:
-        return False  # the section is open at the mouth, so that it is a notch in the outline, not a ring
+        return False  # the section is open at the mouth, so it is a notch in the outline, not a ring
     if 2.0 * float(np.ptp(top, axis=0).max()) < MIN_RING_MM:
-        low_mm = float(heights.min())
+        low_mm = float(heights_mm.min())
         for _ in range(10):
             middle_mm = (low_mm + high_mm) / 2.0
             is_short = _cut_section(tool, up, middle_mm).length < MIN_RING_MM

@@ -33,7 +33,7 @@ def make_part_colours(count: int) -> Floats:
 
 
 def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> None:
-    """Write a PNG of the parts, exploded, each with the number in its id; hidden parts are listed below.
+    """Write a PNG with an exploded view of the parts and their numbers; hidden parts are listed below.
 
     Parameters
     ----------

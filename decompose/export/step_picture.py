@@ -223,7 +223,8 @@ def _draw_step(
 ) -> StepPictures:
     """Draw a step: both bodies, and the moved body from its best view."""
     step = decomposition.assembly.steps[number]
-    scene = build_both_bodies(number, decomposition, offset_mm)  # again, as kept scenes would fill the memory
+    # The scene is built again, because stored scenes would fill the memory.
+    scene = build_both_bodies(number, decomposition, offset_mm)
     both_picture = _draw_both_bodies(scene, step, decomposition, cameras.both, offset_mm)
     moved = build_moved_body(number, decomposition)
     view = choose_view(moved, cameras.turned_pose, TURNED_OVER_ELEVATIONS_DEG, cameras.azimuth_deg)

@@ -8,7 +8,7 @@ from decompose.arrays import Floats
 from decompose.jit import jit
 
 COLLINEAR_MM2 = 1e-9  # twice the area of a triangle up to which its corners count as collinear
-MIN_FILTERED = 64  # minimum number of points of which inner ones are dropped
+MIN_FILTERED = 64  # minimum number of points at which inner points are dropped first
 MIN_INSIDE_MM2 = 1e-6  # minimum value of the cross product at which a point counts as inside an edge
 
 

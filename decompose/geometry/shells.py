@@ -69,8 +69,8 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     Returns
     -------
     list or None
-        Vertices (n, 3) and faces (m, 3) of each surface; None if the solid does not begin at as many faces as
-        it ends around some edge.
+        Vertices (n, 3) and faces (m, 3) of each surface; None if, around some edge, the numbers of faces at
+        which the solid begins and ends differ.
     """
     tail, head, face = _list_half_edges(faces)
     order, starts, counts = _sort_by_edge(tail, head)
@@ -81,10 +81,10 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     sorted_edges = []
     for start, count in zip(starts[counts > 2], counts[counts > 2], strict=True):
         edge_order = order[start : start + count]
-        begins_ends = _order_around_edge(vertices, faces, tail, head, face, edge_order)
-        if begins_ends is None:
+        sorted_edge = _order_around_edge(vertices, faces, tail, head, face, edge_order)
+        if sorted_edge is None:
             return None
-        sorted_edges.append(begins_ends)
+        sorted_edges.append(sorted_edge)
     splits = []
     for pair_edges in (_pair_crossing_edges, _pair_nested_edges):
         pairs = np.concatenate(
@@ -257,7 +257,7 @@ def _order_around_edge(
     """Sort the half-edges (k,) of an edge by angle, and find those at which the solid begins.
 
     The order starts at a face at which the solid begins, where the fewest solids overlap. The result is None
-    if the solid does not begin at as many faces as it ends.
+    if the numbers of faces at which the solid begins and ends differ.
     """
     start, end = min(tail[half_edges[0]], head[half_edges[0]]), max(tail[half_edges[0]], head[half_edges[0]])
     along = vertices[end] - vertices[start]

@@ -42,8 +42,8 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
 def separate_touching(vertices: Floats, faces: Ints, distance_mm: float) -> Floats:
     """Move vertices that share a place towards their own faces, so that surfaces that touch there separate.
 
-    The edges between two bodies that touch, or between two hollows, each have a vertex of their own at such a
-    place: the faces of one body lie on its side. The rounding to single precision decides what a place is.
+    Where two bodies or two hollows touch, each has a vertex of its own, and the faces at that vertex lie on
+    its own side. Vertices share a place if they are equal after rounding to single precision.
 
     Parameters
     ----------

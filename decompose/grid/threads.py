@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 
-SHARES = 2  # number of shares that work is divided into
+SHARES = 2  # number of shares into which work is divided
 
 
 def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
-    """Call a function for each share: for the second one in an executor, unless that is slow to start it.
+    """Call a function for each share; an executor runs the second one unless it is slow to start it.
 
     Parameters
     ----------

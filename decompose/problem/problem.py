@@ -230,7 +230,7 @@ class Problem:
         return GridFigures(makespan_s, self.fastest_factor * bound_s, grid.shape)
 
     def needs_proof(self, pieces: Sequence[Piece]) -> bool:
-        """Check whether these pieces may be the best result, so that a bound has to be proven for them."""
+        """Check whether these pieces may be the best result, for which a bound has to be proven."""
         if not self.options.prove:
             return False
         makespan_s = self.compute_makespan_s(pieces)

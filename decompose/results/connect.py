@@ -55,7 +55,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             connectors = _remove_faulty_connectors(connectors, faults, decomposition)
         else:
             raise DecomposeError("the rules of pins and marks are broken repeatedly")
-    except Exception as error:  # of shapely and Qhull too, because parts are valid without connectors
+    except Exception as error:  # shapely and Qhull raise others; parts are valid without connectors
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
     cut_parts = {tool.part for tool in connectors.tools}

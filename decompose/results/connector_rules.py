@@ -31,7 +31,8 @@ EPS_MM3 = 1e-3  # maximum rounding error of an operation on solids
 EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum area of a layer's ceiling in a hole, and where strokes cross
 RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of the search less rounding
 FILM_MM = 0.06  # depth below a face that is not checked, because of rounding
-MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; the slicer supports from 50
+# Maximum angles of ceilings from the vertical; the slicer supports those of 50 degrees or more.
+MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0
 MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 ENLARGEMENT_MM = 0.005  # enlargement of the tools in the check that nothing else was removed
 # Minimum thickness of a real difference; thinner ones are errors at nearly coincident faces.

@@ -113,12 +113,12 @@ class Part:
         """Build the triangles (m, 3, 3) float32 in mm of its STL file.
 
         They are simplified, or separated where they touch, if this is necessary to keep the surface closed:
-        the format has no common vertices, so that two edges at the same place look like one with four faces.
+        the format has no common vertices, so two edges at the same place look like one with four faces.
 
         Raises
         ------
         GeometryError
-            The surface touches itself, so that its STL file cannot be closed.
+            The surface touches itself, so its STL file cannot be closed.
         """
         for gap_mm, tolerance_mm in product((0.0, STL_GAP_MM), STL_TOLERANCES_MM):
             vertices, faces = self.build_printing_mesh(tolerance_mm)
@@ -127,7 +127,7 @@ class Part:
             corners = round_triangles(vertices, faces)
             if corners is not None:
                 return corners
-        raise GeometryError(Rule.STL, self.id, "touches itself, so that its STL file is not closed")
+        raise GeometryError(Rule.STL, self.id, "touches itself, so its STL file is not closed")
 
     def as_dict(self) -> dict[str, Any]:
         """Build the object that describes the part in decomposition.json."""

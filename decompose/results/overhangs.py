@@ -2,8 +2,8 @@
 
 The slicer supports areas that extend further beyond the layer below than the support angle allows. To check
 connectors, hollows are cut into layers, without the formulas with which the search finds their shapes.
-Between two heights at which a hollow has corners, the edges of its sections change linearly, so that the
-layers at both ends represent the others.
+Between two heights at which a hollow has corners, the edges of its sections change linearly, so the layers
+at both ends represent the others.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ def main() -> int:
     inhibitor = Inhibitor(start.printer, is_simulated=start.port.startswith("sim://"))
     try:
         if not _take_lock(folder):
-            logging.error("%s: another agent has this printer: end it first", folder)
+            logging.error("%s: another agent has this printer; end it first", folder)
             return 1
         agent = Agent(start, folder, inhibitor)
     except OSError as error:

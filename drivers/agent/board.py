@@ -317,7 +317,7 @@ class Board:
             self.state.verified_reset_port, self.state.failed_reset_port = self._url, None
         elif self._pulses_left > 1:
             self._pulses_left -= 1
-            self._reset()  # its `start` may have been lost
+            self._reset()  # the board's `start` may have been lost
             return
         elif self._pulses_left:
             log.warning("%s", NO_RESET_REASON)

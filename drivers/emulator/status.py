@@ -30,7 +30,7 @@ class EmulatorStatus:
     filament_mm
         Net filament through the feeder.
     filament_end_mm
-        Position of the filament's end relative to the nozzle: -20 parked, 0 at the nozzle.
+        Position of the filament's end relative to the nozzle: -20 if it is parked, 0 at the nozzle.
     starved_s
         Seconds of a print in which the planner was empty for lack of lines, less the time on the wire.
     errors

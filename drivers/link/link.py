@@ -68,6 +68,8 @@ class Link:
 
         Parameters
         ----------
+        now_s
+            Time of the opening or the reset.
         unconfirmed
             Commands that were just sent and that the board may have missed. The link queries the board at
             once; if it refuses a line or is silent, they are sent again.

@@ -7,12 +7,10 @@ from enum import Enum, StrEnum
 from drivers.firmware import Firmware
 from drivers.link.recovery import MAX_ATTEMPTS
 
-START_TIMEOUT_S = (
-    10.0  # maximum time from the opening of the port to ``start``; the bootloader takes one second
-)
-UNCONFIRMED_QUERY_DELAY_S = (
-    0.3  # time until the first query, if it is possible that the board does not restart
-)
+# Maximum time from the opening of the port to ``start``; the bootloader takes one second.
+START_TIMEOUT_S = 10.0
+# Time until the first query if the board may not restart.
+UNCONFIRMED_QUERY_DELAY_S = 0.3
 BANNER_TIMEOUT_S = 1.0  # time for the rest of the banner after ``start``
 
 

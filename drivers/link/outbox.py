@@ -72,7 +72,7 @@ class Outbox:
 
     @property
     def is_next_unsent(self) -> bool:
-        """True if the next line was never sent, so that another line may be inserted before it."""
+        """True if the next line was never sent, so another line may be inserted before it."""
         return self.number >= self._highest_sent
 
     @property

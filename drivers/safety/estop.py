@@ -224,9 +224,8 @@ def _open(target: StopTarget) -> Port | None:
     try:
         return SerialPort(path, target.firmware.baud_rate)
     except PortError:
-        return SerialPort(
-            path, target.firmware.baud_rate, is_shared=True
-        )  # opens the port even if another process uses it
+        # Open the port even if another process uses it.
+        return SerialPort(path, target.firmware.baud_rate, is_shared=True)
 
 
 class _Board:

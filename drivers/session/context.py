@@ -220,10 +220,10 @@ class SessionContext:
 
     def wait(self, condition: Callable[[], bool], limit_s: float) -> Wait:
         """Return a wait for a condition of at most `limit_s`, or the shortest timeout if that is longer."""
-        return Wait(condition, self.compute_limit_s(limit_s))
+        return Wait(condition, self.compute_deadline_s(limit_s))
 
-    def compute_limit_s(self, limit_s: float) -> float:
-        """Compute the end of a time limit, which is never below the shortest timeout."""
+    def compute_deadline_s(self, limit_s: float) -> float:
+        """Compute the end of a time limit from now, or of the shortest timeout if that is longer."""
         return self.now_s + max(limit_s, 2 * self.pace.min_timeout_s)
 
     def request_power_off(self) -> None:

@@ -46,12 +46,12 @@ def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> 
 
 
 def heat(context: SessionContext, command: HeatCommand) -> Script:
-    """Heat as M109 and M190 do, but so that the print can be aborted; the heater watch detects faults."""
+    """Heat as M109 and M190 do, but in a way that can be aborted; the heater watch detects faults."""
     yield from set_target(context, command.heater, command.target_c)
     if command.target_c == 0:
         return
     context.link.poll_every_s = context.pace.heating_s
-    limit_s = context.now_s + HEAT_LIMIT_S[command.heater]
+    deadline_s = context.now_s + HEAT_LIMIT_S[command.heater]
     reached_s = math.inf
     while True:
         context.link.poll_soon(context.now_s + context.pace.heating_s)
@@ -68,7 +68,7 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
                 return
             continue
         reached_s = math.inf
-        if context.now_s > limit_s:
+        if context.now_s > deadline_s:
             text = f"the {command.heater} reached only {current_c:g} of {command.target_c:g} C in time"
             raise PrintEnded(Fault.HEATER_TIMEOUT, text)
         if context.now_s - context.last_command_s > COMMAND_INTERVAL_S:
@@ -77,17 +77,17 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
 
 def confirm_heaters_off(context: SessionContext) -> TimedScript:
     """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
-    limit_s = context.compute_limit_s(OFF_TIMEOUT_S)
+    deadline_s = context.compute_deadline_s(OFF_TIMEOUT_S)
     context.targets_off_s = None
     context.watch.reset()
     context.link.poll_every_s = context.pace.heating_s
     context.link.poll(context.now_s)
-    earliest_end_s = context.compute_limit_s(MIN_COOLING_S)
-    while context.now_s < limit_s:
-        limit_s = min(
-            limit_s, max(earliest_end_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_TIMEOUT_S)
+    earliest_end_s = context.compute_deadline_s(MIN_COOLING_S)
+    while context.now_s < deadline_s:
+        deadline_s = min(
+            deadline_s, max(earliest_end_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_TIMEOUT_S)
         )
-        has_report = yield from await_report(context, limit_s)
+        has_report = yield from await_report(context, deadline_s)
         if not has_report or context.report is None or not context.report.targets_off:
             continue
         if context.targets_off_s is None:

@@ -24,9 +24,9 @@ MAX_UNSUPPORTED_MM = 15.0
 """[assumed] Maximum length of the outer wall between two points where infill reaches it. The lines of the
 sparsest infill of quality `glue` are 10 mm apart along a side that they meet at 45 degrees."""
 MAX_GAPS_MM = 3.0
-"""Maximum length of the outer wall of the next layer that does not lie on the one without an inner wall."""
+"""Maximum length of a stretch without an inner wall that the next layer's outer wall may leave uncovered."""
 _BOUNDARY_DEPTH_MM = 0.3  # depth below the edge of the inner wall within which lines of infill end
-_TAPER_MM = 1.0  # depth below that one over which the shift of the infill decreases to zero
+_TAPER_MM = 1.0  # range of depths below that one in which the shift of the infill decreases to zero
 _SKIN_DEPTH_MM = 2.0  # depth of the skin behind a side that needs the inner wall
 
 

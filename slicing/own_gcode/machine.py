@@ -86,12 +86,14 @@ def find_machine(
 def check_machine(
     machine: Machine, nozzle_mm: float | None, section_ratio: float, target: PrintTarget
 ) -> tuple[str, ...]:
-    """Refuse a file that was sliced for another machine; return warnings about the others.
+    """Refuse a file that does not fit the printer; return warnings about a file that probably fits.
 
     The size of the print is checked elsewhere.
 
     Parameters
     ----------
+    machine
+        The machine that the file was sliced for.
     nozzle_mm
         The nozzle that the file was sliced for; None if it does not say.
     section_ratio

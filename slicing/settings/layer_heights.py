@@ -1,7 +1,7 @@
 """Layer heights that give a printed part its exact height.
 
 CuraEngine keeps layer heights in whole micrometres and prints the layers whose middle lies in the part
-(measured with 4.13), so that a part can be up to half a layer too high or too low. With heights near the
+(measured with 4.13), so a part can be up to half a layer too high or too low. With heights near the
 requested ones, one for the first layer and one for all others, the print ends at the part's height.
 """
 

@@ -82,7 +82,7 @@ class KeyPlacer:
         self._place_key(order[self._is_free(separations_mm[order])].tolist())
 
     def place_further_keys(self) -> None:
-        """Place short keys close to as much as possible of the glue that is far from all pins and keys."""
+        """Place short keys that reach as much as possible of the glue that is far from all pins and keys."""
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
@@ -94,7 +94,7 @@ class KeyPlacer:
                 )
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
-        """Place short keys on faces that slide, close to as much far glue as possible."""
+        """Place short keys on faces that slide, where they reach as much far glue as possible."""
         count = -1
         while len(self.pins) > count:
             count = len(self.pins)

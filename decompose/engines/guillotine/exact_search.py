@@ -34,7 +34,7 @@ SEARCH_SHARE = 0.75  # share of the unreserved budget for the exact search; the 
 LATE_STEP = 0.02  # growth of the makespan's limit, as a share, when the budget is spent without a result
 # Limits of looser partitions, between the minimum makespan with all printers (0) and with one fewer (1).
 LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
-MAX_LATER_RATIO = 1.06  # maximum limit over the minimum makespan, if one printer fewer is not enough
+MAX_LATER_RATIO = 1.06  # maximum ratio of a limit to the minimum makespan if one printer fewer is not enough
 CLOSE_RATIO = 1.03  # a result is improved only if it is below this multiple of the makespan to beat
 
 

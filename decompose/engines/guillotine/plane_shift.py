@@ -233,7 +233,7 @@ class _PlaneShift:
         Returns
         -------
         bool
-            Whether any of these faces was free, so that the next step differs.
+            Whether any of these faces was free; if so, the next step differs.
         """
         was_free = self.is_free.copy()
         for i, (old, part) in enumerate(zip(parts, new_parts, strict=True)):

@@ -43,7 +43,7 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
         near = value[begin : begin + count]
         begin = sums[k, 2] * size + far_index
         far = value[begin : begin + count]
-        for i in range(len(least)):  # in the type of the table, which the processor adds many of at once
+        for i in range(len(least)):  # in the table's type: the processor adds many of them at once
             least[i] = min(value.dtype.type(near[i] + far[i]), least[i])
 
 

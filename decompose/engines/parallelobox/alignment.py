@@ -1,7 +1,7 @@
 """Orientation step of the paper: the frame in which the grid is built over a model.
 
 If the model has a plane of symmetry, the plane is normal to an axis of the frame. The frame is rotated
-further to the model's oriented bounding box if the overhangs are smaller there. The paper also moves the
+further to the model's oriented bounding box if that reduces the overhangs. The paper also moves the
 centroid to the origin, which has no effect here, because the grid reaches from one end of the model to the
 other.
 """
@@ -32,7 +32,7 @@ ON_BED_MM = 1e-3  # maximum height of a face that lies on the bed
 
 @dataclass(frozen=True, slots=True)
 class AlignedModel:
-    """A model in the frame that it is cut in.
+    """A model in the frame in which it is cut.
 
     Attributes
     ----------

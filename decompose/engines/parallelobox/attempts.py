@@ -1,6 +1,6 @@
 """Metaheuristic: the best of many attempts, with decreasing numbers of seeds and several draws of each.
 
-With fewer seeds, more printers remain for the void fill, so they are more often enough.
+With fewer seeds, more printers remain for the void fill, so an attempt succeeds more often.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     if not candidates:
         raise NoFit(
             f"no attempt of parallelobox covers the model with {len(problem.printers)} parts that fit: "
-            f"free more printers, or choose --engine guillotine, which finds parts wherever there are any"
+            f"free more printers, or choose --engine guillotine, which finds a partition if there is one"
         )
     best = min(candidates, key=_Candidate.rank)
     if best.fault and not problem.options.faithful:
@@ -116,7 +116,7 @@ class _Candidate:
     fault: str
 
     def rank(self) -> tuple[bool, float]:
-        """Return the sort key, lower is better."""
+        """Return the sort key; a lower one is better."""
         return bool(self.fault), self.end_s
 
     @property

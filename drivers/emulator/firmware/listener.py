@@ -37,7 +37,7 @@ class Phase(StrEnum):
 
 
 class Listener(ABC):
-    """Serial line of the board, from one reset to the next.
+    """Reader of the lines that the host sends to the board, from one reset to the next.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class LayerGaps:
 
     def __init__(self, max_flow: float) -> None:
         self.max_flow = max_flow
-        self._earlier_flow = 0.0  # greatest of the layer before the last one
+        self._earlier_flow = 0.0  # greatest flow of the layer before the previous one
         self._previous_layer: _Layer | None = None
         self._layer: _Layer | None = None  # None before the first number: 0, or less in a raft
         self._gap_text = ""  # place of the last gap, until a line is printed after it
