@@ -145,8 +145,8 @@ def _lay_out_text(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:
         strokes = np.concatenate([strokes - left, draw_strokes(arrow) + right])
         width += ARROW_CELL
     scale = height_mm / GRID_HEIGHT
-    half = np.array([width, GRID_HEIGHT]) * scale / 2.0
-    return _Text(code + arrow, height_mm, depth_mm, strokes * scale, half)
+    half_mm = np.array([width, GRID_HEIGHT]) * scale / 2.0
+    return _Text(code + arrow, height_mm, depth_mm, strokes * scale, half_mm)
 
 
 def _draw_dots(count: int) -> _Text:
@@ -156,8 +156,8 @@ def _draw_dots(count: int) -> _Text:
     centres_mm = np.zeros((count, 2, 2))
     centres_mm[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
     centres_mm[:, :, 0] += [-HALF_RIDGE_MM, HALF_RIDGE_MM]
-    half = np.array([(count - 1) * pitch_mm / 2.0 + HALF_RIDGE_MM, 0.0])
-    return _Text("." * count, 2.0 * depth_mm, depth_mm, centres_mm, half)
+    half_mm = np.array([(count - 1) * pitch_mm / 2.0 + HALF_RIDGE_MM, 0.0])
+    return _Text("." * count, 2.0 * depth_mm, depth_mm, centres_mm, half_mm)
 
 
 def _needs_support(workpieces: Workpieces, side: Side) -> bool:

@@ -201,11 +201,15 @@ def make_camera(azimuth_deg: float, elevation_deg: float) -> Floats:
     ndarray
         (3, 3) directions to the right, up, and towards the eye, as rows.
     """
-    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
+    azimuth_rad, elevation_rad = np.radians(azimuth_deg), np.radians(elevation_deg)
     eye = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+        [
+            np.cos(elevation_rad) * np.cos(azimuth_rad),
+            np.cos(elevation_rad) * np.sin(azimuth_rad),
+            np.sin(elevation_rad),
+        ]
     )
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    right = np.array([-np.sin(azimuth_rad), np.cos(azimuth_rad), 0.0])
     return np.stack([right, np.cross(eye, right), eye])
 
 

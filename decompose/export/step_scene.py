@@ -198,16 +198,16 @@ def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
     length = np.linalg.norm(along, axis=1, keepdims=True)
     dot = choose_plane_axes(outward)[0]  # a dot has no direction of its own
     along = np.where(length > 0.0, along / np.maximum(length, 1e-9), dot)
-    half = width_mm / 2.0 * np.cross(outward, along)
+    half_mm = width_mm / 2.0 * np.cross(outward, along)
     a, b = ends[:, 0] - width_mm / 2.0 * along, ends[:, 1] + width_mm / 2.0 * along
-    corners = np.stack([a - half, b - half, b + half, a + half], axis=1)
+    corners = np.stack([a - half_mm, b - half_mm, b + half_mm, a + half_mm], axis=1)
     return _orient_triangles(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), outward)
 
 
 def _make_rod(pin: Pin) -> Floats:
     """Make triangles (m, 3, 3) of a pin in its place."""
-    angles = 2.0 * np.pi * np.arange(ROD_SIDES) / ROD_SIDES
-    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    angles_rad = 2.0 * np.pi * np.arange(ROD_SIDES) / ROD_SIDES
+    circle = np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=1)
     ring = pin.diameter_mm / 2.0 * circle @ choose_plane_axes(pin.rod_axis)
     ends = [pin.position_mm + sign * pin.length_mm / 2.0 * pin.rod_axis for sign in (-1.0, 1.0)]
     low, high = (ring + end for end in ends)

@@ -27,6 +27,8 @@ _MAX_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; i
 
 
 class _Client:
+    """Connection of one client."""
+
     __slots__ = ("incoming", "last_request_s", "outgoing", "partial_since_s", "socket")
 
     def __init__(self, connection: socket.socket) -> None:

@@ -57,6 +57,8 @@ MuxEvent = StreamOpened | DataReceived | StreamClosed | Message
 
 @dataclass(slots=True)
 class _Stream:
+    """State of one stream, at this end."""
+
     outgoing: bytearray = field(default_factory=bytearray)
     send_credit: int = WINDOW_BYTES  # bytes that may still be sent
     receive_credit: int = WINDOW_BYTES  # bytes that the other end may still send

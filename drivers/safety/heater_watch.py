@@ -149,6 +149,7 @@ class _Heater:
         self.set_target(0.0)
 
     def reset(self) -> None:
+        """Reset the observations, as the heater has just been switched off."""
         self._last_readings_c.clear()
         self.set_target(0.0)
 
@@ -165,11 +166,13 @@ class _Heater:
 
     @property
     def current_c(self) -> float:
+        """Median of the last three readings; NaN before the first."""
         return median(self._last_readings_c) if self._last_readings_c else math.nan
 
     def check(
         self, reading_c: float, reported_target_c: float, set_target_c: float, now_s: float
     ) -> Finding | None:
+        """Check a reading, and return the fault that it shows, if any."""
         self._last_readings_c.append(reading_c)
         if set_target_c != self._set_target_c:
             self.set_target(set_target_c)

@@ -36,6 +36,8 @@ def park(context: SessionContext, retracted_mm: float, can_extrude: bool) -> Scr
 
     Parameters
     ----------
+    context
+        State of the session.
     retracted_mm
         Distance from the nozzle's tip back to the end of the filament; NaN if it is unknown.
     can_extrude
@@ -73,6 +75,8 @@ def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> fl
 
     Parameters
     ----------
+    context
+        State of the session.
     z_mm
         Height of the head in mm.
     done_lines
@@ -102,6 +106,8 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
 
     Parameters
     ----------
+    context
+        State of the session.
     program
         The program that is being printed.
     done_lines

@@ -217,8 +217,8 @@ class KeyMaker:
                 continue
             directions = (points[second] - points[first]) / distances_mm[first, second][:, None]
             middles = (points[first] + points[second]) / 2.0
-            half = bottom_mm / 2.0 * directions
-            lines = shapely.linestrings(np.stack([middles - half, middles + half], axis=1))
+            half_mm = bottom_mm / 2.0 * directions
+            lines = shapely.linestrings(np.stack([middles - half_mm, middles + half_mm], axis=1))
             shapely.prepare(polygon)
             for n in np.flatnonzero(shapely.covers(polygon.buffer(ROUNDING_MARGIN_MM / 2.0), lines)).tolist():
                 direction = directions[n] @ site.moved.face.axes
@@ -230,8 +230,8 @@ class KeyMaker:
             [self._find_bottom_area(side, self._compute_depth_mm(site)) for side in (site.moved, site.fixed)]
         )
         middles = site.moved.flatten(sample_points(site.moved, area, SEAT_PITCH_MM))
-        half = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved.flatten(self.direction)
-        lines = shapely.linestrings(np.stack([middles - half, middles + half], axis=1))
+        half_mm = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved.flatten(self.direction)
+        lines = shapely.linestrings(np.stack([middles - half_mm, middles + half_mm], axis=1))
         shapely.prepare(area)
         return site.moved.lift(middles[shapely.covers(area, lines)])
 

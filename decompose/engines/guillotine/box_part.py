@@ -65,8 +65,8 @@ def compute_slowest_piece_s(pieces: Sequence[Piece], poses: Sequence[Pose | None
         Pieces, and the pose of each in the same order; None for a piece without a pose.
     """
     pairs = zip(pieces, poses, strict=True)
-    times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in pairs]
-    return max(times, default=math.inf)
+    times_s = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in pairs]
+    return max(times_s, default=math.inf)
 
 
 def sort_times_s(parts: Sequence[BoxPart]) -> list[float]:
