@@ -130,7 +130,48 @@ class Daemon:
         listener = listen(self._paths.socket, self._fleet.fleet.group)
         upkeep = Upkeep(self._controller, self._store, self._state, self._workers)
         cameras = Cameras(self._controller, self._state)
-        services = Services(
+        services = self._make_services(upkeep, cameras)
+        dry_runs = DryRuns(self._controller)
+        connection_limit = self._compute_connection_limit()
+        self._server = self._make_server(make_app(services, dry_runs), connection_limit)
+        self._controller.start(self._effects, self._restored_s)
+        books = self._controller.books
+        self._agents.start({attempt.printer for attempt in books.list_open_prints()}, books.lost_hosts)
+        gc.freeze()  # otherwise each full collection would traverse large books in the middle of an event
+        gc.set_threshold(*_GC_THRESHOLDS)
+        if self._cluster is not None:
+            self._cluster.start()
+        self._start_timers(dry_runs, cameras)
+        clock_task = asyncio.get_running_loop().create_task(self._follow_clock())
+        await self._begin_upkeep(upkeep)
+        network = self._start_network_server(services, dry_runs, connection_limit)
+        try:
+            with end_at_signals(self._server):
+                await self._server.serve(sockets=[listener])
+        finally:
+            clock_task.cancel()
+            if network is not None:
+                await network.close()
+            await cameras.close()
+            upkeep.stop()
+            await self._stop_components()
+            listener.close()
+            self._paths.socket.unlink(missing_ok=True)
+            self._store.close()
+
+    async def _stop_components(self) -> None:
+        """Stop timers and planning, leave the agents, and end the workers."""
+        self._timers.stop()
+        self._planner.stop()
+        self._replan_worker.stop()
+        await self._agents.close()
+        self._workers.close()
+        if self._cluster is not None:
+            await self._cluster.wait_closed()
+
+    def _make_services(self, upkeep: Upkeep, cameras: Cameras) -> Services:
+        """Make the services of the HTTP interface."""
+        return Services(
             self._controller,
             self._state,
             self._paths.fleet,
@@ -146,14 +187,9 @@ class Daemon:
             cluster=self._cluster,
             hosts=self._agents.hosts,
         )
-        dry_runs = DryRuns(self._controller)
-        connection_limit = self._compute_connection_limit()
-        self._server = self._make_server(make_app(services, dry_runs), connection_limit)
-        self._controller.start(self._effects, self._restored_s)
-        books = self._controller.books
-        self._agents.start({attempt.printer for attempt in books.list_open_prints()}, books.lost_hosts)
-        gc.freeze()  # otherwise each full collection would traverse large books in the middle of an event
-        gc.set_threshold(*_GC_THRESHOLDS)
+
+    def _start_timers(self, dry_runs: DryRuns, cameras: Cameras) -> None:
+        """Start the timers of everything that is done at intervals."""
         timers = self._timers
         timers.call_every(_WATCH_INTERVAL_S, "watch agents", self._agents.watch)
         timers.call_every(_TICK_INTERVAL_S, "tick", self._schedule)
@@ -167,31 +203,8 @@ class Daemon:
             _LOG_INTERVAL_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _MAX_OLD_LOGS)
         )
         if self._cluster is not None:
-            self._cluster.start()
             timers.call_every(_TICK_INTERVAL_S, "cluster", self._warn_about_cluster)
         timers.start()
-        clock_task = asyncio.get_running_loop().create_task(self._follow_clock())
-        await self._begin_upkeep(upkeep)
-        network = self._start_network_server(services, dry_runs, connection_limit)
-        try:
-            with end_at_signals(self._server):
-                await self._server.serve(sockets=[listener])
-        finally:
-            clock_task.cancel()
-            if network is not None:
-                await network.close()
-            await cameras.close()
-            upkeep.stop()
-            timers.stop()
-            self._planner.stop()
-            self._replan_worker.stop()
-            await self._agents.close()
-            self._workers.close()
-            if self._cluster is not None:
-                await self._cluster.wait_closed()
-            listener.close()
-            self._paths.socket.unlink(missing_ok=True)
-            self._store.close()
 
     def _compute_connection_limit(self) -> int:
         """Compute the maximum number of connections of each server."""

@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -69,11 +69,7 @@ def fetch_files(
         If a name is not valid, the content differs from its hash, or a file cannot be written.
     """
     files = [file for file in client.list_files(number).files if select(file.name)]
-    for file in files:
-        if not _NAME_PATTERN.fullmatch(file.name) or not _DIGEST_PATTERN.fullmatch(file.sha256):
-            raise FarmError(
-                f"the daemon sent the file name {file.name!r}, which is not valid: nothing is written"
-            )
+    _check_names(files)
     result = FetchedFiles()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -88,6 +84,15 @@ def fetch_files(
     for file in files:
         result.by_name[file.name] = result.by_sha256[file.sha256] = folder / file.name
     return result
+
+
+def _check_names(files: Iterable[api.FileView]) -> None:
+    """Raise FarmError if a name or a hash that the daemon sent is not valid."""
+    for file in files:
+        if not _NAME_PATTERN.fullmatch(file.name) or not _DIGEST_PATTERN.fullmatch(file.sha256):
+            raise FarmError(
+                f"the daemon sent the file name {file.name!r}, which is not valid: nothing is written"
+            )
 
 
 def _is_fetched(path: Path, file: api.FileView) -> bool:

@@ -19,6 +19,7 @@ from farm.model import (
     Part,
     PlanStep,
     Print,
+    Printer,
     PrintState,
     TextTime,
 )
@@ -134,25 +135,30 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
         problem = f"{name} {snapshot.reason}"
         yield api.Todo(code="replace", printers=[name], text=problem, brief=problem)
     elif reason:
-        question = _format_good_command(context, name)
-        since_text, times = "", list[TextTime]()
-        if attention is not None and entry.attention_since_s is not None:
-            moment, now = (
-                datetime.fromtimestamp(moment_s, context.fleet.zone)
-                for moment_s in (entry.attention_since_s, context.now_s)
-            )
-            since = TextTime(text=format_recent_moment(moment, now), at=moment.isoformat("T", "seconds"))
-            since_text, times = f" ({since.text})", [since]
-        text = f"inspect {name}: {reason}; then `farm cleared {name}`{question}"
-        whole = _find_whole_part(context, name)
-        brief = f"{name}: {reason}{since_text}{question}"
-        good = {} if whole is None else {name: whole}
-        yield api.Todo(code="look", printers=[name], text=text, brief=brief, good=good, times=times)
+        yield _describe_inspection(context, entry, reason)
     elif attempt is not None:
         remaining_s, zone = context.estimate_remaining_s(attempt), context.fleet.zone
         yield from list_deadlines(
             attempt, context.find_reported_print(attempt), remaining_s, context.now_s, zone
         )
+
+
+def _describe_inspection(context: ViewContext, printer: Printer, reason: str) -> api.Todo:
+    """Describe the inspection of a printer, and since when it needs it."""
+    name, question = printer.name, _format_good_command(context, printer.name)
+    since_text, times = "", list[TextTime]()
+    if printer.attention_reason is not None and printer.attention_since_s is not None:
+        moment, now = (
+            datetime.fromtimestamp(moment_s, context.fleet.zone)
+            for moment_s in (printer.attention_since_s, context.now_s)
+        )
+        since = TextTime(text=format_recent_moment(moment, now), at=moment.isoformat("T", "seconds"))
+        since_text, times = f" ({since.text})", [since]
+    text = f"inspect {name}: {reason}; then `farm cleared {name}`{question}"
+    whole = _find_whole_part(context, name)
+    brief = f"{name}: {reason}{since_text}{question}"
+    good = {} if whole is None else {name: whole}
+    return api.Todo(code="look", printers=[name], text=text, brief=brief, good=good, times=times)
 
 
 def _is_absent(context: ViewContext, snapshot: AgentSnapshot) -> bool:

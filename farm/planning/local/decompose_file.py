@@ -29,7 +29,7 @@ from decompose.options import (
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition
-from drivers.printers import PROFILES, list_usable_volumes
+from drivers.printers import PROFILES, Profile, list_usable_volumes
 from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
@@ -117,9 +117,7 @@ def decompose_to_folder(
     FarmError
         If the model cannot be cut; the message is one line with the reason.
     """
-    profile = max(
-        PROFILES.values(), key=lambda p: (p.height_mm >= request.volume_mm[2], -p.height_mm)
-    )  # the lowest printer that is high enough; of equal ones the 2+, whose clips are larger
+    profile = _choose_profile(request.volume_mm[2])
     usable_volumes = list_usable_volumes(profile, request.brim_mm, request.volume_mm)
     if not usable_volumes:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
@@ -129,12 +127,9 @@ def decompose_to_folder(
         resources = find_resources()
         settings_request = SettingsRequest(build_slicing_printer(profile), request.quality, has_support=True)
         settings = resolve_settings(settings_request, resources)
-        model = load_model(
-            path,
-            scale=request.scale,
-            longest_side_mm=request.longest_side_mm,
-            memory_bytes=read_process_bytes(),
-        )
+        scale, longest_side_mm = request.scale, request.longest_side_mm
+        memory_bytes = read_process_bytes()
+        model = load_model(path, scale=scale, longest_side_mm=longest_side_mm, memory_bytes=memory_bytes)
         cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         decomposition = _decompose(
             model, list_model_sizes(usable_volumes, settings), request, options, cost, executor
@@ -151,6 +146,11 @@ def decompose_to_folder(
             bed = Bed(profile.bed_mm, usable_volumes, settings)
             report = write_decomposition(decomposition, out, bed.place).as_dict()
     return {**report, "repairs": list(model.repairs), "scale": model.scale}
+
+
+def _choose_profile(height_mm: float) -> Profile:
+    """Choose the lowest printer that is high enough; of equal ones the 2+, whose clips are larger."""
+    return max(PROFILES.values(), key=lambda p: (p.height_mm >= height_mm, -p.height_mm))
 
 
 def _decompose(

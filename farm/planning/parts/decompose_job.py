@@ -81,17 +81,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
         ):
             assemble_s = ASSEMBLE_S * task.assembly_ratio
             goal = CountGoal(assemble_s=assemble_s, glued=task.options.assembled_by is not None)
-            cutter = ModelCutter(model, rooms, options, cost, threads, goal)
-            if task.options.copies > 1:
-                decomposition = cutter.cut_for_copies(task)
-            elif task.within_s is not None:
-                decomposition = cutter.cut_within_time(task.within_s)
-            elif task.options.printers is None:
-                decomposition = cutter.keep_whole() or cutter.cut_for_worthwhile_printers()
-            else:
-                decomposition = cutter.cut_for_all_printers()
-            if task.options.dry_run and task.options.printers is None and task.options.copies == 1:
-                decomposition = cutter.add_curve(decomposition)
+            decomposition = ModelCutter(model, rooms, options, cost, threads, goal).cut(task)
             search = PausedSearch(decomposition, model, cost, threads)
         return finish_job(search, task)
     except NoFit as error:
@@ -187,6 +177,19 @@ class ModelCutter:
     cost: CostModel
     executor: Executor
     goal: CountGoal
+
+    def cut(self, task: DecomposeTask) -> Decomposition:
+        """Cut the model for the copies, the time limit and the number of printers of a task."""
+        if task.options.copies > 1:
+            return self.cut_for_copies(task)
+        if task.within_s is not None:
+            decomposition = self.cut_within_time(task.within_s)
+        elif task.options.printers is None:
+            decomposition = self.keep_whole() or self.cut_for_worthwhile_printers()
+        else:
+            decomposition = self.cut_for_all_printers()
+        is_curve_shown = task.options.dry_run and task.options.printers is None
+        return self.add_curve(decomposition) if is_curve_shown else decomposition
 
     def cut_for_all_printers(self) -> Decomposition:
         """Cut the model for all of the printers."""

@@ -34,14 +34,8 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     """
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
-    extents_mm = tuple(map(float, mesh.extents * scale))  # as printed, with shrinkage compensated
-    placement = place_part((extents_mm[0], extents_mm[1], extents_mm[2]), task.usable_volumes)
-    if placement is None:
-        size = " x ".join(f"{side:.1f}" for side in extents_mm)
-        raise FarmError(
-            f"part {task.part} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
-        )
-    to_bed = _build_transform(mesh, placement, scale)
+    x_mm, y_mm, z_mm = map(float, mesh.extents * scale)  # as printed, with shrinkage compensated
+    to_bed = _build_transform(mesh, _find_placement(task, (x_mm, y_mm, z_mm)), scale)
     mesh.apply_transform(to_bed)
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
@@ -49,7 +43,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         for r in (box.rect.expand(task.settings.brim_width_mm),)
     )
     with translate_errors():
-        settings = resolve_slice_settings(task, extents_mm[2])
+        settings = resolve_slice_settings(task, z_mm)
         request = PlateRequest(
             stl=task.out.with_suffix(".placed.stl"),
             settings=settings,
@@ -84,6 +78,17 @@ def resolve_slice_settings(task: SliceTask, height_mm: float) -> EngineSettings:
         tops_hidden=task.print_options.tops_hidden,
     )
     return resolve_settings(task.request, task.resources, part_settings)
+
+
+def _find_placement(task: SliceTask, extents_mm: tuple[float, float, float]) -> Placement:
+    """Find a place on the bed for a part of a printed size. Raises FarmError (`no_fit`)."""
+    placement = place_part(extents_mm, task.usable_volumes)
+    if placement is None:
+        size = " x ".join(f"{side:.1f}" for side in extents_mm)
+        raise FarmError(
+            f"part {task.part} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
+        )
+    return placement
 
 
 def _place_side(side: tuple[float, float, float], to_bed: npt.NDArray[np.float64]) -> HiddenSide:

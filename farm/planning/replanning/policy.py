@@ -152,18 +152,9 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     situation
         The current situation.
     """
-    other_plates = situation.waiting.without({plate.id})
-    used_printers = {
-        assignment.printer
-        for assignment in assign_plates(replace(situation, waiting=other_plates, spares={}))
-    }
     layers_s = plate.expected_s - plate.heating_s
     piece = replace(plate, expected_s=plate.heating_s + layers_s * _CUT_TIME_RATIO / 2, grams=0.0)
-    free_printers = [
-        p
-        for p in situation.free
-        if p.name not in used_printers and _has_same_filament(plate, p) and _could_start(piece, p, situation)
-    ]
+    free_printers = _list_unneeded_printers(plate, piece, situation)
     max_pieces = min(
         len(free_printers),
         MAX_PIECES,
@@ -192,6 +183,22 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     ):
         return None
     return Recut(plate.id, tuple(p.name for p in free_printers[:count]))
+
+
+def _list_unneeded_printers(
+    plate: WaitingPlate, piece: WaitingPlate, situation: Situation
+) -> list[FleetPrinter]:
+    """List the free printers that could start a piece of a plate and that no other waiting plate needs."""
+    other_plates = situation.waiting.without({plate.id})
+    used_printers = {
+        assignment.printer
+        for assignment in assign_plates(replace(situation, waiting=other_plates, spares={}))
+    }
+    return [
+        p
+        for p in situation.free
+        if p.name not in used_printers and _has_same_filament(plate, p) and _could_start(piece, p, situation)
+    ]
 
 
 def depends_on_printer_kind(code: HoldCode) -> bool:

@@ -113,10 +113,8 @@ class PlanRevisions:
 
         Parameters
         ----------
-        books
-            The committed books.
-        situation
-            The plates that may be assigned now, and the fleet.
+        books, situation
+            The committed books; the plates that may be assigned now, and the fleet.
         assignments
             Assignments of the situation, see `assign_plates`.
         find_reservations
@@ -127,28 +125,17 @@ class PlanRevisions:
         plates_by_job = _find_unstarted_jobs(books, situation, changeable_jobs) if changeable_jobs else {}
         if not plates_by_job:
             return
-        reservations, ratio = find_reservations(), compute_assembly_ratio(books.jobs.values())
         plate_by_printer = {assignment.printer: assignment.plate for assignment in assignments}
         starting_jobs = {books.plates[plate].job for plate in plate_by_printer.values()}
-        candidates, forecast_size = _Candidates(situation), 0
+        candidates = _Candidates(situation, (*find_reservations().items(), *plate_by_printer.items()))
+        ratio, forecast_size = compute_assembly_ratio(books.jobs.values()), 0
         for number in sorted(plates_by_job, key=lambda number: number not in starting_jobs):
             job, plates, can_start = books.get_job(number), plates_by_job[number], number in starting_jobs
             if self.is_running(number) or (not can_start and candidates.has_all(job, job.planned_for)):
                 continue
-            own_uses = {plate.id for plate in plates} | {SPARE_PURPOSE}  # its spares are subtracted below
-            taken_printers = {
-                name
-                for name, use in (*reservations.items(), *plate_by_printer.items())
-                if use not in own_uses
-            }
-            idle_printers, usable_printers = candidates.choose(job, taken_printers)
+            idle_printers, usable_printers = candidates.choose(job, plates)
             # Idle printers change often, so a job that cannot start yet is examined again when it can.
-            key = (
-                number,
-                job.plan,
-                frozenset(idle_printers if can_start else ()),
-                frozenset(usable_printers),
-            )
+            key = number, job.plan, frozenset(idle_printers if can_start else ()), frozenset(usable_printers)
             if key in self._examined_keys:
                 continue
             end_s = _find_end_s(plates, plate_by_printer, situation)
@@ -156,23 +143,28 @@ class PlanRevisions:
             names = None
             if may_revise(planned_job, situation, (idle_printers, usable_printers)):
                 if forecast_size > MAX_FORECAST_SIZE:
-                    self.has_remaining_jobs = True
-                    if can_start:
-                        self.postponed_plates |= {plate.id for plate in plates}
+                    self._postpone(plates if can_start else ())
                     continue
-                forecast_size += len(situation.printers) + len(
-                    situation.waiting.limit_to_rank(plates[0].queue_rank)
-                )
+                earlier_plates = situation.waiting.limit_to_rank(plates[0].queue_rank)
+                forecast_size += len(situation.printers) + len(earlier_plates)
                 names = choose_revision(planned_job, situation, (idle_printers, usable_printers))
-            self._examined_keys = {
-                attempt_key for attempt_key in self._examined_keys if attempt_key[0] in changeable_jobs
-            } | {key}
+            self._examined_keys = {k for k in self._examined_keys if k[0] in changeable_jobs} | {key}
             if names is not None:
-                log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
-                self._running[number] = StartPlanning(number, names, rounds=1)
-                self._start_times_s[number] = situation.now_s
-                self._held_until_s[number] = situation.now_s + PLANNING_TIMEOUT_RATIO * planned_job.planning_s
-                yield self._running[number]
+                yield self._start(planned_job, names, situation.now_s)
+
+    def _postpone(self, plates: Iterable[WaitingPlate]) -> None:
+        """Leave a job for the next run; its plates that could start wait until then."""
+        self.has_remaining_jobs = True
+        self.postponed_plates |= {plate.id for plate in plates}
+
+    def _start(self, job: PlannedJob, names: tuple[str, ...], now_s: float) -> StartPlanning:
+        """Start to plan a job again for some printers; its plates are held meanwhile, but not too long."""
+        number = job.number
+        log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
+        self._running[number] = StartPlanning(number, names, rounds=1)
+        self._start_times_s[number] = now_s
+        self._held_until_s[number] = now_s + PLANNING_TIMEOUT_RATIO * job.planning_s
+        return self._running[number]
 
     def _is_changeable(self, books: Books, job: Job) -> bool:
         if job.state is not JobState.PRINTING:
@@ -247,18 +239,28 @@ def _may_change(books: Books, job: Job) -> bool:
 
 
 class _Candidates:
-    """Printers that jobs could use, found once for all jobs with the same requirements."""
+    """Printers that jobs could use, found once for all jobs with the same requirements.
 
-    def __init__(self, situation: Situation) -> None:
-        self._situation = situation
+    Parameters
+    ----------
+    situation
+        The plates that may be assigned now, and the fleet.
+    uses
+        Printers that are taken, each with its plate or with the purpose of its reservation.
+    """
+
+    def __init__(self, situation: Situation, uses: Sequence[tuple[str, str]]) -> None:
+        self._situation, self._uses = situation, uses
         self._usable_printers: dict[Hashable, dict[str, FleetPrinter]] = {}
 
     def has_all(self, job: Job, names: Iterable[str]) -> bool:
         """Return whether a job could use each of the named printers, and none of them needs a repair."""
         return all(map(self._find_usable_printers(job).__contains__, names))
 
-    def choose(self, job: Job, taken_printers: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Choose printers for a job: from those that are idle now, and from all that need no repair."""
+    def choose(self, job: Job, plates: Iterable[WaitingPlate]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Choose printers for a job and its plates: from the idle ones, and from all that need no repair."""
+        own_uses = {plate.id for plate in plates} | {SPARE_PURPOSE}  # its spares are subtracted below
+        taken_printers = {name for name, use in self._uses if use not in own_uses}
         request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
         usable_printers = list(self._find_usable_printers(job).values())
         idle_printers = [

@@ -107,18 +107,19 @@ def lay_out_temperatures(
         ),
         marks=tuple(axis.list_marks()),
         degrees=tuple((compute_y(degrees_c), degrees_c) for degrees_c in range(0, top_c + 1, _STEP_C)),
-        rows=tuple(
-            TemperatureRow(
-                format_time(reading.at_s),
-                reading.nozzle_c,
-                reading.bed_c,
-                reading.nozzle_target_c,
-                reading.bed_target_c,
-            )
-            for reading in reversed(known_readings[::-step])
-        ),
+        rows=tuple(_make_row(reading, format_time) for reading in reversed(known_readings[::-step])),
         since=format_time(known_readings[0].at_s),
         hottest_c=hottest_c,
+    )
+
+
+def _make_row(reading: Temperatures, format_time: Callable[[float], str]) -> TemperatureRow:
+    return TemperatureRow(
+        format_time(reading.at_s),
+        reading.nozzle_c,
+        reading.bed_c,
+        reading.nozzle_target_c,
+        reading.bed_target_c,
     )
 
 

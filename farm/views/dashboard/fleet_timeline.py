@@ -179,16 +179,17 @@ def describe_fleet_timeline(
             WaitingJob(job.id, job.name) for job in jobs if count_waiting_plates(context.books, job)
         ),
         change=change,
-        shifts=tuple(
-            Shift(
-                job=shift.job.id,
-                name=shift.job.name,
-                end=context.format_time(shift.end_s),
-                new_end=context.format_time(shift.new_end_s),
-                delay_s=shift.delay_s,
-            )
-            for shift in shifts
-        ),
+        shifts=tuple(_make_shift(context, shift) for shift in shifts),
+    )
+
+
+def _make_shift(context: ViewContext, shift: JobShift) -> Shift:
+    return Shift(
+        job=shift.job.id,
+        name=shift.job.name,
+        end=context.format_time(shift.end_s),
+        new_end=context.format_time(shift.new_end_s),
+        delay_s=shift.delay_s,
     )
 
 

@@ -40,11 +40,8 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     if not job.plates:
         raise Refused(f"job {number} has no plan yet: it is {job.state}")
     plates = {plate.id: plate for plate in books.list_plates(job)}
-    own_plates = tuple(
-        describe_plates(
-            (p for p in plates.values() if books.find_plate_state(p) is PlateState.WAITING), books
-        )
-    )
+    waiting_plates = (p for p in plates.values() if books.find_plate_state(p) is PlateState.WAITING)
+    own_plates = tuple(describe_plates(waiting_plates, books))
     other_plates = tuple(plate for plate in situation.waiting if plate.job != number)
     forecast = forecast_prints(situation.with_waiting((*other_plates, *own_plates)), include_bound=False)
     bound_s = forecast_prints(situation.with_waiting(own_plates)).lower_bound_s
