@@ -1,14 +1,15 @@
-"""Routes of hosts with printers."""
+"""Routes of hosts with printers, and their descriptions."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter
 
 from farm import api
+from farm.agents import HostRecord
 from farm.errors import Refused
 from farm.http.callers import OperatorName
-from farm.http.hosts_view import describe_host
 from farm.http.services import Services
+from farm.views import ViewContext
 
 
 def make_host_routes(services: Services) -> APIRouter:
@@ -32,3 +33,32 @@ def make_host_routes(services: Services) -> APIRouter:
         return api.HostUpdate(hosts=list(hosts))
 
     return router
+
+
+def describe_host(context: ViewContext, record: HostRecord) -> api.HostView:
+    """Describe a host by its current state, or by its last state if it is not connected."""
+    state = record.state
+    return api.HostView(
+        host=record.host,
+        connected=context.format_time(record.connected_s),
+        lost=context.format_time(record.disconnected_s),
+        waiting=record.describe_wait(),
+        version=None if state is None else state.version,
+        printers=list(record.printers),
+        agents=[
+            api.HostAgentView(
+                printer=agent.printer,
+                state=agent.phase,
+                pid=agent.pid,
+                restarts=agent.restarts,
+                installation=agent.installation,
+                reason=agent.reason,
+            )
+            for agent in (() if state is None else state.agents)
+        ],
+        ports=[
+            api.HostPortView(port=port.port, description=port.description, printer=port.printer)
+            for port in (() if state is None else state.ports)
+        ],
+        update=None if state is None else state.update.phase,
+    )

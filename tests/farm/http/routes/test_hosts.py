@@ -5,7 +5,7 @@ from pathlib import Path
 from drivers.host import AgentPhase, AgentState, HostState, PortState
 from farm.agents import HostRecord
 from farm.config import Fleet
-from farm.http.hosts_view import describe_host
+from farm.http.routes.hosts import describe_host
 from farm.model import AgentSnapshot, Bed, Link, Printer
 from farm.paths import StateFolder
 from farm.state import Books
