@@ -82,10 +82,6 @@ def run_engine(
 ) -> EngineOutput:
     """Slice an STL with resolved settings.
 
-    The settings are passed as flat JSON files with text values, because the engine truncates JSON numbers to
-    six digits. Settings of the extruder come after ``-e0``, and all settings before ``-l``, because the
-    engine ignores them elsewhere.
-
     Parameters
     ----------
     engine
@@ -111,12 +107,9 @@ def run_engine(
         # short names.
         folder = Path(name)
         (folder / "part.stl").symlink_to(stl.resolve())
-        for scope, values in (("global", global_), ("extruder", extruder)):
-            settings = {"settings": {key: {"default_value": value} for key, value in values.items()}}
-            (folder / f"{scope}.json").write_text(json.dumps(settings), encoding="utf-8")
-        options = ["-v", *(["-p"] if progress else []), "-m1"]
-        arguments = ["slice", *options, "-j", "global.json", "-e0", "-j", "extruder.json"]
-        command = [str(engine), *arguments, "-o", "part.gcode", "-l", "part.stl"]
+        _write_settings(folder / "global.json", global_)
+        _write_settings(folder / "extruder.json", extruder)
+        command = _build_command(engine, reports_progress=progress is not None)
         exit_code, log = _run_process(command, folder, limits, progress)
         # This error was seen on a machine under load, where a second run succeeded.
         if exit_code > 0 and _UNKNOWN_ERROR in log:
@@ -125,6 +118,23 @@ def run_engine(
             raise _build_engine_error(exit_code, log, limits.memory_bytes)
         gcode = folder / "part.gcode"
         return EngineOutput(gcode.read_bytes() if gcode.is_file() else b"", log)
+
+
+def _write_settings(path: Path, values: Mapping[str, str]) -> None:
+    """Write a flat JSON file with text values, because the engine truncates JSON numbers to six digits."""
+    settings = {"settings": {key: {"default_value": value} for key, value in values.items()}}
+    path.write_text(json.dumps(settings), encoding="utf-8")
+
+
+def _build_command(engine: Path, *, reports_progress: bool) -> list[str]:
+    """Build the command that slices the files of a folder.
+
+    Settings of the extruder come after ``-e0``, and all settings before ``-l``, because the engine ignores
+    them elsewhere.
+    """
+    options = ["-v", *(["-p"] if reports_progress else []), "-m1"]
+    arguments = ["slice", *options, "-j", "global.json", "-e0", "-j", "extruder.json"]
+    return [str(engine), *arguments, "-o", "part.gcode", "-l", "part.stl"]
 
 
 def _run_process(

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.bound.covering import cover_cells
-from decompose.grid import BoxTables, index_interval
+from decompose.grid import BoxTables, index_interval, sum_box
 from decompose.jit import jit
 from decompose.print_time import MAX_INSET_SHARE, CostModel
 
@@ -85,18 +85,7 @@ def _find_proven_s(
                             box = row + index_interval(z0, z1, nz)
                             if not seconds[box] < proven_s or trimmed[box] != box:
                                 continue
-                            weight = (
-                                weight_sums[x1, y1, z1]
-                                - weight_sums[x0, y1, z1]
-                                - weight_sums[x1, y0, z1]
-                                - weight_sums[x1, y1, z0]
-                            )
-                            weight += (
-                                weight_sums[x0, y0, z1]
-                                + weight_sums[x0, y1, z0]
-                                + weight_sums[x1, y0, z0]
-                                - weight_sums[x0, y0, z0]
-                            )
+                            weight = sum_box(weight_sums, (x0, y0, z0, x1, y1, z1))
                             if weight * printers >= pieces[box] * total:
                                 proven_s = float(seconds[box])
     return proven_s

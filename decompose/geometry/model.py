@@ -119,13 +119,7 @@ def load_model(
     triangles, notes = _read_triangles(path, source, name, suffix, memory_bytes)
     longest_side, max_coordinate = _measure_triangles(name, triangles)
     factor = _choose_factor(name, longest_side, scale, longest_side_mm)
-    if longest_side * factor < MIN_SIDE_MM:
-        raise ModelTiny(f"{name}: would be less than {MIN_SIDE_MM:g} mm long; give a larger --longest-side")
-    if not max_coordinate * factor <= MAX_COORDINATE_MM:
-        raise ModelHuge(
-            f"{name}: would reach {max_coordinate * factor:.3g} mm from its origin (limit "
-            f"{MAX_COORDINATE_MM:g} mm): give a smaller --longest-side, or move the model to its origin"
-        )
+    _check_scaled_size(name, longest_side * factor, max_coordinate * factor)
     report("checking its surface")
     triangles *= factor
     surface = weld_triangles(triangles)
@@ -166,6 +160,17 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
         axis = "xyz"[int(size.argmin())]
         raise ModelFlat(f"{name}: is flat, without thickness along {axis}; a print needs a solid")
     return float(size.max()) * max_coordinate, max_coordinate
+
+
+def _check_scaled_size(name: str, longest_side_mm: float, max_coordinate_mm: float) -> None:
+    """Refuse a model that is tiny, or far from its origin."""
+    if longest_side_mm < MIN_SIDE_MM:
+        raise ModelTiny(f"{name}: would be less than {MIN_SIDE_MM:g} mm long; give a larger --longest-side")
+    if not max_coordinate_mm <= MAX_COORDINATE_MM:
+        raise ModelHuge(
+            f"{name}: would reach {max_coordinate_mm:.3g} mm from its origin (limit "
+            f"{MAX_COORDINATE_MM:g} mm): give a smaller --longest-side, or move the model to its origin"
+        )
 
 
 def _replace_unprintable(text: str) -> str:

@@ -82,15 +82,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
     nonmanifold_edges = sum(use.nonmanifold_count for use in uses)
     if is_changed:
         report("comparing the repaired surface")
-        is_open = single_edges > 0
-        unpaired_defect = f"no solid ({nonmanifold_edges} edges whose triangles do not pair up)"
-        mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
-        new_share = _check_repair(name, mesh, solid, "not closed" if is_open else unpaired_defect)
-        repairs.append(
-            f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
-            f"{nonmanifold_edges} shared by more than two triangles): {100.0 * new_share:.2g} % of the "
-            "surface is new."
-        )
+        repairs.append(_judge_repair(name, surface, solid, single_edges, nonmanifold_edges))
     elif nonmanifold_edges:
         noun = "bodies" if bodies_after > bodies_before else "surfaces"
         repairs.append(
@@ -189,6 +181,21 @@ def _run_mesh_fix(body: Any) -> Any:
         return None
     repaired_mesh: Any = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
     return repaired_mesh if len(repaired_mesh.faces) and repaired_mesh.is_watertight else None
+
+
+def _judge_repair(
+    name: str, surface: Surface, solid: Solid, single_edges: int, nonmanifold_edges: int
+) -> str:
+    """Describe the repair of a surface in a sentence; refuse one that changes too much of the model."""
+    is_open = single_edges > 0
+    unpaired_defect = f"no solid ({nonmanifold_edges} edges whose triangles do not pair up)"
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    new_share = _check_repair(name, mesh, solid, "not closed" if is_open else unpaired_defect)
+    return (
+        f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
+        f"{nonmanifold_edges} shared by more than two triangles): {100.0 * new_share:.2g} % of the "
+        "surface is new."
+    )
 
 
 def _check_repair(name: str, mesh_before: Any, solid: Solid, defect: str) -> float:

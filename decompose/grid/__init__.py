@@ -10,6 +10,7 @@ from decompose.grid.box_index import (
     find_interval_ends,
     index_box,
     index_interval,
+    sum_box,
 )
 from decompose.grid.boxes import BoxTables, price_boxes
 from decompose.grid.clipping import OVERHANG, VOLUME
@@ -57,4 +58,5 @@ __all__ = [
     "price_boxes",
     "refine_cells",
     "run_shares",
+    "sum_box",
 ]

@@ -1,7 +1,8 @@
-"""Indices of the axis-aligned boxes of a grid."""
+"""Axis-aligned boxes of a grid: their indices, and sums of the values of their cells."""
 
 from __future__ import annotations
 
+from decompose.arrays import Ints
 from decompose.jit import jit
 
 Box = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
@@ -36,6 +37,22 @@ def compute_index(box: Box, shape: Shape) -> int:
     nx, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     return (index_interval(x0, x1, nx) * ty + index_interval(y0, y1, ny)) * tz + index_interval(z0, z1, nz)
+
+
+@jit
+def sum_box(sums: Ints, box: Box) -> int:
+    """Sum the values of the cells in a box by a summed-area table.
+
+    Parameters
+    ----------
+    sums
+        (nx + 1, ny + 1, nz + 1) int64 summed-area table.
+    box
+        Box in cells, half-open.
+    """
+    x0, y0, z0, x1, y1, z1 = box
+    total = sums[x1, y1, z1] - sums[x0, y1, z1] - sums[x1, y0, z1] + sums[x0, y0, z1]
+    return int(total - sums[x1, y1, z0] + sums[x0, y1, z0] + sums[x1, y0, z0] - sums[x0, y0, z0])
 
 
 def index_box(box: Box, shape: Shape) -> int:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from decompose.connectors import Blank, Connectors, drill_parts, plan_connectors
 from decompose.errors import DecomposeError
 from decompose.files.names import find_part_number
+from decompose.geometry import Solid
 from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import ConnectorFault, DrilledParts
 from decompose.results.decomposition import Decomposition
@@ -39,22 +41,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         connectors = plan_connectors(
             blanks, decomposition.joints, decomposition.assembly, options.connectors, options.min_glue_mm2
         )
-        for _ in range(len(blanks)):
-            drilled = drill_parts(blanks, connectors)
-            parts = DrilledParts(
-                blanks,
-                drilled,
-                decomposition.joints,
-                decomposition.assembly.steps,
-                connectors,
-                options.connectors.used_distances_mm,
-            )
-            faults = list(parts.find_faults())
-            if not faults:
-                break
-            connectors = _remove_faulty_connectors(connectors, faults, decomposition)
-        else:
-            raise DecomposeError("the rules of pins and marks are broken repeatedly")
+        connectors, drilled = _drill_without_faults(blanks, connectors, decomposition)
     except Exception as error:  # shapely and Qhull raise others; parts are valid without connectors
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
@@ -73,6 +60,33 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             for i, (part, solid) in enumerate(zip(decomposition.parts, drilled, strict=True))
         ),
     )
+
+
+def _drill_without_faults(
+    blanks: Sequence[Blank], connectors: Connectors, decomposition: Decomposition
+) -> tuple[Connectors, list[Solid]]:
+    """Drill the parts, and remove connectors until no rule is broken; return the others and the solids.
+
+    Raises
+    ------
+    DecomposeError
+        If rules are broken after as many attempts as there are parts.
+    """
+    for _ in range(len(blanks)):
+        drilled = drill_parts(blanks, connectors)
+        parts = DrilledParts(
+            blanks,
+            drilled,
+            decomposition.joints,
+            decomposition.assembly.steps,
+            connectors,
+            decomposition.options.connectors.used_distances_mm,
+        )
+        faults = list(parts.find_faults())
+        if not faults:
+            return connectors, drilled
+        connectors = _remove_faulty_connectors(connectors, faults, decomposition)
+    raise DecomposeError("the rules of pins and marks are broken repeatedly")
 
 
 def _remove_faulty_connectors(

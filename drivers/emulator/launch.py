@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -77,28 +77,32 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
     with _lock_file(folder / LAUNCH_LOCK):
         if is_running(folder):
             return folder / TTY_LINK
-        # The process started here forks the emulator, and ends once the port exists.
         arguments = ["--model", address.profile.model, "--folder", str(folder.absolute()), "--detach"]
         arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
         arguments += ["--seed", str(address.seed)]
         arguments += [word for fault in address.words for word in ("--fault", fault)]
-        with (folder / LOG_FILE).open("ab") as log:
-            try:
-                subprocess.run(
-                    [sys.executable, "-m", "drivers.emulator", *arguments],
-                    cwd=Path(drivers.__file__).parents[1],
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=log,
-                    start_new_session=True,
-                    timeout=START_TIMEOUT_S,
-                    check=True,
-                )
-            except (OSError, subprocess.SubprocessError) as error:
-                raise PortError(
-                    f"{url}: the emulator did not start ({error}); see {folder / LOG_FILE}"
-                ) from error
+        try:
+            _run_emulator(arguments, folder / LOG_FILE)
+        except (OSError, subprocess.SubprocessError) as error:
+            raise PortError(
+                f"{url}: the emulator did not start ({error}); see {folder / LOG_FILE}"
+            ) from error
     return folder / TTY_LINK
+
+
+def _run_emulator(arguments: Sequence[str], log_file: Path) -> None:
+    """Run the emulator's program, which forks the emulator and ends once the port exists."""
+    with log_file.open("ab") as log:
+        subprocess.run(
+            [sys.executable, "-m", "drivers.emulator", *arguments],
+            cwd=Path(drivers.__file__).parents[1],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+            timeout=START_TIMEOUT_S,
+            check=True,
+        )
 
 
 def is_running(folder: Path) -> bool:

@@ -40,6 +40,12 @@ def stop_host(
     """
     request = HostRequest(do=HostTask.STOP, farm=farm, starts=tuple(starts))
     missing_printers, reason = {start.printer for start in starts}, "no result"
+
+    def take_result(result: StopResult) -> None:
+        if result.printer in missing_printers:
+            missing_printers.remove(result.printer)
+            on_result(result)
+
     try:
         with subprocess.Popen(
             build_ssh_command(host, command),
@@ -47,26 +53,33 @@ def stop_host(
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         ) as process:
-            assert process.stdin is not None and process.stdout is not None and process.stderr is not None
-            timer = threading.Timer(timeout_s, process.kill)
-            timer.start()
-            try:
-                with suppress(BrokenPipeError):  # the reason is in the output of ssh on stderr
-                    process.stdin.write(request.serialise())
-                    process.stdin.close()
-                for line in process.stdout:
-                    result = StopResult.parse(line)
-                    if result.printer in missing_printers:
-                        missing_printers.remove(result.printer)
-                        on_result(result)
-                errors = process.stderr.read().decode(errors="replace").strip().splitlines()
-                reason = errors[-1] if errors else reason
-            finally:
-                timer.cancel()
-                process.kill()
+            reason = _exchange(process, request, take_result, timeout_s) or reason
     except (OSError, ValueError, TypeError) as error:
         reason = str(error)
     for printer in sorted(missing_printers):
         on_result(
             StopResult(printer, None, False, f"cannot be stopped ({host}: {reason}); switch the printer off")
         )
+
+
+def _exchange(
+    process: subprocess.Popen[bytes],
+    request: HostRequest,
+    on_result: Callable[[StopResult], None],
+    timeout_s: float,
+) -> str | None:
+    """Send a request to a process and read its results; return the last line of its errors, if any."""
+    assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+    timer = threading.Timer(timeout_s, process.kill)
+    timer.start()
+    try:
+        with suppress(BrokenPipeError):  # the reason is in the output of ssh on stderr
+            process.stdin.write(request.serialise())
+            process.stdin.close()
+        for line in process.stdout:
+            on_result(StopResult.parse(line))
+        errors = process.stderr.read().decode(errors="replace").strip().splitlines()
+        return errors[-1] if errors else None
+    finally:
+        timer.cancel()
+        process.kill()

@@ -75,7 +75,7 @@ def check_outline(
     centre_mm: tuple[float, float],
     filament_mm2: float,
 ) -> tuple[UnprintedWall, ...]:
-    """Compare the printed outline of every layer with the model's section.
+    """Compare each layer's outline with the model's section; return walls too thin to print, largest first.
 
     Parameters
     ----------
@@ -91,11 +91,6 @@ def check_outline(
         The bed's centre in the printer's coordinates.
     filament_mm2
         The filament's cross-section.
-
-    Returns
-    -------
-    tuple of UnprintedWall
-        Walls too thin to print, the largest first.
 
     Raises
     ------

@@ -150,6 +150,23 @@ def check_facts(
     min_extrusion_c
         Nozzle temperature, in C, below which the firmware does not extrude.
     """
+    _check_layers(facts)
+    missing_mm = height_mm - removed_mm - facts.max_mm[2]
+    if (
+        missing_mm < -(layer_height_mm / 2 + 0.005)
+        or removed_mm > MAX_MISSING_TOP_MM
+        or (missing_mm > MAX_MISSING_TOP_MM and not is_top_checked)
+    ):
+        raise SliceRejected(
+            Rule.HEIGHT,
+            f"the print is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or "
+            "turn the part if it stands on a tip",
+        )
+    _check_commands(facts, min_extrusion_c)
+
+
+def _check_layers(facts: GcodeFacts) -> None:
+    """Check that something is printed, in every layer up to the top one."""
     if facts.filament_mm <= 0 or facts.layers == 0:
         raise SliceRejected(
             Rule.NOTHING_PRINTED,
@@ -164,19 +181,6 @@ def check_facts(
             f"file's header says {facts.planned_layer_count}; repair the mesh, or turn the part if it "
             "stands on a tip",
         )
-    tolerance_mm = layer_height_mm / 2 + 0.005
-    missing_mm = height_mm - removed_mm - facts.max_mm[2]
-    if (
-        missing_mm < -tolerance_mm
-        or removed_mm > MAX_MISSING_TOP_MM
-        or (missing_mm > MAX_MISSING_TOP_MM and not is_top_checked)
-    ):
-        raise SliceRejected(
-            Rule.HEIGHT,
-            f"the print is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or "
-            "turn the part if it stands on a tip",
-        )
-    _check_commands(facts, min_extrusion_c)
 
 
 def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:

@@ -11,7 +11,7 @@ from slicing.own_gcode.completeness import StatedFigures
 from slicing.own_gcode.extent import Extent
 from slicing.own_gcode.interpreter import Interpreter
 from slicing.own_gcode.machine import check_machine
-from slicing.own_gcode.survey import EXPORT_ADVICE, survey_lines
+from slicing.own_gcode.survey import EXPORT_ADVICE, Survey, survey_lines
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import TimeEstimator, Writer
 
@@ -95,11 +95,7 @@ def accept_gcode(
     survey = survey_lines(lines, target.filament_mm)
     line_mm = _find_line_width_mm(survey.nozzle_mm or target.nozzle_mm)
     writer = Writer(time_estimator)
-    clearance = Clearance(SLACK_LAYERS * MAX_LAYER_SHARE * line_mm, target.printer.head)
-    interpreter = Interpreter(survey, writer, clearance, target, line_mm)
-    for number, raw in enumerate(lines, 1):
-        interpreter.run_line(raw, number)
-    interpreter.finish()
+    interpreter = _interpret_lines(lines, survey, writer, target, line_mm)
     extent = interpreter.head.extent
     _check_missing_lines(survey.figures, interpreter, target)
     ratio = _compute_section_ratio(extent, writer.layers, target, line_mm)
@@ -121,6 +117,18 @@ def accept_gcode(
         filament_type=survey.machine.filament_type,
         notices=_build_notices(survey.is_ultigcode, interpreter.omitted_properties) + warnings,
     )
+
+
+def _interpret_lines(
+    lines: Iterable[bytes], survey: Survey, writer: Writer, target: PrintTarget, line_mm: float
+) -> Interpreter:
+    """Interpret all lines of a file, and write its print."""
+    clearance = Clearance(SLACK_LAYERS * MAX_LAYER_SHARE * line_mm, target.printer.head)
+    interpreter = Interpreter(survey, writer, clearance, target, line_mm)
+    for number, raw in enumerate(lines, 1):
+        interpreter.run_line(raw, number)
+    interpreter.finish()
+    return interpreter
 
 
 def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> None:

@@ -138,16 +138,10 @@ def build_engine_settings(
         If a raft is requested.
     """
     global_, extruder = _format_scopes(resolver)
-    if global_["adhesion_type"] == "raft":
-        raise BadSetting(
-            "adhesion_type=raft: a raft is not supported; set it to brim, or choose quality glue"
-        )
     values = _ExtruderValues(resolver)
+    brim_width_mm = _compute_brim_mm(global_["adhesion_type"], values)
     support, directions = values.read_flag("support_enable"), _DIRECTIONS.get(extruder["infill_pattern"], 1)
-    top_layers, bottom_layers = (
-        int(values.read_number("top_layers")),
-        int(values.read_number("bottom_layers")),
-    )
+    top_layers, bottom_layers = (int(values.read_number(f"{side}_layers")) for side in ("top", "bottom"))
     settings = EngineSettings(
         printer=printer,
         global_=global_,
@@ -158,10 +152,8 @@ def build_engine_settings(
         infill_line_distance_mm=values.read_number("infill_line_distance") / directions,
         support_enabled=support,
         support_line_distance_mm=values.read_number("support_line_distance") if support else 0.0,
-        brim_width_mm=_compute_brim_mm(global_["adhesion_type"], values),
-        bed_c=values.read_number("material_bed_temperature_layer_0")
-        if values.read_flag("machine_heated_bed")
-        else 0.0,
+        brim_width_mm=brim_width_mm,
+        bed_c=values.read_bed_c(),
         density_g_cm3=density_g_cm3,
         scale_xy=scale[0],
         scale_z=scale[1],
@@ -186,6 +178,11 @@ class _ExtruderValues:
     """Values of the extruder's stack by Cura's keys."""
 
     resolver: Resolver
+
+    def read_bed_c(self) -> float:
+        """Return the bed's temperature for the first layer; 0 without a heater."""
+        has_heater = self.read_flag("machine_heated_bed")
+        return self.read_number("material_bed_temperature_layer_0") if has_heater else 0.0
 
     def read_number(self, key: str) -> float:
         """Read a number."""
@@ -216,13 +213,17 @@ def _format_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
 
 
 def _compute_brim_mm(adhesion: str, values: _ExtruderValues) -> float:
-    """Compute the width of a brim, or of a skirt with its gap; 0 for neither."""
+    """Compute the width of a brim, or of a skirt with its gap; 0 for neither. A raft is refused."""
     width_mm = (
         values.read_number("skirt_brim_line_width")
         * values.read_number("initial_layer_line_width_factor")
         / 100
     )
     match adhesion:
+        case "raft":
+            raise BadSetting(
+                "adhesion_type=raft: a raft is not supported; set it to brim, or choose quality glue"
+            )
         case "brim":
             return round(values.read_number("brim_line_count") * width_mm, 6)
         case "skirt":

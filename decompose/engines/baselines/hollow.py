@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -176,31 +177,44 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     # Shares of the growth on the lower sides.
     directions: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])
 
-    def grow_cube(direction: Floats, distance_mm: float) -> Floats:
-        return np.array([cube[0] - direction * distance_mm, cube[1] + (1.0 - direction) * distance_mm])
-
     def keeps_wall(box: Floats) -> bool:
         return outer_solid.is_empty or outer_solid.measure_gap_mm(Solid.box(*box), wall_mm) >= wall_mm
 
     for _ in range(ROUNDS):
         before_mm = float(cube[1, 0] - cube[0, 0])
         for direction in directions:
-            shares, spaces_mm = (
-                np.array([direction, 1.0 - direction]),
-                np.array([cube[0] - min_corner_mm, max_corner_mm - cube[1]]),
-            )
-            low_mm, high_mm = 0.0, float((spaces_mm[shares > 0.0] / shares[shares > 0.0]).min())
-            while high_mm - low_mm > ACCURACY_MM:
-                growth_mm = (low_mm + high_mm) / 2.0
-                low_mm, high_mm = (
-                    (growth_mm, high_mm)
-                    if keeps_wall(grow_cube(direction, growth_mm))
-                    else (low_mm, growth_mm)
-                )
-            cube = grow_cube(direction, low_mm)
+            shares = np.array([direction, 1.0 - direction])
+            spaces_mm = np.array([cube[0] - min_corner_mm, max_corner_mm - cube[1]])
+            max_mm = float((spaces_mm[shares > 0.0] / shares[shares > 0.0]).min())
+            cube = _grow_cube(cube, direction, max_mm, keeps_wall)
         if cube[1, 0] - cube[0, 0] < before_mm + ACCURACY_MM:
             break
     return cube
+
+
+def _grow_cube(
+    cube: Floats, direction: Floats, max_mm: float, keeps_wall: Callable[[Floats], bool]
+) -> Floats:
+    """Grow a cube (2, 3) as far as it keeps the wall, by bisection.
+
+    Parameters
+    ----------
+    direction
+        (3,) shares of the growth on the lower sides.
+    max_mm
+        Maximum growth.
+    keeps_wall
+        Returns whether a cube keeps the wall.
+    """
+
+    def grow(distance_mm: float) -> Floats:
+        return np.array([cube[0] - direction * distance_mm, cube[1] + (1.0 - direction) * distance_mm])
+
+    low_mm, high_mm = 0.0, max_mm
+    while high_mm - low_mm > ACCURACY_MM:
+        growth_mm = (low_mm + high_mm) / 2.0
+        low_mm, high_mm = (growth_mm, high_mm) if keeps_wall(grow(growth_mm)) else (low_mm, growth_mm)
+    return grow(low_mm)
 
 
 def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Ints
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.pinwheel import Pinwheel, count_fewest_in_pinwheel, list_pinwheel_boxes
-from decompose.grid import Box, BoxTables, Shape, compute_index, find_interval_ends, index_box
+from decompose.grid import Box, BoxTables, Shape, compute_index, find_interval_ends, index_box, sum_box
 from decompose.jit import jit
 from decompose.problem import Effort, Work
 
@@ -57,22 +57,6 @@ def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
     return compute_index((x0, y0, z0, x1 - 1, y1, z1), shape), compute_index(
         (x1 - 1, y0, z0, x1, y1, z1), shape
     )
-
-
-@jit
-def _count_cells(sums: Ints, box: Box) -> int:
-    """Count the cells in a box by a summed-area table.
-
-    Parameters
-    ----------
-    sums
-        (nx + 1, ny + 1, nz + 1) int64 summed-area table of the cells.
-    box
-        Box in cells, half-open.
-    """
-    x0, y0, z0, x1, y1, z1 = box
-    count = sums[x1, y1, z1] - sums[x0, y1, z1] - sums[x1, y0, z1] + sums[x0, y0, z1]
-    return int(count - sums[x1, y1, z0] + sums[x0, y1, z0] + sums[x1, y0, z0] - sums[x0, y0, z0])
 
 
 @jit
@@ -157,7 +141,7 @@ def _fill_tables(
                         (ends[box, 0], ends[box, 1], ends[box, 2], ends[box, 3], ends[box, 4], ends[box, 5]),
                         shape,
                     )
-                    if trimmed[box] == box and _count_cells(other_sums, sides) == 0:
+                    if trimmed[box] == box and sum_box(other_sums, sides) == 0:
                         grid_index = compute_index(
                             (x + x0, y + y0, z + z0, x + x1, y + y1, z + z0 + dz), grid_shape
                         )

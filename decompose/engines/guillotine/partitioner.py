@@ -247,9 +247,7 @@ class Partitioner:
         *,
         is_near: bool = False,
     ) -> float | None:
-        """Find the lowest limit at which a number of printers of the first class is enough.
-
-        The solution is kept.
+        """Find the lowest limit at which `printers` of the first class are enough, and keep its solution.
 
         Parameters
         ----------
@@ -268,12 +266,7 @@ class Partitioner:
         float or None
             Limit in seconds; None if there is none up to `max_s`.
         """
-        tables = (self.boxes, *(other.boxes for other in self.other_classes))
-        finite_times_s = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
-        high_s = min(
-            max_s,
-            max((float(times_s.max()) for times_s in finite_times_s if len(times_s)), default=-math.inf),
-        )
+        high_s = min(max_s, self._find_slowest_box_s())
         low_s, step_s = max(0.0, min_s), tolerance_s
         is_reached = False
         while is_near and not is_reached and low_s + step_s < high_s:
@@ -295,6 +288,12 @@ class Partitioner:
                 low_s = middle_s
         self.solve(high_s, break_ties=self.can_break_ties)
         return high_s
+
+    def _find_slowest_box_s(self) -> float:
+        """Find the time of the slowest box that fits a printer of any class; -inf if no box fits."""
+        tables = (self.boxes, *(other.boxes for other in self.other_classes))
+        finite_times_s = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
+        return max((float(times_s.max()) for times_s in finite_times_s if len(times_s)), default=-math.inf)
 
     def _find_reached_limit_s(self, limit_s: float) -> float:
         """Find the lowest limit that the last solution meets."""

@@ -190,14 +190,9 @@ class Planner:
         limits = self.limits
         length_mm = math.sqrt(dx * dx + dy * dy + dz * dz)
         if length_mm < 0.07:
-            steps = limits.steps_per_mm
-            if (
-                max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2], abs(de) * steps[3])
-                <= MIN_STEPS
-            ):
+            length_mm = self._measure_short_move(dx, dy, dz, de, length_mm)
+            if not length_mm:
                 return
-            if max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2]) <= MIN_STEPS:
-                length_mm = abs(de) or length_mm
         inverse_duration_per_s = feedrate_mm_s / length_mm
         queue_length = len(self._blocks)
         if (
@@ -227,6 +222,14 @@ class Planner:
         self._axis_speeds_mm_s = (vx, vy, vz, ve)
         self._speed_mm_s = speed_mm_s
         self.move_count += 1
+
+    def _measure_short_move(self, dx: float, dy: float, dz: float, de: float, length_mm: float) -> float:
+        """Return the length of a move, along the filament if only the feeder moves; 0 for too few steps."""
+        steps = self.limits.steps_per_mm
+        head_steps = max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2])
+        if head_steps > MIN_STEPS:
+            return length_mm
+        return abs(de) if abs(de) * steps[3] > MIN_STEPS else 0.0
 
     def compute_position(self, now_s: float) -> Point:
         """Compute the position of head and feeder; the queue must be advanced to `now_s`."""

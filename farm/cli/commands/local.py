@@ -10,9 +10,9 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.markup import escape
@@ -152,12 +152,7 @@ def slice_model(
     """Slice a model as one plate for printing over USB, with all checks."""
     from farm.planning.local.slice_file import SliceOptions, find_default_cache, slice_to_file
 
-    overrides = {}
-    for pair in set_ or []:
-        key, equals, value = pair.partition("=")
-        if not equals:
-            raise FarmError(f"--set {pair}: must be KEY=VALUE", ErrorCode.SETTINGS)
-        overrides[key] = value
+    overrides = _parse_overrides(set_ or [])
     signal.signal(signal.SIGTERM, _exit)
     with _show_step() as show_step:
         options = SliceOptions(printer_model, quality, material, nozzle, overrides, scale, longest_side)
@@ -175,11 +170,28 @@ def slice_model(
     if json:
         print_json(report)
         return
+    for line in _describe_slice(report, out):
+        print(line)
+
+
+def _parse_overrides(pairs: Iterable[str]) -> dict[str, str]:
+    """Parse Cura settings, KEY=VALUE."""
+    overrides = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise FarmError(f"--set {pair}: must be KEY=VALUE", ErrorCode.SETTINGS)
+        overrides[key] = value
+    return overrides
+
+
+def _describe_slice(report: Mapping[str, Any], out: Path) -> Iterator[str]:
+    """Yield lines on a sliced model: repairs, warnings, and its times and filament."""
     for line in (*report["repairs"], *report["warnings"]):
-        print(f"  {line}")
+        yield f"  {line}"
     amount = format_filament(report["grams"], report["filament_mm"], report.get("price"))
     print_time, total_time = format_duration(report["print_time_s"]), format_duration(report["estimated_s"])
-    print(
+    yield (
         f"{out}: {print_time} (with heating {total_time}), {amount}, "
         f"{report['layers']} layers{', from the cache' if report['cached'] else ''}"
     )
