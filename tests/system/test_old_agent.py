@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.remote import kill_agent
+from drivers.remote import is_alive, kill_agent
 from farms.real_farm import RealFarm, wait_for
 
 ROOT = Path(__file__).parents[2]
@@ -38,6 +38,8 @@ def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
         wait_for("the agent's end", lambda: kill_agent(agent))
         command = [sys.executable, "-m", "drivers.agent", "--folder", str(agent)]
         old_agent = subprocess.Popen(command, cwd=sources, stderr=subprocess.DEVNULL, start_new_session=True)
+        # Without a running agent, the daemon would start one of its own version.
+        wait_for("the old agent", lambda: is_alive(agent))
         farm.run_checked("up")
         attention_reason = wait_for(
             "the daemon to find the agent", lambda: farm.read_printer("um2-01")["look"]
