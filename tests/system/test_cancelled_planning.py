@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -41,8 +42,13 @@ def list_children(pid):
 
 
 def list_workers(daemon):
-    commands = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in list_children(daemon)}
-    return {pid for pid, command in commands.items() if b"spawn_main" in command}
+    """List the worker processes of a daemon; a child may end meanwhile."""
+    pids = set()
+    for pid in list_children(daemon):
+        with suppress(OSError):
+            if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                pids.add(pid)
+    return pids
 
 
 def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, bar, hanging_engine, tmp_path):
