@@ -19,7 +19,7 @@ from drivers.records import JOURNAL, Alarm, Journal, StartFile, read_journal
 from drivers.safety import NO_COMMAND_OUTCOME
 from printers.print_rig import PLUS_PROFILE, Rig, make_gcode
 
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 CUT_OUTCOME = "power_off_cmd cut its mains"
 
 

@@ -18,7 +18,7 @@ from drivers.errors import PortError
 pytestmark = pytest.mark.system
 
 SCALE = 50.0
-TIME_LIMIT_S = 20.0
+TIME_LIMIT_S = 60.0
 
 
 def wait_for(condition: Callable[[], bool]) -> None:

@@ -25,7 +25,7 @@ from drivers.safety import StopTarget, stop_printer
 from printers.agent_with_emulator import wait_for_emulator
 
 MODEL = "ultimaker2_plus"
-DEADLINE_S = 60.0
+DEADLINE_S = 120.0
 pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # raised in pyserial
 SER2NET = shutil.which("ser2net", path="/usr/sbin:" + os.environ["PATH"])
 C_COMPILER = shutil.which("cc") or shutil.which("tcc")

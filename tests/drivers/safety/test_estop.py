@@ -31,7 +31,7 @@ from printers.agent_with_emulator import Printer, wait_for_emulator
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
 SCALE = 120.0
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 
 
 async def start_hot_print(folder: Path, process: subprocess.Popen[bytes]) -> None:

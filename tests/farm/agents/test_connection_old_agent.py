@@ -22,7 +22,7 @@ from farm.paths import StateFolder
 
 MODEL = "ultimaker2_plus"
 PORT = f"sim://{MODEL}"
-DEADLINE_S = 20.0
+DEADLINE_S = 120.0
 KNOWN_REQUESTS = {  # the requests of the first protocol, and their fields
     "hello": {"do", "id"},
     "start": {"do", "id", "print_id", "gcode", "sha256", "print_time_s", "filament"},

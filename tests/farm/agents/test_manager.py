@@ -26,7 +26,7 @@ from farm.state import events as ev
 from farm.state.books import Books
 
 MODEL = "ultimaker2_plus"
-DEADLINE_S = 40.0
+DEADLINE_S = 120.0
 
 
 class RecordingListener:

@@ -6,6 +6,7 @@ import os
 import select
 import subprocess
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -20,7 +21,7 @@ from drivers.remote import AgentClient, spawn_agent
 
 MODEL = "ultimaker2_plus"
 TIME_SCALE = 120.0
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 
 START_GCODE = """;FLAVOR:Marlin
 G21
@@ -61,6 +62,7 @@ class Printer:
         self.process: subprocess.Popen[bytes] | None = None
         self.client = AgentClient(folder)
         self.last_snapshot: m.Snapshot | None = None
+        self._unseen_snapshots: deque[m.Snapshot] = deque()  # since the last wait, or since `start`
         self._follow_task: asyncio.Task[None] | None = None
 
     def spawn(self) -> None:
@@ -68,18 +70,26 @@ class Printer:
 
     async def connect(self) -> None:
         self.last_snapshot = None
+        self._unseen_snapshots.clear()
         await self.client.connect()
         self._follow_task = asyncio.create_task(self._follow())
 
     async def _follow(self) -> None:
         async for snapshot in self.client.snapshots():
             self.last_snapshot = snapshot
+            self._unseen_snapshots.append(snapshot)
 
     async def wait_for(self, condition: Callable[[m.Snapshot], bool]) -> m.Snapshot:
+        """Wait for a snapshot that meets a condition, even if others have followed it on a busy computer."""
         async with asyncio.timeout(DEADLINE_S):
-            while self.last_snapshot is None or not condition(self.last_snapshot):
+            while True:
+                while self._unseen_snapshots:
+                    snapshot = self._unseen_snapshots.popleft()
+                    if condition(snapshot):
+                        return snapshot
+                if self.last_snapshot is not None and condition(self.last_snapshot):
+                    return self.last_snapshot
                 await asyncio.sleep(0.01)
-            return self.last_snapshot
 
     async def wait_until_ready(self) -> m.Snapshot:
         return await self.wait_for(lambda s: s.link is m.LinkState.READY)
@@ -101,6 +111,7 @@ class Printer:
             print_time_s=60.0,
             filament=m.Filament.PARKED,
         )
+        self._unseen_snapshots.clear()
         return await self.client.request(request)
 
     def read_targets(self) -> tuple[float, float]:
