@@ -25,6 +25,7 @@ from drivers.messages import Filament, PrintPhase
 from drivers.ports import SerialPort
 from drivers.printers import PROFILES
 from drivers.session import Pace, Session, SessionContext
+from printers.agent_with_emulator import wait_for_emulator
 
 FOLDER = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # Python of the separate environment
@@ -210,6 +211,8 @@ def test_printcore_prints_to_the_emulator_to_the_end(tmp_path: Path, faults: str
     tty = launch(f"sim://ultimaker2_plus{faults}", emulator, Clock(TIME_SCALE, time.time()))
     try:
         subprocess.run([PYTHON, FOLDER / "printcore_peer.py", tty, path], check=True, timeout=TIME_LIMIT_S)
+        # On a busy computer, printcore disconnects before the last moves have ended.
+        wait_for_emulator(emulator, lambda status: status.moves >= len(moves))
         status = read_status(emulator)
     finally:
         control(emulator, Command.POWER_OFF)
