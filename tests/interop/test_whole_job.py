@@ -53,7 +53,8 @@ def drop_file(page, selector, path):
 
 def test_job_is_submitted_planned_printed_and_cleared_and_shown_in_two_tabs(farm, browser, tmp_path):
     model = tmp_path / "box.stl"
-    trimesh.creation.box((20.0, 20.0, 3.0)).export(model)
+    # The print takes seven seconds here, because a busy daemon renders the pages only every few seconds.
+    trimesh.creation.box((20.0, 20.0, 30.0)).export(model)
     link = json.loads(farm.run_checked("web", "--json"))["url"]
     base = link.partition("/login/")[0]
     context, messages, hosts = open_context(browser, base), [], set()
