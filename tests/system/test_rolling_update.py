@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from bench.night import write_slow_gcode
 from drivers.emulator.launch import Command, control, is_running
 from farms.installed_version import Versions
-from farms.real_farm import RealFarm, wait_for
+from farms.real_farm import TIME_SCALE, RealFarm, wait_for
 from hosts.host_pipe import HostPipe
 
 pytestmark = pytest.mark.system
@@ -20,7 +21,9 @@ OLD_VERSION, BROKEN_VERSION, NEW_VERSION = "1.0.0", "1.1.0", "1.1.1"
 HOSTS = {"pc-a": ("a1", "a2"), "pc-b": ("b1", "b2")}
 PRINTING_PRINTER = "a1"
 BROKEN_MAIN = 'raise SystemExit("no such library")\n'
-PRINT_S = 4500.0  # of farm time, longer than the update of the other printers takes
+MIN_PRINT_S, PRINT_RATIO = 30.0, 6.0
+"""Minimum wall seconds of the print, also as a multiple of the seconds that the start of the farm takes. It
+must not end before the daemon has been restarted twice and an agent three times."""
 
 
 class HostsFarm(RealFarm):
@@ -47,7 +50,10 @@ class HostsFarm(RealFarm):
             for host, names in HOSTS.items()
             for name in names
         ]
-        fleet = {"fleet": {"name": "test", "time_scale": 150, "compute": {"workers": 1}}, "printers": rows}
+        fleet = {
+            "fleet": {"name": "test", "time_scale": TIME_SCALE, "compute": {"workers": 1}},
+            "printers": rows,
+        }
         self.fleet.write_text(json.dumps(fleet))
 
     def update(self, version: str) -> None:
@@ -90,8 +96,10 @@ def farm(tmp_path, monkeypatch):
         if version == BROKEN_VERSION:
             (packages / "drivers" / "agent" / "__main__.py").write_text(BROKEN_MAIN)
     farm.versions.use(OLD_VERSION)
+    started_s = time.monotonic()
     try:
         farm.up()
+        farm.start_duration_s = time.monotonic() - started_s
         yield farm
     finally:
         farm.end()
@@ -99,7 +107,8 @@ def farm(tmp_path, monkeypatch):
 
 def test_idle_agents_are_updated_host_by_host_and_restored_at_the_first_fault(farm, tmp_path):
     slow_file = tmp_path / "slow.gcode"
-    slow_file.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
+    print_s = TIME_SCALE * max(MIN_PRINT_S, PRINT_RATIO * farm.start_duration_s)
+    slow_file.write_text(write_slow_gcode(moves=int(print_s / 20), move_s=20.0))
     farm.run_checked("submit", slow_file, "--colour", "red")
     wait_for("the print", lambda: farm.read_printer(PRINTING_PRINTER)["state"] == "printing")
     old_agents = farm.read_agents()
