@@ -83,7 +83,7 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
         assert probe.connect_ex(("127.0.0.1", port)) != 0
     added_key = farm.run_checked("key", "add", "laptop", "--role", "look").strip()
     context = ssl.create_default_context(cafile=cert)
-    wait_for("the server", lambda: "closed" not in farm.run_checked("key").splitlines()[0], 30.0)
+    wait_for("the server", lambda: "closed" not in farm.run_checked("key").splitlines()[0])
     assert request_page(port, "/healthz", context) == (200, b'{"status":"ok"}')
     assert request_page(port, "/api/v1/status", context)[0] == 401
     assert request_page(port, "/status", context, added_key)[0] == 404
@@ -138,7 +138,7 @@ def test_slow_network_clients_do_not_delay_the_socket(farm):
         farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
         farm.up()
         assert "Address already in use" in farm.run_checked("key")
-    wait_for("the port", lambda: "closed" not in farm.run_checked("key").splitlines()[0], 60.0)
+    wait_for("the port", lambda: "closed" not in farm.run_checked("key").splitlines()[0])
     with ExitStack() as idle_clients:
         for number in range(300):
             client = idle_clients.enter_context(socket.create_connection(("127.0.0.1", port), 30))
