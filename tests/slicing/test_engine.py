@@ -46,6 +46,7 @@ def watch_writers(fifo):
     """Yield a function that returns True when no process holds the writing end of a FIFO."""
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    os.close(os.open(fifo, os.O_WRONLY))  # an engine may be killed before it opens the FIFO
     hang_up_poll = select.poll()
     hang_up_poll.register(reader, 0)
     try:

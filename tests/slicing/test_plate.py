@@ -247,6 +247,7 @@ def test_engine_that_hangs_is_stopped_with_all_its_processes(make_request, cube_
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    os.close(os.open(fifo, os.O_WRONLY))  # the engine may be killed before it opens the FIFO
     try:
         engine = write_script(f"sleep 600 > {fifo} & sleep 600 > {fifo}")
         with pytest.raises(EngineTimeout, match="did not finish within 1 s"):

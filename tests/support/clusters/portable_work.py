@@ -31,9 +31,9 @@ def _allocate(source, folder, gigabytes):
 def _hold(source, folder, pid_file):
     """Write the process id to a file, and wait until the process is killed."""
     folder.mkdir(exist_ok=True)
-    (folder / "progress.json").write_text("held")
     with Path(pid_file).open("a") as file:
         file.write(f"{os.getpid()}\n")
+    (folder / "progress.json").write_text("held")  # last, because tests wait for this file
     signal.pause()
 
 

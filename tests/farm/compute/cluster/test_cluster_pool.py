@@ -113,13 +113,13 @@ def test_limits_of_a_task_hold_on_the_worker(tmp_path, source):
     pid_file, path = tmp_path / "pids", tmp_path / "out"
 
     async def run_scenario(pool, processes):
+        (pid,) = processes.pids
         with pytest.raises(FarmError, match="holding did not end within") as error:
             await pool.run(work.hold, source, path, str(pid_file), limit=Limit("holding", 1.0))
         with pytest.raises(FarmError, match=r"not enough memory for allocating .* 0\.5 GB") as memory_error:
             await pool.run(work.allocate, source, path, 2.0, limit=Limit("allocating", 60.0))
         assert error.value.code is memory_error.value.code is ErrorCode.LIMIT
         assert (await pool.run(work.copy, source, path))["copy"].exists()
-        (pid,) = map(int, pid_file.read_text().split())
         assert pid not in processes.pids and pool.own.calls == []
 
     run_in_processes(tmp_path, run_scenario, memory_gb=0.5)
