@@ -107,7 +107,7 @@ class ConnectorOptions:
 
     @property
     def is_empty(self) -> bool:
-        """Check whether there are neither pins nor marks."""
+        """True if there are neither pins nor marks."""
         return self.pin_mm is None and not self.marks
 
     def find_fit_mm(self, printer: str) -> float:

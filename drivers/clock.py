@@ -29,7 +29,7 @@ class Clock:
 
     Wall time comes from `read_wall_s`.
 
-    Parameters
+    Attributes
     ----------
     scale
         Farm seconds per wall second; 1 on real printers.

@@ -114,16 +114,16 @@ def _cut_triangles(corners: Floats, axis: int, plane_mm: float) -> Floats:
     )
 
 
-def _roll_corners(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
-    """Rotate the order of each triangle's corners to begin with its marked corner (n, 3)."""
-    rows, start = np.arange(len(corners)), first.argmax(axis=1)
+def _roll_corners(corners: Floats, is_first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+    """Rotate the order of each triangle's corners to begin with the one that a mask (n, 3) marks."""
+    rows, start = np.arange(len(corners)), is_first.argmax(axis=1)
     return corners[rows, start], corners[rows, (start + 1) % 3], corners[rows, (start + 2) % 3]
 
 
 def _interpolate_edges(a: Floats, b: Floats, axis: int, plane_mm: float) -> Floats:
     """Find the points (n, 3) at which edges meet a plane; the ends may come in either order."""
-    swap = (a[:, axis] > b[:, axis])[:, None]
-    low, high = np.where(swap, b, a), np.where(swap, a, b)
+    is_swapped = (a[:, axis] > b[:, axis])[:, None]
+    low, high = np.where(is_swapped, b, a), np.where(is_swapped, a, b)
     share = (plane_mm - low[:, axis]) / (high[:, axis] - low[:, axis])
     points: Floats = low + share[:, None] * (high - low)
     points[:, axis] = plane_mm

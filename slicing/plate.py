@@ -46,10 +46,8 @@ _RETRIED_RULES = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule
 class PlateRequest:
     """Model to slice, its settings, and the bed that must hold it.
 
-    Parameters
+    Attributes
     ----------
-    hidden_sides
-        Upright sides of the model that are hidden once the parts are glued.
     stl
         Binary STL in its printing pose, in bed-centred mm (XY 0 is the bed's centre), lowest point at Z 0.
     output_path
@@ -59,6 +57,8 @@ class PlateRequest:
         extrusion, including brim and support.
     cache
         Folder that keeps results by content; None to cache nothing.
+    hidden_sides
+        Upright sides of the model that are hidden once the parts are glued.
     """
 
     stl: Path

@@ -213,13 +213,13 @@ class SplitSearch:
 
     def _list_sets_beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
         """List the sets of parts beyond planes that cut no part, as masks over `numbers`."""
-        low, high = self.low_mm[direction, numbers], self.high_mm[direction, numbers]
-        planes = np.unique(np.round(low, 3))
-        sides = [low >= plane_mm - MAX_TOUCH_OVERLAP_MM for plane_mm in planes]
+        low_mm, high_mm = self.low_mm[direction, numbers], self.high_mm[direction, numbers]
+        planes_mm = np.unique(np.round(low_mm, 3))
+        sides = [low_mm >= plane_mm - MAX_TOUCH_OVERLAP_MM for plane_mm in planes_mm]
         return [
             side
-            for plane_mm, side in zip(planes, sides, strict=True)
-            if not side.all() and (high[~side] <= plane_mm + MAX_TOUCH_OVERLAP_MM).all()
+            for plane_mm, side in zip(planes_mm, sides, strict=True)
+            if not side.all() and (high_mm[~side] <= plane_mm + MAX_TOUCH_OVERLAP_MM).all()
         ]
 
 

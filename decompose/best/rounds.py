@@ -50,7 +50,7 @@ class SearchState:
 
     @property
     def has_sound_result(self) -> bool:
-        """Check whether the best result has parts without faults."""
+        """True if the best result has parts without faults."""
         return self.best is not None and not self.best.faults
 
     @property

@@ -206,7 +206,7 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current
         Iterate to start from, updated in place.
     """
     best_weights, best_shares = current.weights.copy(), current.shares.copy()
-    lower, upper = 0.0, np.inf  # the sums of both are the bounds on the fewest boxes
+    lower, upper = 0.0, np.inf  # bounds on the fewest boxes: the sums of the best weights and shares
     balance = 0.05 * len(p.pieces) / p.needed.sum()
     for _ in range(MAX_RESTARTS):
         old = _Iterate(current.shares.copy(), current.weights.copy())
@@ -230,10 +230,10 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current
             or upper - lower < BOUND_TOLERANCE * lower
         ):
             break
-        share_distance = ((restart.shares - old.shares) ** 2 * p.needed_counts).sum()
-        weight_distance = ((restart.weights - old.weights) ** 2 * p.overlap).sum()
-        if share_distance > 0.0 and weight_distance > 0.0:
-            balance = np.sqrt(balance * np.sqrt(share_distance / weight_distance))
+        squared_share_distance = ((restart.shares - old.shares) ** 2 * p.needed_counts).sum()
+        squared_weight_distance = ((restart.weights - old.weights) ** 2 * p.overlap).sum()
+        if squared_share_distance > 0.0 and squared_weight_distance > 0.0:
+            balance = np.sqrt(balance * np.sqrt(squared_share_distance / squared_weight_distance))
         current.shares[:], current.weights[:] = restart.shares, restart.weights
     return _Iterate(best_shares, best_weights)
 

@@ -344,8 +344,8 @@ class _PinPlacer:
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
         """Place a shallow pin that reaches the most glue far from other pins; None if none is worthwhile."""
-        far_glue = find_far_glue(self.glue_mm, pins)
-        if not len(far_glue):
+        far_mm = find_far_glue(self.glue_mm, pins)
+        if not len(far_mm):
             return None
         places = self._find_places(True)
         sites, corners = self._list_corners(places)
@@ -355,7 +355,7 @@ class _PinPlacer:
         ]
         sites += [number for number, points in enumerate(inner_points_mm) for _ in points]
         points = np.concatenate([corners, *inner_points_mm])
-        for best in sort_places_by_gain(points, far_glue):
+        for best in sort_places_by_gain(points, far_mm):
             pin = self._make_pin(sites[best], points[best], True, np.zeros(3))
             if pin is not None:
                 self.workpieces.tools += pin.holes

@@ -85,7 +85,7 @@ class Pin:
 
     @property
     def slides(self) -> bool:
-        """Check whether it is a key that enters a groove lengthwise while the faces slide."""
+        """True if it is a key that enters a groove lengthwise while the faces slide."""
         return self.key_direction is not None and abs(float(self.key_direction @ self.axis)) > SLIDING_COS
 
 

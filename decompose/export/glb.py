@@ -108,7 +108,7 @@ def _add_animation(
     """Add an animation that moves the nodes with these names by offsets (steps + 1, parts, 3)."""
     steps = len(offsets) - 1
     starts_s = STEP_S * np.arange(steps)
-    times_s = _add_values(
+    times_accessor = _add_values(
         tree, buffers, np.append(np.column_stack([starts_s, starts_s + MOVE_S]).ravel(), STEP_S * steps)
     )
     nodes = {node.get("name"): number for number, node in enumerate(tree["nodes"])}
@@ -123,7 +123,7 @@ def _add_animation(
         )
         channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": "translation"}})
         samplers.append(
-            {"input": times_s, "output": _add_values(tree, buffers, keys), "interpolation": "LINEAR"}
+            {"input": times_accessor, "output": _add_values(tree, buffers, keys), "interpolation": "LINEAR"}
         )
     tree["animations"] = [{"name": "assembly", "samplers": samplers, "channels": channels}]
 

@@ -136,22 +136,22 @@ def _order_parts(decomposition: Decomposition) -> list[int]:
 
 def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None]) -> list[dict[str, Any]]:
     """Describe each part in the order of use, with the first step that uses it."""
-    first: dict[int, int] = {}
+    first_steps: dict[int, int] = {}
     for number, step in enumerate(decomposition.assembly.steps, 1):
-        for part in (*step.moved_parts, *step.fixed_parts):
-            first.setdefault(part, number)
+        for part_number in (*step.moved_parts, *step.fixed_parts):
+            first_steps.setdefault(part_number, number)
     rows = []
     for index in _order_parts(decomposition):
-        piece = decomposition.parts[index]
-        vertices, _ = piece.build_printing_mesh()
+        part = decomposition.parts[index]
+        vertices, _ = part.build_printing_mesh()
         rows.append(
             {
-                "id": piece.id,
-                "printer": name_printer(piece),
+                "id": part.id,
+                "printer": name_printer(part),
                 "place": describe_place(places[index] if places else None),
                 "size": " x ".join(f"{extent_mm:.0f}" for extent_mm in np.ptp(vertices, axis=0)),
-                "volume": f"{piece.solid.volume_mm3 / 1000.0:.1f}",
-                "step": str(first.get(index, "")),
+                "volume": f"{part.solid.volume_mm3 / 1000.0:.1f}",
+                "step": str(first_steps.get(index, "")),
             }
         )
     return rows

@@ -45,9 +45,9 @@ def _rasterise_triangles(triangles: Floats, depth: Floats, front: Ints) -> None:
         y0 = max(0, int(np.ceil(min(a[1], b[1], c[1]))))
         y1 = min(height - 1, int(max(a[1], b[1], c[1])))
         # Barycentric coordinates and z are linear in x and y.
-        share = 1.0 / doubled_area
-        u_x, u_y = (b[1] - c[1]) * share, (c[0] - b[0]) * share
-        v_x, v_y = (c[1] - a[1]) * share, (a[0] - c[0]) * share
+        inverse = 1.0 / doubled_area
+        u_x, u_y = (b[1] - c[1]) * inverse, (c[0] - b[0]) * inverse
+        v_x, v_y = (c[1] - a[1]) * inverse, (a[0] - c[0]) * inverse
         z_x, z_y = u_x * (a[2] - c[2]) + v_x * (b[2] - c[2]), u_y * (a[2] - c[2]) + v_y * (b[2] - c[2])
         for y in range(y0, y1 + 1):
             u0, v0, z0 = u_y * (y - c[1]), v_y * (y - c[1]), c[2] + z_y * (y - c[1])

@@ -117,8 +117,8 @@ def turn_pose_over(pose: Floats, azimuth_deg: float) -> Floats:
         Azimuth of the eye.
     """
     right = make_camera(azimuth_deg, 0.0)[0]
-    half: Floats = 2.0 * np.outer(right, right) - np.eye(3)
-    return half @ pose
+    half_turn: Floats = 2.0 * np.outer(right, right) - np.eye(3)
+    return half_turn @ pose
 
 
 def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
@@ -177,9 +177,9 @@ def choose_view(
         drawing = draw_shapes(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversample=1)
         visible_pixels = np.bincount(drawing.visible.ravel(), minlength=1 + len(scene.shapes))[1:]
         glued_mm2 = visible_pixels[len(scene.parts) : scene.first_pin].sum() / drawing.pixels_per_mm**2
-        pins = visible_pixels[scene.first_pin : scene.first_pin + len(scene.pins)] > 0
+        is_pin_visible = visible_pixels[scene.first_pin : scene.first_pin + len(scene.pins)] > 0
         return float(glued_mm2 / (areas_mm2.sum() or 1.0)) + PIN_GAIN * float(
-            pins.mean() if len(pins) else 0.0
+            is_pin_visible.mean() if len(is_pin_visible) else 0.0
         )
 
     views = [

@@ -111,7 +111,7 @@ class Solid:
 
     @property
     def is_empty(self) -> bool:
-        """Check whether it has no triangles."""
+        """True if it has no triangles."""
         return bool(self.manifold.is_empty())
 
     @property

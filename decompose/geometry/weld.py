@@ -49,7 +49,7 @@ class EdgeUses:
 
     @property
     def is_closed(self) -> bool:
-        """Check whether each edge has two faces."""
+        """True if each edge has two faces."""
         return self.single_count == self.nonmanifold_count == 0
 
 

@@ -98,7 +98,7 @@ class Problem:
 
     @property
     def is_uniform(self) -> bool:
-        """Check whether all printers have the same room and the same speed."""
+        """True if all printers have the same room and the same speed."""
         return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
 
     @property

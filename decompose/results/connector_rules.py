@@ -302,7 +302,7 @@ class _Group:
 
     @property
     def has_exit(self) -> bool:
-        """Check whether it is a groove that leaves its part through a second face."""
+        """True if it is a groove that leaves its part through a second face."""
         return self.tools[0].exit is not None
 
     def is_hidden(self, undrilled: Solid) -> bool:

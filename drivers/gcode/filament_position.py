@@ -121,8 +121,8 @@ class MotionState:
                     self.feedrate_mm_min = float(value)
                 continue
             axis = _AXES[letter]
-            relative = self.relative or (axis == 3 and self.relative_e)
-            end_point[axis] = float(value) + (start_point[axis] if relative else 0.0)
+            is_relative = self.relative or (axis == 3 and self.relative_e)
+            end_point[axis] = float(value) + (start_point[axis] if is_relative else 0.0)
         self._moves.append((start_point, end_point, self.retracted_mm))
         self.position = end_point
         fed_mm = end_point[3] - start_point[3]

@@ -50,7 +50,7 @@ class Link:
         self._output = b""
         self._opening = Opening(self._firmware, self._min_timeout_s)
         self._partial = b""
-        self._due_s = math.inf  # timeout of the line in flight, or of the phase
+        self._due_s = math.inf  # time at which the line in flight, or the phase, times out
         self._poll_at_s = math.inf
         self._awaits_ok = False  # True while the line at the cursor has not been acknowledged
         self._is_undisturbed = True  # no query and no refusal since the line in flight was sent
@@ -202,13 +202,13 @@ class Link:
                 self._schedule_query(now_s)
 
     def _handle_boot_line(self, line: bytes, now_s: float, events: list[Event]) -> None:
-        sign = self._opening.classify(line)
-        if sign is OpeningLine.START:
+        kind = self._opening.classify(line)
+        if kind is OpeningLine.START:
             self.phase = Phase.BANNER
             self._due_s = now_s + self._opening.banner_timeout_s
-        elif sign is OpeningLine.REFUSAL:
+        elif kind is OpeningLine.REFUSAL:
             self._due_s = now_s
-        elif sign is OpeningLine.READY:
+        elif kind is OpeningLine.READY:
             self._go_live(now_s, events)
 
     def _go_live(self, now_s: float, events: list[Event]) -> None:

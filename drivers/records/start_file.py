@@ -18,7 +18,7 @@ AGENT_LOG = "agent.log"  # file in an agent's folder
 class StartFile:
     """Settings of an agent: its printer as in `fleet.yaml`, and the farm's clock.
 
-    Parameters
+    Attributes
     ----------
     printer
         The printer's name in the fleet.

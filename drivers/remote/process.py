@@ -23,7 +23,7 @@ RETRY_S = 0.25  # wall seconds between two attempts to connect to an agent that 
 class Installation:
     """Installation of farm that an agent runs.
 
-    Parameters
+    Attributes
     ----------
     python
         Path of the interpreter. Links in its folder are resolved, as a link to the current version may

@@ -33,7 +33,7 @@ class BridgeTask(StrEnum):
 class BridgeRequest:
     """First line sent to a bridge. Its JSON names are fixed, as daemons store it on disk.
 
-    Parameters
+    Attributes
     ----------
     do
         The task.

@@ -58,7 +58,7 @@ def _ignore_progress(text: str) -> None:
 class StopTarget:
     """A printer to stop.
 
-    Parameters
+    Attributes
     ----------
     printer
         The printer's name in the fleet.
@@ -90,6 +90,8 @@ class StopResult:
 
     Attributes
     ----------
+    printer
+        The printer's name in the fleet.
     reset_s
         Wall time (time.time) of the reset, in seconds; None if it was not possible.
     seen_off

@@ -61,7 +61,7 @@ class PrintEnded(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Condition of a script and its time limit; the script receives True if the condition was met."""
+    """Condition of a script and its deadline; the script receives True if the condition was met."""
 
     condition: Callable[[], bool]
     deadline_s: float = math.inf

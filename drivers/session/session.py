@@ -117,7 +117,7 @@ class Session:
             self.context.reason = text if reason is None else f"{reason}; {text}"
 
     def _find_print_deadline_s(self) -> float:
-        """Return the time limit of an open print; infinite if it has none."""
+        """Return the time at which an open print is ended safely; infinite without a limit."""
         context = self.context
         is_printing = context.phase is not PrintPhase.ENDING and not context.ended
         return context.ends_by_s if is_printing and context.ends_by_s is not None else math.inf

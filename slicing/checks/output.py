@@ -61,8 +61,8 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     layers = path.layer[is_printing]
     last = int(np.flatnonzero(is_printing)[-1]) if is_printing.any() else -1
     end_points = np.concatenate((path.start[is_printing, :3], path.end[is_printing, :3]))
-    low = end_points.min(axis=0, initial=math.inf)
-    high = end_points.max(axis=0, initial=-math.inf)
+    low_mm = end_points.min(axis=0, initial=math.inf)
+    high_mm = end_points.max(axis=0, initial=-math.inf)
     first_move_after_homing = next(
         (command.move for command in path.commands if command.code == "G28"), len(has_moved)
     )
@@ -74,8 +74,8 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
         planned_layer_count=int(_read_last_comment(path, "LAYER_COUNT:") or 0),
         layers=len(np.unique(layers)),
         top_layer=int(layers[-1]) if len(layers) else -1,
-        min_mm=(float(low[0]), float(low[1]), float(low[2])),
-        max_mm=(float(high[0]), float(high[1]), float(high[2])),
+        min_mm=(float(low_mm[0]), float(low_mm[1]), float(low_mm[2])),
+        max_mm=(float(high_mm[0]), float(high_mm[1]), float(high_mm[2])),
         uses_firmware_retraction=any(command.code in ("G10", "G11") for command in path.commands),
         moved_before_homing=bool(has_moved[:first_move_after_homing].any()),
         extruded_cold=is_cold,
@@ -250,9 +250,9 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
     height_mm = facts.max_mm[2]
     tolerance_mm = BED_TOLERANCE_MM
     for min_x, min_y, max_x, max_y, max_height_mm in bed:
-        inside = low_mm[0] >= min_x - tolerance_mm and low_mm[1] >= min_y - tolerance_mm
-        inside &= high_mm[0] <= max_x + tolerance_mm and high_mm[1] <= max_y + tolerance_mm
-        if inside and height_mm <= max_height_mm + max_excess_mm:
+        is_inside = low_mm[0] >= min_x - tolerance_mm and low_mm[1] >= min_y - tolerance_mm
+        is_inside &= high_mm[0] <= max_x + tolerance_mm and high_mm[1] <= max_y + tolerance_mm
+        if is_inside and height_mm <= max_height_mm + max_excess_mm:
             return
     raise OutsideBed(
         f"it prints on X {low_mm[0]:.1f}..{high_mm[0]:.1f}, Y {low_mm[1]:.1f}..{high_mm[1]:.1f}, up to Z "

@@ -80,14 +80,14 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
     first_row = 0
     while first_row < len(crossed_triangles):
         rows_before = ends[first_row - 1] if first_row else 0
-        last_row = max(first_row + 1, int(np.searchsorted(ends, rows_before + _CHUNK_SEGMENTS)))
-        triangles = crossed_triangles[first_row:last_row]
+        end_row = max(first_row + 1, int(np.searchsorted(ends, rows_before + _CHUNK_SEGMENTS)))
+        triangles = crossed_triangles[first_row:end_row]
         plane_counts = count[triangles]
         triangle = np.repeat(triangles, plane_counts)
         offset = np.arange(len(triangle)) - np.repeat(np.cumsum(plane_counts) - plane_counts, plane_counts)
         plane = first_plane[triangle] + offset
         yield plane, *_cut_triangles(corners[triangle], z_mm[plane])
-        first_row = last_row
+        first_row = end_row
 
 
 def _cut_triangles(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
@@ -104,8 +104,8 @@ def _cut_triangles(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
 
 def _find_crossings(a: Floats, b: Floats, z_mm: Floats) -> Floats:
     """Find the points (m, 2) at which edges cross their planes, bit-equal for either order of the ends."""
-    swap = (a[:, 2] > b[:, 2])[:, None]
-    low, high = np.where(swap, b, a), np.where(swap, a, b)
+    is_swapped = (a[:, 2] > b[:, 2])[:, None]
+    low, high = np.where(is_swapped, b, a), np.where(is_swapped, a, b)
     share = (z_mm - low[:, 2]) / (high[:, 2] - low[:, 2])
     crossing: Floats = low[:, :2] + share[:, None] * (high - low)[:, :2]
     return crossing

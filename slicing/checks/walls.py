@@ -199,8 +199,8 @@ class Walls:
         scale = np.hypot(*direction.T) * np.hypot(*next_direction.T) + (direction * next_direction).sum(
             axis=1
         )
-        half_turn = np.clip(cross / np.maximum(scale, 1e-9), -2.0, 2.0)  # tangent of half the angle
-        return np.where(self.is_closed, self.half_width_mm**2 * half_turn, 0.0)
+        half_angle_tan = np.clip(cross / np.maximum(scale, 1e-9), -2.0, 2.0)
+        return np.where(self.is_closed, self.half_width_mm**2 * half_angle_tan, 0.0)
 
     def build_printed_area(self, layer: int, model: Geometry) -> Geometry:
         """Build the area within the outer edge of the outer wall in one layer.
@@ -236,12 +236,12 @@ class Walls:
     def build_filling(self, layer: int, bounds: tuple[float, float, float, float]) -> Geometry:
         """Build the area of the other lines in a layer that come near a rectangle (x0, y0, x1, y1)."""
         rows = self.other_lines[self.other_lines[:, 4] == layer]
-        low, high = (
+        low_mm, high_mm = (
             np.minimum(rows[:, :2], rows[:, 2:4]) - _MAX_FILLING_DISTANCE_MM,
             np.maximum(rows[:, :2], rows[:, 2:4]) + _MAX_FILLING_DISTANCE_MM,
         )
-        is_near = (low[:, 0] < bounds[2]) & (low[:, 1] < bounds[3])
-        rows = rows[is_near & (high[:, 0] > bounds[0]) & (high[:, 1] > bounds[1])]
+        is_near = (low_mm[:, 0] < bounds[2]) & (low_mm[:, 1] < bounds[3])
+        rows = rows[is_near & (high_mm[:, 0] > bounds[0]) & (high_mm[:, 1] > bounds[1])]
         return _build_strokes(rows[:, :2], rows[:, 2:4], rows[:, 5])
 
 
@@ -260,9 +260,9 @@ def _join_runs(
     """
     if not len(start):
         return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0, bool)
-    first = np.ones(len(start), bool)
-    first[1:] = (start[1:] != end[:-1]).any(axis=1) | (layer[1:] != layer[:-1])
-    starts = np.flatnonzero(first)
+    is_first = np.ones(len(start), bool)
+    is_first[1:] = (start[1:] != end[:-1]).any(axis=1) | (layer[1:] != layer[:-1])
+    starts = np.flatnonzero(is_first)
     ends = np.append(starts[1:], len(start)) - 1
     is_near = np.hypot(*(start[starts] - end[ends]).T) < TOLERANCE_MM
     bridges: list[int] = []
@@ -278,10 +278,9 @@ def _join_runs(
                     stop = last + 1
                     break
         number = stop
-    run_starts = first.copy()
-    run_starts[np.array(bridges, np.intp) + 1] = False
-    run = np.cumsum(run_starts) - 1
-    first_moves = np.flatnonzero(run_starts)
+    is_first[np.array(bridges, np.intp) + 1] = False
+    run = np.cumsum(is_first) - 1
+    first_moves = np.flatnonzero(is_first)
     last_moves = np.append(first_moves[1:], len(start)) - 1
     is_closed = np.hypot(*(start[first_moves] - end[last_moves]).T) < TOLERANCE_MM
     return np.array(bridges, np.intp), run, is_closed

@@ -57,7 +57,7 @@ class SettingsRequest:
 class PartSettings:
     """Settings of one part; None keeps the value of the quality. A user's own settings override them.
 
-    Parameters
+    Attributes
     ----------
     height_mm
         Height of the print.

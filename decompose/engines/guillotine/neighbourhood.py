@@ -335,9 +335,9 @@ def _list_groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]
         groups = []
         for neighbour_count in range(MAX_BOXES_IN_WINDOW):
             for chosen_neighbours in combinations(neighbours, neighbour_count):
-                group = [int(centre), *chosen_neighbours]
-                sides = ends[group, 3:].max(axis=0) - ends[group, :3].min(axis=0)
+                numbers = [int(centre), *chosen_neighbours]
+                sides = ends[numbers, 3:].max(axis=0) - ends[numbers, :3].min(axis=0)
                 if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:
-                    groups.append((float(seconds[group].mean()), sorted(parts[i] for i in group)))
-        for _, window in sorted(groups)[:MAX_WINDOWS_OF_A_BOX]:
-            yield frozenset(window)
+                    groups.append((float(seconds[numbers].mean()), sorted(parts[i] for i in numbers)))
+        for _, group in sorted(groups)[:MAX_WINDOWS_OF_A_BOX]:
+            yield frozenset(group)

@@ -129,9 +129,9 @@ def group_faces(boxes_mm: Floats) -> Ints:
             groups.join(*min(pairs, key=lambda pair: groups.compute_joined_size(*pair)))
     labels = np.array([groups.find(face) for face in range(count * 6)])
     is_moving = np.isin(labels, labels[is_shared])
-    _, number = np.unique(labels[is_moving], return_inverse=True)
+    _, numbers = np.unique(labels[is_moving], return_inverse=True)
     labels[:] = np.where(is_moving, 0, -1)
-    labels[is_moving] = number.reshape(-1)
+    labels[is_moving] = numbers.reshape(-1)
     return np.asarray(labels.reshape(count, 2, 3), dtype=np.int64)
 
 

@@ -66,12 +66,12 @@ def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[
     for printer in printers:
         printers_by_key.setdefault((printer.boxes, printer.time_factor), []).append(printer)
     classes = [PrinterClass(*key, tuple(printers_by_key[key])) for key in sorted(printers_by_key)]
-    limit = MAX_LOSS_SHARE * sum(member.throughput for member in classes)
+    max_loss = MAX_LOSS_SHARE * sum(member.throughput for member in classes)
     while len(classes) > 1:
         loss, a, b = min(
             (_compute_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(classes), 2)
         )
-        if loss > limit and count_sums([member.count for member in classes]) <= max_sums:
+        if loss > max_loss and count_sums([member.count for member in classes]) <= max_sums:
             break
         merged_class = _merge_classes(classes[a], classes[b])
         classes = [*(member for i, member in enumerate(classes) if i not in (a, b)), merged_class]
@@ -94,8 +94,8 @@ def _compute_lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
 
 def _merge_classes(a: PrinterClass, b: PrinterClass) -> PrinterClass:
     """Merge two classes into one with the build volume that both have and the lower speed."""
-    factor = max(a.time_factor, b.time_factor)
-    return PrinterClass(_find_shared_volume(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
+    time_factor = max(a.time_factor, b.time_factor)
+    return PrinterClass(_find_shared_volume(a.boxes, b.boxes), time_factor, (*a.printers, *b.printers))
 
 
 def _find_shared_volume(a: BuildVolume, b: BuildVolume) -> BuildVolume:

@@ -81,11 +81,11 @@ def find_grown_index(
                 is_needed = is_needed or needed[x, y, z]
     if not is_needed:
         return -1
-    box = _find_block_index(grown_block, owner.shape)
+    grown_index = _find_block_index(grown_block, owner.shape)
     current_index = _find_block_index(block, owner.shape)
-    if not np.isfinite(seconds[box]) or pieces[box] > pieces[current_index]:
+    if not np.isfinite(seconds[grown_index]) or pieces[grown_index] > pieces[current_index]:
         return -1
-    return box
+    return grown_index
 
 
 @jit
@@ -162,31 +162,31 @@ def _grow_all_blocks(
     """
     seconds, pieces, printing, overhang = tables
     nx, ny, nz = owner.shape
-    cost = np.zeros(len(blocks))
+    prices = np.zeros(len(blocks))
     for i in range(len(blocks)):
         b = blocks[i]
         claim_cells(b, i, owner)
-        cost[i] = printing[_find_block_index(b, owner.shape)]
+        prices[i] = printing[_find_block_index(b, owner.shape)]
     while len(blocks):
-        cheapest = int(np.argmin(cost))
-        if cost[cheapest] == np.inf:
+        cheapest = int(np.argmin(prices))
+        if prices[cheapest] == np.inf:
             return
-        best_side, best, price = -1, 0.0, 0.0
+        best_direction, best_score, best_price = -1, 0.0, 0.0
         for direction in range(6):
-            box = find_grown_index(blocks[cheapest], direction, owner, needed, seconds, pieces)
-            if box < 0:
+            index = find_grown_index(blocks[cheapest], direction, owner, needed, seconds, pieces)
+            if index < 0:
                 continue
-            score = abs(printing[box] + overhang[box])
+            score = abs(printing[index] + overhang[index])
             proximity = _compute_proximity(blocks, cheapest, direction, nx + ny + nz)
             score = score * proximity if is_high_best else -score / proximity
-            if best_side < 0 or score > best:
-                best_side, best, price = direction, score, float(printing[box])
-        if best_side < 0:  # the block can never grow again, because no cell loses its owner
-            cost[cheapest] = np.inf
+            if best_direction < 0 or score > best_score:
+                best_direction, best_score, best_price = direction, score, float(printing[index])
+        if best_direction < 0:  # the block can never grow again, because no cell loses its owner
+            prices[cheapest] = np.inf
             continue
-        blocks[cheapest, best_side] += 1 if best_side >= 3 else -1
+        blocks[cheapest, best_direction] += 1 if best_direction >= 3 else -1
         claim_cells(blocks[cheapest], cheapest, owner)
-        cost[cheapest] = price
+        prices[cheapest] = best_price
 
 
 def grow_blocks(seeds: list[Box], tables: GrowthTables, score: Score) -> tuple[Ints, Ints]:

@@ -184,7 +184,7 @@ def _search_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
 Half = tuple[tuple[GrowthTables, ...], Floats, int]  # growth tables, points for seeds, and printers of a half
 # Attempts on a half, by the number of the table set and the reading of the score.
 GrownHalf = dict[tuple[int, Score], list[BlockPartition]]
-# Expected times of partitions in ascending order, and their boxes.
+# Prices of partitions in ascending order, the paper's P or times in s, and their boxes.
 RankedPartitions = list[tuple[float, list[Box]]]
 
 
@@ -205,8 +205,8 @@ def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator
             ]
             is_on_side = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
             yield [
-                (side, points[cells_on_side], n)
-                for side, cells_on_side, n in zip(sides, is_on_side, shares, strict=True)
+                (side, points[mask], share)
+                for side, mask, share in zip(sides, is_on_side, shares, strict=True)
             ]
     yield [(space.table_sets, points, printers)]
 
