@@ -41,12 +41,12 @@ class HiddenFaces(NamedTuple):
 
     @property
     def is_bed_hidden(self) -> bool:
-        """Check whether all faces on the bed are cut faces."""
+        """True if all faces on the bed are cut faces."""
         return self.cut_bed_mm2 > 0.0 and self.visible_bed_mm2 < MIN_VISIBLE_MM2
 
     @property
     def are_tops_hidden(self) -> bool:
-        """Check whether all tops with skin are cut faces."""
+        """True if all tops with skin are cut faces."""
         return self.cut_top_mm2 > 0.0 and self.visible_top_mm2 < MIN_VISIBLE_MM2
 
     def compute_saved_mm(self, bed_mm: float, top_mm: float) -> float:

@@ -1,4 +1,4 @@
-"""Mesh of a part, with what is the same in all its poses."""
+"""Mesh of a part, with the properties that are the same in all its poses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from decompose.print_time.surfaces import Surfaces, measure_surfaces
 
 @dataclass(frozen=True, eq=False)
 class PartMesh:
-    """Closed mesh of a part: vertices (n, 3) in mm, outward faces (m, 3), and which faces (m,) are cuts."""
+    """Closed mesh of a part: vertices (n, 3) in mm, outward faces (m, 3), and a mask (m,) of cut faces."""
 
     vertices: Floats
     faces: Ints

@@ -197,7 +197,7 @@ def _add_moments(
     Parameters
     ----------
     sums
-        (LEVELS, 4) float64 moments in x, y, z and mass, updated in position.
+        (LEVELS, 4) float64 moments in x, y, z and mass, updated in place.
     level
         Index of the level.
     position

@@ -86,7 +86,7 @@ class Pose:
 
     @property
     def stands(self) -> bool:
-        """Check whether the part stays in place while it is printed, given its footing and its brim."""
+        """True if the part stays in place while it is printed, given its footing and its brim."""
         footing = self.footing
         has_contact = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
         return has_contact and self.tilt_ratio <= 1.0 and self.margin_mm >= -self.brim_share_mm
@@ -99,12 +99,12 @@ class Pose:
 
     @property
     def has_small_foot(self) -> bool:
-        """Check whether the part is tall for a small first layer."""
+        """True if the part is tall for a small first layer."""
         return self.footing.contact_mm2 < SMALL_FOOT_MM2 and self.slenderness > MIN_SLENDERNESS
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
-        """Sort key, lower is better: standing, clean cut faces, time; tilt ratio first if the part falls."""
+        """Sort key (lower is better): standing, clean cut faces, time; tilt ratio first if the part falls."""
         touched_mm2 = self.touched_mm2 if self.touched_mm2 > MIN_TOUCHED_MM2 else 0.0
         if self.stands:
             return (0, 0.0, touched_mm2, self.price_s)
