@@ -35,7 +35,7 @@ from farm.control import (
     abort_prints,
     delete_record,
 )
-from farm.errors import FarmError, Refused
+from farm.errors import FarmError, RefusedError
 from farm.http import (
     BoundedServer,
     EventStreams,
@@ -327,7 +327,7 @@ def run(fleet: Fleet, paths: FarmPaths) -> None:
 
     Raises
     ------
-    Refused
+    RefusedError
         If another daemon uses this state folder.
     FarmError
         If the state folder cannot be read or written.
@@ -365,7 +365,7 @@ def _lock_state_folder(state: StateFolder) -> Iterator[None]:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         lock.seek(0)
-        raise Refused(
+        raise RefusedError(
             f"another daemon (pid {lock.read().strip()}) uses the state folder {state.root}"
         ) from None
     with lock:
@@ -380,7 +380,7 @@ def open_farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
 
     Raises
     ------
-    Refused
+    RefusedError
         If the state folder was used with another time scale.
     """
     scale = fleet.fleet.time_scale
@@ -389,7 +389,7 @@ def open_farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
         anchor = (scale, time.time())
         write_anchor(state.clock, *anchor)
     if anchor[0] != scale:
-        raise Refused(
+        raise RefusedError(
             f"the state folder {state.root} was used with time_scale {anchor[0]:g}, not {scale:g}: "
             "set it back, or give another folder with --state"
         )

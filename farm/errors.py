@@ -84,13 +84,13 @@ class DaemonUnreachable(FarmError):
     code = ErrorCode.UNREACHABLE
 
 
-class NoSuchThing(FarmError):
+class NotFoundError(FarmError):
     """Error of a command for an unknown job, part, plate or printer."""
 
     code = ErrorCode.NO_SUCH_THING
 
 
-class Refused(FarmError):
+class RefusedError(FarmError):
     """Error of a command that is not allowed now."""
 
     code = ErrorCode.REFUSED

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from farm.errors import FarmError, Refused
+from farm.errors import FarmError, RefusedError
 
 SHARED_SOCKET = Path("/run/farm/farm.sock")
 """Socket of the farm that all users of a host share (`deploy/systemd`)."""
@@ -122,7 +122,7 @@ def find_farm_paths(
 
     Raises
     ------
-    Refused
+    RefusedError
         If the socket must be in the system's temporary folder, and another user could put one there.
     """
     home = Path(env.get("HOME", "/"))
@@ -168,7 +168,7 @@ def _make_private_folder(name: str) -> Path:
 
     Raises
     ------
-    Refused
+    RefusedError
         If the folder exists and belongs to another user, or others can write to it.
     """
     folder = Path(tempfile.gettempdir()) / name
@@ -177,13 +177,15 @@ def _make_private_folder(name: str) -> Path:
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
     except OSError as error:
-        raise Refused(f"{folder} cannot be used for the farm's socket ({error}): {advice}") from error
+        raise RefusedError(f"{folder} cannot be used for the farm's socket ({error}): {advice}") from error
     if not stat.S_ISDIR(status.st_mode):
-        raise Refused(f"{folder} is not a folder, so the farm's socket cannot be trusted there: {advice}")
+        raise RefusedError(
+            f"{folder} is not a folder, so the farm's socket cannot be trusted there: {advice}"
+        )
     if status.st_uid != os.getuid():
-        raise Refused(f"{folder} belongs to another user, who could answer for the farm: {advice}")
+        raise RefusedError(f"{folder} belongs to another user, who could answer for the farm: {advice}")
     if status.st_mode & 0o077:
-        raise Refused(f"{folder} is open to other users (mode {status.st_mode & 0o777:o}): {advice}")
+        raise RefusedError(f"{folder} is open to other users (mode {status.st_mode & 0o777:o}): {advice}")
     return folder
 
 

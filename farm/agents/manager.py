@@ -16,7 +16,7 @@ from farm.agents.hosts import Hosts
 from farm.agents.protocol_adapter import make_agent_request
 from farm.agents.remote import delete_route, load_route, remove_start_file
 from farm.config import Fleet
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 from farm.paths import StateFolder
 from farm.state import Books
 from farm.state import events as ev
@@ -102,24 +102,24 @@ class AgentManager:
             connection.send(request)
 
     async def replace(self, name: str) -> None:
-        """Replace the agent of an idle printer. Raises NoSuchThing or Refused."""
+        """Replace the agent of an idle printer. Raises NotFoundError or RefusedError."""
         connection = self._connections.get(name)
         if connection is None:
-            raise NoSuchThing(f"there is no enabled printer {name}; see `farm status`")
+            raise NotFoundError(f"there is no enabled printer {name}; see `farm status`")
         try:
             await connection.replace()
         except DriverError as error:
-            raise Refused(str(error)) from error
+            raise RefusedError(str(error)) from error
 
     async def read_lines(self, name: str) -> list[m.WireLine]:
-        """Read the last lines on the wire of a printer. Raises NoSuchThing or Refused."""
+        """Read the last lines on the wire of a printer. Raises NotFoundError or RefusedError."""
         connection = self._connections.get(name)
         if connection is None:
-            raise NoSuchThing(f"there is no enabled printer {name}; see `farm status`")
+            raise NotFoundError(f"there is no enabled printer {name}; see `farm status`")
         try:
             return await connection.read_lines()
         except DriverError as error:
-            raise Refused(f"the lines of {name} cannot be read: {error}") from error
+            raise RefusedError(f"the lines of {name} cannot be read: {error}") from error
 
     async def shut_down_agents(self) -> None:
         """End every agent, and switch the simulated printers off."""

@@ -19,7 +19,7 @@ from farm.cameras.image import CameraError, Image
 from farm.cameras.schedule import MAX_INTERVAL_S, MAX_STILL_AGE_S, CameraState, DueStill, find_due_stills
 from farm.config import Fleet
 from farm.control import Controller
-from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.errors import ErrorCode, FarmError, NotFoundError
 from farm.log_format import PrinterLog
 from farm.model import Still
 from farm.paths import StateFolder
@@ -89,7 +89,7 @@ class Cameras:
 
         Raises
         ------
-        NoSuchThing
+        NotFoundError
             If there is no such printer, or if it has no camera.
         FarmError
             If its camera has sent no still, or if the last request was too recent to send another.
@@ -97,7 +97,7 @@ class Cameras:
         self._controller.books.get_printer(printer)
         camera = self._cameras.get(printer)
         if camera is None:
-            raise NoSuchThing(f"{printer} has no camera: give its address with `camera` in fleet.yaml")
+            raise NotFoundError(f"{printer} has no camera: give its address with `camera` in fleet.yaml")
         now_s = camera.viewed_s = self._monotonic()
         if camera.latest_still is not None and now_s - camera.latest_s < MAX_STILL_AGE_S:
             return camera.latest_still

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from farm import api
 from farm.cli.client import Client
-from farm.errors import FarmError, Refused
+from farm.errors import FarmError, RefusedError
 
 _NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
 _DIGEST_PATTERN = re.compile(r"[0-9a-f]{64}")
@@ -63,7 +63,7 @@ def fetch_files(
 
     Raises
     ------
-    Refused
+    RefusedError
         If the folder has another file with the same name; nothing is written then.
     FarmError
         If a name is not valid, the content differs from its hash, or a file cannot be written.
@@ -110,10 +110,10 @@ def _read_umask() -> int:
 
 
 def _refuse_overwriting(folder: Path, files: list[api.FileView], force: bool) -> None:
-    """Raise Refused if files with other content would be overwritten."""
+    """Raise RefusedError if files with other content would be overwritten."""
     other_names = [file.name for file in files if os.path.lexists(folder / file.name)]
     if other_names and not force:
-        raise Refused(
+        raise RefusedError(
             f"{folder} has other files of these names: {' '.join(other_names[:5])}; give another folder with "
             "--out, or overwrite them with --force"
         )

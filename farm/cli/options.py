@@ -14,7 +14,7 @@ import typer
 
 from decompose.options import FILAMENT_MM, MAX_PIN_MM, MIN_PIN_MM
 from farm.cli import completion
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.paths import FarmPaths, find_farm_paths
 
 P = ParamSpec("P")
@@ -135,7 +135,7 @@ def _add_options(
     ) -> None:
         name = command.__name__
         if url is not None and name in LOCAL_COMMANDS:
-            raise Refused(
+            raise RefusedError(
                 f"farm {name} works only on the farm's own host, as {LOCAL_COMMANDS[name]}: run it there, "
                 f"without --url{' and FARM_URL' if name in _LOCAL_REASONS else ''}"
             )

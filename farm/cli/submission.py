@@ -21,7 +21,7 @@ from farm.cli.display import (
     show_upload,
 )
 from farm.cli.notices import print_notice
-from farm.errors import ErrorCode, ExitCode, FarmError, Refused
+from farm.errors import ErrorCode, ExitCode, FarmError, RefusedError
 from farm.model import JobOptions, JobState
 
 _POLL_INTERVAL_S = 0.5
@@ -135,7 +135,7 @@ class Submitter:
                         break
                     update(job)
                     if job.waits_for_person and job.hold is not None:
-                        raise Refused(f"it cannot be planned now: {job.hold.text}")
+                        raise RefusedError(f"it cannot be planned now: {job.hold.text}")
                     time.sleep(_POLL_INTERVAL_S)
             if job.exit_code:
                 code = ErrorCode(job.error) if job.error else ErrorCode.FAILED

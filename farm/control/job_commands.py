@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from farm import api
 from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
-from farm.errors import ErrorCode, FarmError, Refused
+from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.model import Job, JobOptions, JobState
 from farm.paths import StateFolder
 from farm.planning import InspectedSubmission
@@ -26,7 +26,10 @@ _CANCELLER = "the farm: nobody waits for its plan any more"
 
 
 class JobCommands:
-    """Commands of people on jobs: checked, then handled as events. Methods raise NoSuchThing or Refused."""
+    """Commands of people on jobs: checked, then handled as events.
+
+    Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
+    """
 
     def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
         self._controller, self._printers = controller, printers
@@ -41,14 +44,14 @@ class JobCommands:
 
         Raises
         ------
-        Refused
+        RefusedError
             If the farm is shutting down.
         FarmError
             If the start time or the deadline is not in the future.
         """
         parse_start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
         if self._controller.stopping:
-            raise Refused("the farm is shutting down: submit again after `farm up`")
+            raise RefusedError("the farm is shutting down: submit again after `farm up`")
 
     def list_unusable_options(self, options: JobOptions) -> list[str]:
         """Describe the options of a submission that require more printers than the fleet has."""
@@ -103,7 +106,7 @@ class JobCommands:
         if job.state.ended:
             is_printable = job.parts and job.pruned_s is None
             hint = f"; `farm reprint {number} PART` prints a part again" if is_printable else ""
-            raise Refused(f"job {number} has already ended: it is {job.state}{hint}")
+            raise RefusedError(f"job {number} has already ended: it is {job.state}{hint}")
         self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
 
     def pause(self, number: int, is_paused: bool, by: str) -> None:
@@ -111,10 +114,10 @@ class JobCommands:
         books = self._controller.books
         job = books.get_job(number)
         if job.state.ended:
-            raise Refused(f"job {number} has already ended: it is {job.state}")
+            raise RefusedError(f"job {number} has already ended: it is {job.state}")
         has_paused_parts = not is_paused and any(plate.paused for plate in books.list_plates(job))
         if job.paused is is_paused and not has_paused_parts:
-            raise Refused(f"job {number} is {'already paused' if is_paused else 'not paused'}")
+            raise RefusedError(f"job {number} is {'already paused' if is_paused else 'not paused'}")
         if not is_paused:
             printers = (p.printer for p in books.list_open_prints(number) if p.pause_requested)
             self._printers.refuse_unattended(sorted(printers))
@@ -125,9 +128,9 @@ class JobCommands:
         """Record the time that a person took to glue the parts of a job; a later report replaces it."""
         job = self._controller.books.get_job(number)
         if job.state not in (JobState.PRINTED, JobState.DONE):
-            raise Refused(f"job {number} is {job.state}: report its assembly once all parts are printed")
+            raise RefusedError(f"job {number} is {job.state}: report its assembly once all parts are printed")
         if len(job.parts) < 2:
-            raise Refused(f"job {number} has one part: there is nothing to glue")
+            raise RefusedError(f"job {number} has one part: there is nothing to glue")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobAssembled(at_s=at_s, job=number, minutes=minutes, by=by))
 
@@ -142,7 +145,7 @@ class JobCommands:
 
         Raises
         ------
-        Refused
+        RefusedError
             If the job has ended, or none of its plates waits.
         FarmError
             If the time cannot be read, or is not in the future.
@@ -157,13 +160,13 @@ class JobCommands:
         self._controller.handle(ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=by))
 
     def _list_queue(self, number: int) -> list[int]:
-        """Return the numbers of the jobs in the queue, in order. Raises Refused if the job is not in it."""
+        """Return the numbers of the queued jobs, in order. Raises RefusedError if the job is not queued."""
         books = self._controller.books
         if books.get_job(number).state.ended:
-            raise Refused(f"job {number} has already ended: it is {books.get_job(number).state}")
+            raise RefusedError(f"job {number} has already ended: it is {books.get_job(number).state}")
         order = [job.id for job in list_queue(books)]
         if number not in order:
-            raise Refused(f"no plate of job {number} waits: all of them have started")
+            raise RefusedError(f"no plate of job {number} waits: all of them have started")
         return order
 
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
@@ -182,11 +185,11 @@ class JobCommands:
         """
         job = self._find_held_job(number)
         if plan != (job.plan or ""):
-            raise Refused(f"the plan of job {number} is {job.plan}, not {plan}: check it again")
+            raise RefusedError(f"the plan of job {number} is {job.plan}, not {plan}: check it again")
         for plate in list(self._controller.books.list_plates(job)):
             path = state.files / plate.gcode
             if not path.is_file() or await asyncio.to_thread(compute_sha256, path) != plate.sha256:
-                raise Refused(
+                raise RefusedError(
                     f"plate {plate.id} has changed since it was planned: {path}; submit the model again"
                 )
         self._find_held_job(number)  # it may have been cancelled meanwhile
@@ -196,7 +199,7 @@ class JobCommands:
         """Convert a dry run to a job that is held until its plan is approved."""
         job = self._controller.books.get_job(number)
         if not job.options.dry_run or job.state.ended:
-            raise Refused(f"job {number} is not a dry run that can be kept: it is {job.state}")
+            raise RefusedError(f"job {number} is not a dry run that can be kept: it is {job.state}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobReleased(at_s=at_s, job=number, by=by, hold=True))
 
@@ -204,7 +207,7 @@ class JobCommands:
         """Submit the model of a job again with other options; return the number of the new job."""
         job = self._controller.books.get_job(number)
         if job.pruned_s is not None:
-            raise Refused(f"the files of job {number} were pruned: submit {job.name} again")
+            raise RefusedError(f"the files of job {number} were pruned: submit {job.name} again")
         self.check_submission(options)
         model = InspectedSubmission(job.model_file, job.repairs, job.scale or 1.0, job.own_gcode, job.size)
         return self.submit(request_id, job.name, model, options, by)[0]
@@ -226,9 +229,9 @@ class JobCommands:
         """
         job = self._controller.books.get_job(number)
         if job.state.ended:
-            raise Refused(f"job {number} has already ended: it is {job.state}")
+            raise RefusedError(f"job {number} has already ended: it is {job.state}")
         if not is_operator and (self._needs_operator(job) or job.submitted_by != by):
-            raise Refused(f"only an operator may let job {number} print: `farm approve {number}`")
+            raise RefusedError(f"only an operator may let job {number} print: `farm approve {number}`")
         if job.state is JobState.HELD:
             await self.approve(number, job.plan or "", state, by)
         elif job.options.hold and job.state in (JobState.QUEUED, JobState.PLANNING):
@@ -240,7 +243,7 @@ class JobCommands:
     def _find_held_job(self, number: int) -> Job:
         job = self._controller.books.get_job(number)
         if job.state is not JobState.HELD:
-            raise Refused(f"job {number} is not waiting for approval: it is {job.state}")
+            raise RefusedError(f"job {number} is not waiting for approval: it is {job.state}")
         return job
 
 
@@ -258,14 +261,14 @@ def find_successor(queue: Sequence[int], number: int, move: api.QueueMove) -> in
 
     Raises
     ------
-    Refused
+    RefusedError
         If the job is already at that place, or the other job is not in the queue.
     """
     place = queue.index(number)
     other_jobs = [entry for entry in queue if entry != number]
     if move.before is not None:
         if move.before not in other_jobs:
-            raise Refused(f"job {move.before} is not another job in the queue: `farm queue` lists it")
+            raise RefusedError(f"job {move.before} is not another job in the queue: `farm queue` lists it")
         return move.before
     places = {
         api.QueuePlace.UP: place - 1,
@@ -275,7 +278,7 @@ def find_successor(queue: Sequence[int], number: int, move: api.QueueMove) -> in
     }
     target = places[move.to or api.QueuePlace.LAST]
     if not 0 <= target <= len(other_jobs):
-        raise Refused(f"job {number} is already {'first' if place == 0 else 'last'} in the queue")
+        raise RefusedError(f"job {number} is already {'first' if place == 0 else 'last'} in the queue")
     return other_jobs[target] if target < len(other_jobs) else None
 
 

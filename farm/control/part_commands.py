@@ -6,7 +6,7 @@ from datetime import datetime
 
 from farm.control.controller import Controller
 from farm.control.printer_commands import PrinterCommands
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 from farm.model import Plate
 from farm.state import PlateState, find_stopped_print
 from farm.state import events as ev
@@ -24,7 +24,10 @@ _PENDING_REASONS = {
 
 
 class PartCommands:
-    """Commands of people on parts: checked, then handled as events. Methods raise NoSuchThing or Refused."""
+    """Commands of people on parts: checked, then handled as events.
+
+    Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
+    """
 
     def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
         self._controller, self._printers = controller, printers
@@ -35,7 +38,7 @@ class PartCommands:
         entry = self._controller.books.get_job(job)
         if entry.pruned_s is not None:
             pruned_at = datetime.fromtimestamp(entry.pruned_s, self._controller.fleet.zone)
-            raise Refused(
+            raise RefusedError(
                 f"the files of job {job} were pruned on {pruned_at:%Y-%m-%d} (`fleet.keep` in fleet.yaml): "
                 f"submit {entry.name} again; `farm report {job}` still shows how it was printed"
             )
@@ -43,7 +46,7 @@ class PartCommands:
         stopped_print = find_stopped_print(plate, self._controller.books.list_prints(plate))
         if state in _PENDING_REASONS and stopped_print is None:
             printer = self._find_printer(plate)
-            raise Refused(f"part {plate.parts[0]} {_PENDING_REASONS[state].format(printer=printer)}")
+            raise RefusedError(f"part {plate.parts[0]} {_PENDING_REASONS[state].format(printer=printer)}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=why, by=by))
         return plate.parts[0]
@@ -60,7 +63,7 @@ class PartCommands:
     def _cancel_plate(self, plate: Plate, by: str) -> str:
         state = self._controller.books.find_plate_state(plate)
         if state in _REFUSAL_REASONS and (state is not PlateState.GOOD or self._find_printer(plate) is None):
-            raise Refused(f"part {plate.parts[0]} {_REFUSAL_REASONS[state]}")
+            raise RefusedError(f"part {plate.parts[0]} {_REFUSAL_REASONS[state]}")
         self._controller.handle(ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=by))
         return plate.parts[0]
 
@@ -76,11 +79,11 @@ class PartCommands:
             reason = _REFUSAL_REASONS.get(
                 state, f"failed too often: print it again with `farm reprint {job} {part}`"
             )
-            raise Refused(f"part {name} {reason}")
+            raise RefusedError(f"part {name} {reason}")
         if plate.paused is pause_requested:
             if not pause_requested and self._controller.books.get_job(job).paused:
-                raise Refused(f"job {job} is paused: `farm resume {job}` resumes its parts")
-            raise Refused(f"part {name} is {'already paused' if pause_requested else 'not paused'}")
+                raise RefusedError(f"job {job} is paused: `farm resume {job}` resumes its parts")
+            raise RefusedError(f"part {name} is {'already paused' if pause_requested else 'not paused'}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=pause_requested, by=by))
         return ""
@@ -96,9 +99,9 @@ class PartCommands:
             if cut_part.job == job and parse_part_number(cut_part.id) == parse_part_number(part):
                 names = books.plates[cut_part.plate].replaced_by
                 pieces = " ".join(name for plate in names for name in books.plates[plate].parts)
-                raise Refused(f"part {cut_part.id} failed and was cut into smaller parts: give {pieces}")
+                raise RefusedError(f"part {cut_part.id} failed and was cut into smaller parts: give {pieces}")
         part_names = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
-        raise NoSuchThing(f"job {job} has no part {part}; its parts are {part_names}")
+        raise NotFoundError(f"job {job} has no part {part}; its parts are {part_names}")
 
     def _find_printer(self, plate: Plate) -> str | None:
         """Return the printer that is printing a plate; None if there is none."""

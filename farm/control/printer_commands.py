@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from farm import api
 from farm.config import FieldError
 from farm.control.controller import Controller
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.model import Print, PrintState, Reel, Verdict
 from farm.planning.inspection import complete_section
 from farm.state import PlateState, apply_reel, find_failed_print, list_reprinting_printers, name_part
@@ -17,7 +17,10 @@ from farm.text import parse_part_number
 
 
 class PrinterCommands:
-    """Commands of people on printers: checked, then handled as events. They raise NoSuchThing or Refused."""
+    """Commands of people on printers: checked, then handled as events.
+
+    Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
+    """
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -26,7 +29,7 @@ class PrinterCommands:
         """Stop a failing print, and print its part again."""
         attempt = self.find_open_print(printer, f"; for a printed part use `farm cleared {printer} --bad`")
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
-            raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
+            raise RefusedError(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
         self._controller.handle(
             ev.PrintFailRequested(at_s=self._controller.clock.now(), print_id=attempt.id, why=why, by=by)
         )
@@ -35,16 +38,16 @@ class PrinterCommands:
         """Pause or resume a print; one that is still heating is paused when it starts to print."""
         attempt = self.find_open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
-            raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
+            raise RefusedError(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
         if not is_paused and not attempt.pause_requested and attempt.state is not PrintState.PAUSED:
-            raise Refused(f"{printer} is not paused")
+            raise RefusedError(f"{printer} is not paused")
         if not is_paused:
             self.refuse_unattended([printer])
         at_s = self._controller.clock.now()
         self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=is_paused, by=by))
 
     def refuse_unattended(self, printers: Iterable[str]) -> None:
-        """Raise Refused if one of the printers may not print now because nobody is present."""
+        """Raise RefusedError if one of the printers may not print now because nobody is present."""
         now_s = self._controller.clock.now()
         fleet_printers = [
             p for name in printers if (p := self._controller.situations.describe_printer(name)) is not None
@@ -55,7 +58,7 @@ class PrinterCommands:
             if (reason := self._controller.rules.find_unattended_reason(printer, now_s)) is not None
         ]
         if reasons:
-            raise Refused("; ".join(reasons))
+            raise RefusedError("; ".join(reasons))
 
     def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.ClearedResponse:
         """Record that a person cleared a bed, with the verdict on its part.
@@ -66,16 +69,16 @@ class PrinterCommands:
         books = self._controller.books
         books.get_printer(printer)
         if books.find_open_print(printer) is not None:
-            raise Refused(f"{printer} is printing: its bed cannot be clear")
+            raise RefusedError(f"{printer} is printing: its bed cannot be clear")
         last_print = books.find_last_print(printer)
         if request.seen is not None and last_print is not None and request.seen != last_print.id:
-            raise Refused(
+            raise RefusedError(
                 f"plate {last_print.plate} was printed on {printer} after this page was shown: "
                 "look at its bed"
             )
         judged_print = books.find_print_to_judge(printer)
         if request.bad and judged_print is None:
-            raise Refused(f"no part printed on {printer} waits for a verdict: leave out --bad")
+            raise RefusedError(f"no part printed on {printer} waits for a verdict: leave out --bad")
         good_print = None if request.good is None else self._find_failed_print(printer, request.good)
         self._controller.handle(
             ev.BedCleared(
@@ -106,13 +109,13 @@ class PrinterCommands:
         judged_print, failed_print = books.find_print_to_judge(printer), find_failed_print(books, printer)
         attempt = judged_print or failed_print
         if attempt is None:
-            raise Refused(
+            raise RefusedError(
                 f"no part is recorded on {printer}: `farm history --printer {printer}` lists its prints"
             )
         name = name_part(books, attempt)
         job = part.rpartition("/")[0]
         if parse_part_number(part) != parse_part_number(name) or job not in ("", str(attempt.job)):
-            raise Refused(f"the part on {printer} is {name}, not {part}")
+            raise RefusedError(f"the part on {printer} is {name}, not {part}")
         return failed_print if judged_print is None else None
 
     async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
@@ -136,7 +139,7 @@ class PrinterCommands:
                 complete_section, apply_reel(section, reel), fleet_section
             )
         except FieldError as error:
-            raise Refused(f"{printer}: {error}") from error
+            raise RefusedError(f"{printer}: {error}") from error
         filament = {
             "material": loaded_section.material,
             "kind": loaded_section.material_kind,
@@ -150,7 +153,7 @@ class PrinterCommands:
 
     def _refuse_while_printing(self, printer: str) -> None:
         if self._controller.books.find_open_print(printer) is not None:
-            raise Refused(f"{printer} is printing: use `farm load` after the print has ended")
+            raise RefusedError(f"{printer} is printing: use `farm load` after the print has ended")
 
     def begin_maintenance(self, printer: str, why: str, by: str) -> None:
         """Take a printer out of use; its open print continues."""
@@ -161,7 +164,7 @@ class PrinterCommands:
     def end_maintenance(self, printer: str, by: str) -> None:
         """Put a printer back into use."""
         if self._controller.books.get_printer(printer).maintenance is None:
-            raise Refused(f"{printer} is not in maintenance")
+            raise RefusedError(f"{printer} is not in maintenance")
         self._controller.handle(
             ev.MaintenanceEnded(at_s=self._controller.clock.now(), printer=printer, by=by)
         )
@@ -170,14 +173,14 @@ class PrinterCommands:
         """Record that a person has resolved an outage; return its printers."""
         outage = self._controller.books.outage
         if outage is None:
-            raise Refused("there is no outage: give a printer, a job or a part to resume")
+            raise RefusedError("there is no outage: give a printer, a job or a part to resume")
         self._controller.handle(ev.OutageConfirmed(at_s=self._controller.clock.now(), by=by))
         return " ".join(outage.printers)
 
     def find_open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:
-        """Return the open print of a printer. Raises Refused, with `advice`, if there is none."""
+        """Return the open print of a printer. Raises RefusedError, with `advice`, if there is none."""
         self._controller.books.get_printer(printer)
         attempt = self._controller.books.find_open_print(printer)
         if attempt is None:
-            raise Refused(f"{printer} is not printing{advice}")
+            raise RefusedError(f"{printer} is not printing{advice}")
         return attempt

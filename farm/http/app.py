@@ -10,7 +10,7 @@ from starlette.exceptions import HTTPException
 import farm
 from farm import api
 from farm.control import DryRuns, JobCommands, KeyCommands, PartCommands, PrinterCommands
-from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
+from farm.errors import ErrorCode, ExitCode, FarmError, NotFoundError, RefusedError
 from farm.http.body_limit import MAX_BODY_BYTES, TOO_LARGE_STATUS, BodyLimit
 from farm.http.callers import identify_caller
 from farm.http.routes.cameras import make_camera_routes
@@ -96,7 +96,7 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
 
     @app.exception_handler(TOO_LARGE_STATUS)
     async def handle_large_body(request: Request, _: Exception) -> Response:
-        error = Refused(f"the request to {request.url.path} is longer than {MAX_BODY_BYTES // 1024} KiB")
+        error = RefusedError(f"the request to {request.url.path} is longer than {MAX_BODY_BYTES // 1024} KiB")
         return make_problem(str(error), error.code, error.exit_code, TOO_LARGE_STATUS)
 
     @app.exception_handler(HTTPException)
@@ -105,7 +105,7 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
 
     @app.exception_handler(404)
     async def handle_not_found(request: Request, _: Exception) -> Response:
-        error = NoSuchThing(f"there is nothing at {request.url.path}")
+        error = NotFoundError(f"there is nothing at {request.url.path}")
         return make_problem(str(error), error.code, error.exit_code, 404)
 
 

@@ -17,7 +17,7 @@ import h11
 from fastapi import Depends, Request
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from farm.errors import FleetFileError, Refused
+from farm.errors import FleetFileError, RefusedError
 from farm.model import Role
 
 log = logging.getLogger(__name__)
@@ -140,32 +140,32 @@ def identify_caller(request: Request) -> Caller:
 
     Raises
     ------
-    Refused
+    RefusedError
         If the sender is unknown.
     """
     caller: Caller | None = getattr(request.state, "caller", None)
     if caller is None:
-        raise Refused("the sender of this request is unknown: use the daemon's Unix socket")
+        raise RefusedError("the sender of this request is unknown: use the daemon's Unix socket")
     return caller
 
 
 def find_caller_name(request: Request) -> str:
-    """Return the name of the caller. Raises Refused if the sender is unknown."""
+    """Return the name of the caller. Raises RefusedError if the sender is unknown."""
     return identify_caller(request).name
 
 
 def is_operator(request: Request) -> bool:
-    """Return whether the caller is an operator. Raises Refused if the sender is unknown."""
+    """Return whether the caller is an operator. Raises RefusedError if the sender is unknown."""
     return identify_caller(request).is_operator(_find_operators(request))
 
 
 def find_operator_name(request: Request) -> str:
-    """Return the name of a caller who is an operator. Raises Refused for others."""
+    """Return the name of a caller who is an operator. Raises RefusedError for others."""
     name = identify_caller(request).name
     if is_operator(request):
         return name
     group = _find_operators(request)
-    raise Refused(f"{name} is not an operator: only members of the group {group} may do this")
+    raise RefusedError(f"{name} is not an operator: only members of the group {group} may do this")
 
 
 def _find_operators(request: Request) -> str | None:
@@ -184,7 +184,7 @@ def listen(path: Path, group: str) -> socket.socket:
 
     Raises
     ------
-    Refused
+    RefusedError
         If the socket cannot be opened.
     """
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -198,7 +198,9 @@ def listen(path: Path, group: str) -> socket.socket:
             os.umask(mask)
     except OSError as error:
         listener.close()
-        raise Refused(f"{path}: the daemon cannot listen there ({error}); name another --socket") from error
+        raise RefusedError(
+            f"{path}: the daemon cannot listen there ({error}); name another --socket"
+        ) from error
     _share_socket(path, group)
     listener.listen(_BACKLOG)
     listener.setblocking(False)

@@ -238,7 +238,7 @@ class BoundedServer(uvicorn.Server):
 
         Raises
         ------
-        Refused
+        RefusedError
             If the new connection must be closed.
         """
         while len(self.connections) >= self._limit:

@@ -15,7 +15,7 @@ from farm.cameras import Image
 from farm.compute import Pool
 from farm.compute.cluster import ClusterPool
 from farm.control import AppKeyRequests, Controller, SessionCommands
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 from farm.http.callers import find_user_role
 from farm.http.event_streams import EmptyEventLog, EventStreams
 from farm.http.stream_limit import StreamLimit
@@ -27,23 +27,23 @@ from farm.views import ViewContext
 
 async def refuse_replacing(name: str) -> None:
     """Refuse to replace an agent, because the farm has no agents."""
-    raise Refused(f"{name} has no agent")
+    raise RefusedError(f"{name} has no agent")
 
 
 async def refuse_stills(printer: str) -> Image:
     """Refuse to fetch a still, because the farm has no cameras."""
-    raise NoSuchThing(f"{printer} has no camera")
+    raise NotFoundError(f"{printer} has no camera")
 
 
 async def refuse_reading(printer: str) -> list[WireLine]:
     """Refuse to read the lines on the wire of a printer, because the farm has no agents."""
-    raise Refused(f"{printer} has no agent")
+    raise RefusedError(f"{printer} has no agent")
 
 
 async def refuse_pruning(by: str, dry_run: bool) -> api.PruneResponse:
     """Refuse to prune, because the daemon runs without upkeep."""
     action = "preview a prune" if dry_run else "prune"
-    raise Refused(f"{by} cannot {action}: this daemon runs without upkeep, and keeps all jobs")
+    raise RefusedError(f"{by} cannot {action}: this daemon runs without upkeep, and keeps all jobs")
 
 
 @dataclass(slots=True)

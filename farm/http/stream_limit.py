@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from farm.errors import Refused
+from farm.errors import RefusedError
 
 STREAM_TYPE = "text/event-stream"
 _HEADERS = {"x-accel-buffering": "no"}  # tells a proxy not to buffer events
@@ -48,11 +48,11 @@ class StreamLimit:
                 await self._close_event.wait()
 
     def check(self, caller: str) -> None:
-        """Raise Refused if a caller may not open another stream."""
+        """Raise RefusedError if a caller may not open another stream."""
         if self.is_closed:
-            raise Refused("the daemon is shutting down: open the stream after `farm up`")
+            raise RefusedError("the daemon is shutting down: open the stream after `farm up`")
         if self._callers.total() >= self._limit or self._callers[caller] >= self._limit_per_caller:
-            raise Refused(f"too many streams are open ({self._callers[caller]} of {caller}): end one")
+            raise RefusedError(f"too many streams are open ({self._callers[caller]} of {caller}): end one")
 
     @contextmanager
     def count(self, caller: str) -> Iterator[None]:

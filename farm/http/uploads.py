@@ -18,7 +18,7 @@ from farm import api
 from farm.compute import Pool
 from farm.config import UploadsSection
 from farm.control import Controller
-from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
+from farm.errors import ErrorCode, FarmError, NotFoundError, RefusedError
 from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.planning import InspectedSubmission, name_step_file
@@ -66,27 +66,27 @@ def check_quota(
 
     Raises
     ------
-    Refused
+    RefusedError
         If the upload exceeds a limit; the message names its key in `fleet.yaml`.
     """
     if size > quota.model_gb * _GB:
-        raise Refused(
+        raise RefusedError(
             f"{name} has {size / _GB:.1f} GB; the largest model may have {quota.model_gb:g} GB: "
             "simplify its mesh, or raise `fleet.uploads.model_gb` in fleet.yaml"
         )
     if len(missing_bytes) >= quota.at_once:
-        raise Refused(
+        raise RefusedError(
             f"already receiving and checking {format_count(len(missing_bytes), 'model')}: submit {name} "
             "again in a moment, or raise `fleet.uploads.at_once` in fleet.yaml"
         )
     if open_jobs >= quota.open_jobs:
-        raise Refused(
+        raise RefusedError(
             f"{format_count(open_jobs, 'open job')} already: cancel some with `farm cancel JOB`, or raise "
             "`fleet.uploads.open_jobs` in fleet.yaml"
         )
     remaining_bytes = free_bytes - sum(missing_bytes) - size
     if quota.free_gb and remaining_bytes < quota.free_gb * _GB:
-        raise Refused(
+        raise RefusedError(
             f"{name} would leave {max(0.0, remaining_bytes / _GB):.1f} GB free on the disk of the state "
             f"folder, where {quota.free_gb:g} GB must stay free: delete files there, or lower "
             "`fleet.uploads.free_gb` in fleet.yaml"
@@ -174,7 +174,7 @@ class Uploads:
         self._open_uploads: dict[Path, Upload] = {}
 
     def describe(self, request_id: str) -> api.UploadView:
-        """Describe the progress of an upload. Raises NoSuchThing."""
+        """Describe the progress of an upload. Raises NotFoundError."""
         for path, upload in self._open_uploads.items():
             if upload.request_id == request_id:
                 step = "sending" if upload.missing_bytes else self._describe_wait()
@@ -183,7 +183,7 @@ class Uploads:
                 return api.UploadView(
                     step=step, received=upload.size - upload.missing_bytes, size=upload.size
                 )
-        raise NoSuchThing(f"there is no open upload {request_id}")
+        raise NotFoundError(f"there is no open upload {request_id}")
 
     def _describe_wait(self) -> str:
         start_step = self._workers.start_step
@@ -206,7 +206,7 @@ class Uploads:
 
         Raises
         ------
-        Refused
+        RefusedError
             See `check_quota`.
         """
         self._check_quota(name, size)
@@ -243,7 +243,7 @@ class Uploads:
 
         Raises
         ------
-        Refused
+        RefusedError
             See `check_quota`; or if the number of bytes differs from the announced size.
         FarmError
             If the model cannot be printed; with code `limit`, as soon as its first bytes announce too many
@@ -259,7 +259,7 @@ class Uploads:
                         await append(chunk)
             if upload.missing_bytes:
                 received_bytes = size - upload.missing_bytes
-                raise Refused(
+                raise RefusedError(
                     f"the upload of {name} stopped after {received_bytes} of {size} bytes; submit it again"
                 )
             return await self.inspect(upload, name, options)

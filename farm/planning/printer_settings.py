@@ -7,7 +7,7 @@ from functools import cache
 
 from drivers.printers import PROFILES, Profile, UsableVolume, list_usable_volumes
 from farm.config import PrinterSection
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.model import JobOptions
 from farm.planning.error_translation import translate_errors
 from slicing.printer import HeadShape, MachineLimits, PrintCode, PrinterModel
@@ -19,7 +19,7 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
 
     Raises
     ------
-    Refused
+    RefusedError
         If no printer matches; the message lists the materials of the fleet.
     """
     enabled_sections = [section for section in printers if section.enabled]
@@ -34,10 +34,10 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
         available = sorted({_describe_filament(section) for section in enabled_sections})
         description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
         if options.only:
-            raise Refused(
+            raise RefusedError(
                 f"{' '.join(options.only)} is disabled, or lacks {description}: send it to another address"
             )
-        raise Refused(
+        raise RefusedError(
             f"no printer of the fleet has {description}; it has {', '.join(available) or 'no printer at all'}"
         )
     return matching_sections

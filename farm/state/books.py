@@ -11,7 +11,7 @@ from itertools import chain, compress, islice
 from operator import is_, is_not
 from typing import TypeVar
 
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import (
     Entity,
     Job,
@@ -68,7 +68,7 @@ class Books:
         try:
             return self.jobs[number]
         except KeyError:
-            raise NoSuchThing(f"there is no job {number}; `farm status` lists them") from None
+            raise NotFoundError(f"there is no job {number}; `farm status` lists them") from None
 
     def find_revision(self, job: int) -> object:
         """Return an object that is replaced at each change of the job, its parts, plates or prints."""
@@ -79,13 +79,13 @@ class Books:
             return self.printers[name]
         except KeyError:
             names = ", ".join(sorted(self.printers)) or "none"
-            raise NoSuchThing(f"there is no printer {name}; the fleet has {names}") from None
+            raise NotFoundError(f"there is no printer {name}; the fleet has {names}") from None
 
     def get_key(self, name: str) -> Key:
         try:
             return self.keys[name]
         except KeyError:
-            raise NoSuchThing(f"there is no key {name}; `farm key` lists them") from None
+            raise NotFoundError(f"there is no key {name}; `farm key` lists them") from None
 
     def list_prints(self, plate: Plate) -> Iterator[Print]:
         """Yield the prints of a plate, oldest first."""

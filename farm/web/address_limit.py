@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import uvicorn
 
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http import BoundedServer, WaitingConnection, find_longest_waiting_connection
 
 _SHARE_DIVISOR = 4  # one address may have a quarter of all connections
@@ -66,7 +66,7 @@ class AddressLimitedServer(BoundedServer):
 
         Raises
         ------
-        Refused
+        RefusedError
             If the address has reached its limit, and none of its connections waits for the client.
         """
         client = group_address(connection.getpeername()[0])
@@ -76,7 +76,7 @@ class AddressLimitedServer(BoundedServer):
         ):
             waiting_connection = find_longest_waiting_connection(own_connections)
             if waiting_connection is None:
-                raise Refused(f"{client} has {len(own_connections)} connections")
+                raise RefusedError(f"{client} has {len(own_connections)} connections")
             waiting_connection.transport.abort()
             await asyncio.sleep(0.0)
         await super().make_room(connection)

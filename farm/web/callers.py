@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fastapi import Request
 
 from farm.control import find_key
-from farm.errors import FarmError, Refused
+from farm.errors import FarmError, RefusedError
 from farm.http import Services
 from farm.model import Key, KeyKind, Role
 from farm.web.cookies import SessionCookie
@@ -67,11 +67,11 @@ class Visitor:
 
 
 def find_holder(request: Request) -> KeyHolder:
-    """Return the caller, whom the guard has identified. Raises Refused for a visitor."""
+    """Return the caller, whom the guard has identified. Raises RefusedError for a visitor."""
     caller = request.state.caller
     if isinstance(caller, KeyHolder):
         return caller
-    raise Refused("this needs a session: `farm web` on the farm's host opens one")
+    raise RefusedError("this needs a session: `farm web` on the farm's host opens one")
 
 
 class CallerFinder:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.paths import StateFolder, find_farm_paths, read_anchor, write_anchor
 
 
@@ -63,7 +63,7 @@ def test_socket_of_a_long_path_is_in_a_private_folder(temporary_folder):
 def test_temporary_folder_open_to_others_is_refused(temporary_folder, prepare, reason):
     folder, find_socket = temporary_folder
     prepare(folder)
-    with pytest.raises(Refused, match=f"{folder} {reason}.*name a shorter --socket"):
+    with pytest.raises(RefusedError, match=f"{folder} {reason}.*name a shorter --socket"):
         find_socket()
 
 
@@ -73,7 +73,7 @@ def test_temporary_folder_of_another_user_is_refused(temporary_folder, monkeypat
     own_uid = os.getuid()
     monkeypatch.setattr("os.getuid", lambda: own_uid + 1)
     folder.rename(folder.with_name(f"farm-{own_uid + 1}"))
-    with pytest.raises(Refused, match="belongs to another user"):
+    with pytest.raises(RefusedError, match="belongs to another user"):
         find_socket()
 
 
@@ -135,5 +135,5 @@ def test_state_folder_keeps_its_clock(tmp_path):
 
     first_clock = open_farm_clock(make_fleet(60), StateFolder(tmp_path))
     assert open_farm_clock(make_fleet(60), StateFolder(tmp_path)) == first_clock
-    with pytest.raises(Refused, match="time_scale 60, not 1"):
+    with pytest.raises(RefusedError, match="time_scale 60, not 1"):
         open_farm_clock(make_fleet(1), StateFolder(tmp_path))

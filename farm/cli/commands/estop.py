@@ -19,7 +19,7 @@ from drivers.printers import PROFILES, find_firmware
 from farm.cli import completion
 from farm.cli.estop_socket import Report, StopReport, find_estop_socket, request_stop, serve_request
 from farm.cli.options import Json, with_paths
-from farm.errors import FarmError, FleetFileError, NoSuchThing
+from farm.errors import FarmError, FleetFileError, NotFoundError
 from farm.fleet_file import load_fleet
 from farm.paths import FarmPaths
 from farm.text import flatten_text
@@ -75,7 +75,7 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: Report) -> None:
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If a name is unknown; the other printers are stopped.
     FarmError
         If it is not confirmed that a printer's heaters are off, or that the printer stands still.
@@ -96,7 +96,9 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: Report) -> None:
             moving_printers.append(result.printer)
     unknown_names = [name for name in names if name not in targets]
     if unknown_names:
-        raise NoSuchThing(f"there is no printer {' '.join(unknown_names)}; the farm has {' '.join(targets)}")
+        raise NotFoundError(
+            f"there is no printer {' '.join(unknown_names)}; the farm has {' '.join(targets)}"
+        )
     if hot_printers:
         raise FarmError(
             f"heaters not confirmed off: {' '.join(sorted(hot_printers))}: switch these printers off by hand"

@@ -15,7 +15,7 @@ from farm.cli.client import Client
 from farm.cli.display import print_json
 from farm.cli.options import Json, with_paths
 from farm.config import PrinterSection
-from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
+from farm.errors import ErrorCode, ExitCode, FarmError, NotFoundError, RefusedError
 from farm.fleet_file import load_fleet
 from farm.paths import FarmPaths
 
@@ -104,11 +104,11 @@ def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: s
     )
     if section is None and not place.startswith(("/", NET_PREFIX)):
         names = " ".join(section.name for section in sections)
-        raise NoSuchThing(
+        raise NotFoundError(
             f"there is no printer {place}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
         )
     if section is not None and section.host is not None:
-        raise Refused(
+        raise RefusedError(
             f"{section.name} is on {section.host}: `farm cleared {section.name}` tests its reset there"
         )
     if section is not None and section.simulated:
@@ -126,7 +126,7 @@ def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: s
         firmware = find_firmware(_DEFAULT_MODEL if section is None else section.model)
         model = verify_reset(section.port if section is not None else place, folder, firmware)
     except DriverError as error:
-        raise Refused(str(error)) from error
+        raise RefusedError(str(error)) from error
     print(f"{place}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
     if section is None:
         print(_format_entry(_make_name({section.name for section in sections}), model, place))

@@ -37,7 +37,7 @@ from farm.cli.options import (
     parse_printer_count,
     parse_scheduler,
 )
-from farm.errors import ErrorCode, FarmError, Refused
+from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.text import format_duration
 from farm.wording import format_filament
 
@@ -283,7 +283,7 @@ def worker(
     )
     options.folder.mkdir(parents=True, exist_ok=True)
     if acquire_lock(options.folder / "lock") is None:  # held until this process ends
-        raise Refused(f"another worker uses {options.folder}: give each its own --folder")
+        raise RefusedError(f"another worker uses {options.folder}: give each its own --folder")
     with translate_errors():
         asyncio.run(serve_tasks(options, warm_up_planning))
 

@@ -13,7 +13,7 @@ from farm.cli import completion
 from farm.cli.client import connect
 from farm.cli.display import print_json
 from farm.cli.options import Job, Json, Printer, ReasonOption, with_farm
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import FilamentState, HoldCode, Link
 from farm.paths import FarmPaths
 from farm.text import format_duration
@@ -95,7 +95,7 @@ def cleared(
             print("no bed needs clearing")
     unknown = [name for name in printers if name not in fleet]
     if unknown:
-        raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet)}")
+        raise NotFoundError(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet)}")
     request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why, good=good)
     for printer in printers:
         answer = client.clear_bed(printer, request)

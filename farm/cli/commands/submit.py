@@ -26,7 +26,7 @@ from farm.cli.options import (
     with_farm,
 )
 from farm.cli.submission import Submitter, expand_patterns
-from farm.errors import ErrorCode, FarmError, Refused
+from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.model import JobOptions
 from farm.paths import FarmPaths
 
@@ -137,7 +137,7 @@ def approve(
     client = connect(paths)
     job_view = client.fetch_job(job).job
     if not job_view.plates:
-        raise Refused(f"job {job} has no plan yet: it is {job_view.state}")
+        raise RefusedError(f"job {job} has no plan yet: it is {job_view.state}")
     timeline = client.fetch_timeline(job)
     client.approve(job, api.ApproveRequest(plan=plan or job_view.plan or ""))
     show_timeline(timeline)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from farm import api
 from farm.control.access.keys import CODE_LETTERS, KeyCommands
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 
 _CODE_LENGTH = 4
 _TOKEN_BYTES = 24
@@ -52,13 +52,13 @@ class AppKeyRequests:
         self._requests: dict[str, AppKeyRequest] = {}  # by token
 
     def add(self, app: str, address: str, now_s: float) -> str:
-        """Add a request, and return its token. Raises Refused if there are too many."""
+        """Add a request, and return its token. Raises RefusedError if there are too many."""
         open_requests = self.list_open_requests(now_s)
         if (
             len(open_requests) >= MAX_REQUESTS
             or sum(request.address == address for request in open_requests) >= MAX_REQUESTS_PER_ADDRESS
         ):
-            raise Refused("too many programs request a key: wait for five minutes, or paste one")
+            raise RefusedError("too many programs request a key: wait for five minutes, or paste one")
         name = _FORBIDDEN_CHARACTERS.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
         code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
@@ -73,12 +73,12 @@ class AppKeyRequests:
         return [request for request in self._requests.values() if request.key is None]
 
     def find_open_request(self, code: str, now_s: float) -> AppKeyRequest:
-        """Return the unanswered request with a code. Raises NoSuchThing."""
+        """Return the unanswered request with a code. Raises NotFoundError."""
         app_request = next(
             (request for request in self.list_open_requests(now_s) if request.code == code), None
         )
         if app_request is None:
-            raise NoSuchThing(f"no program requests a key with the code {code}; `farm key` lists them")
+            raise NotFoundError(f"no program requests a key with the code {code}; `farm key` lists them")
         return app_request
 
     def grant(self, code: str, grant: api.AppKeyGrant, by: str, keys: KeyCommands, now_s: float) -> str:
@@ -86,9 +86,9 @@ class AppKeyRequests:
 
         Raises
         ------
-        NoSuchThing
+        NotFoundError
             If there is no unanswered request with this code.
-        Refused
+        RefusedError
             If a valid key has the same name.
         """
         app_request = self.find_open_request(code, now_s)
@@ -97,18 +97,18 @@ class AppKeyRequests:
         return key_request.name
 
     def deny(self, code: str, now_s: float) -> None:
-        """Remove a request. Raises NoSuchThing."""
+        """Remove a request. Raises NotFoundError."""
         denied_request = self.find_open_request(code, now_s)
         self._requests = {
             token: request for token, request in self._requests.items() if request is not denied_request
         }
 
     def take_key(self, token: str, now_s: float) -> str | None:
-        """Return the granted key, only once; None before the operator's answer. Raises NoSuchThing."""
+        """Return the granted key, only once; None before the operator's answer. Raises NotFoundError."""
         self.list_open_requests(now_s)
         request = self._requests.get(token)
         if request is None:
-            raise NoSuchThing("this request for a key was denied, or is too old: ask again")
+            raise NotFoundError("this request for a key was denied, or is too old: ask again")
         if request.key is not None:
             del self._requests[token]
         return request.key

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 from farm import api
 from farm.control.controller import Controller
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.model import Key, KeyKind
 from farm.state import events as ev
 
@@ -91,7 +91,7 @@ class KeyCommands:
 
         Raises
         ------
-        Refused
+        RefusedError
             If a valid key has the same name.
         """
         now_s = self._controller.clock.now()
@@ -101,7 +101,7 @@ class KeyCommands:
             if key.kind is KeyKind.KEY and key.name == request.name and key.is_valid(now_s)
         ]
         if keys_with_name:
-            raise Refused(
+            raise RefusedError(
                 f"there is a key named {request.name}: choose another name, or "
                 f"`farm key revoke {keys_with_name[0].id}`"
             )
@@ -123,11 +123,11 @@ class KeyCommands:
 
         Raises
         ------
-        NoSuchThing
+        NotFoundError
             If the key is unknown.
-        Refused
+        RefusedError
             If the key is already revoked.
         """
         if self._controller.books.get_key(name).revoked_s is not None:
-            raise Refused(f"the key {name} is revoked already")
+            raise RefusedError(f"the key {name} is revoked already")
         self._controller.handle(ev.KeyRevoked(at_s=self._controller.clock.now(), key=name, by=by))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from farm import api
 from farm.control.access.keys import digest_key, make_key_text
 from farm.control.controller import Controller
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import Key, KeyKind, Role
 from farm.state import events as ev
 
@@ -101,12 +101,12 @@ class SessionCommands:
 
         Raises
         ------
-        NoSuchThing
+        NotFoundError
             If the link is unknown, used or expired.
         """
         link = self._links.get(digest_key(token))
         if link is None or self._controller.clock.now() >= link.end_s:
-            raise NoSuchThing(
+            raise NotFoundError(
                 "this link was used or has expired: `farm web` on the farm's host makes a new one"
             )
         return link
@@ -116,7 +116,7 @@ class SessionCommands:
 
         Raises
         ------
-        NoSuchThing
+        NotFoundError
             If the link is unknown, used or expired.
         """
         link = self.find_link(token)

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import StreamingResponse
 
 from farm import api
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http.callers import CallerName
 from farm.http.services import Services
 from farm.http.stream_limit import STREAM_TYPE, StreamResponse
@@ -52,7 +52,9 @@ def make_event_routes(services: Services) -> APIRouter:
         newest = streams.log.find_last_event()
         after = next((number for number in (last_event_id, since) if number is not None), newest)
         if after > newest:
-            raise Refused(f"the last event is {newest}: the database was restored; begin with since={newest}")
+            raise RefusedError(
+                f"the last event is {newest}: the database was restored; begin with since={newest}"
+            )
         is_allowed: Callable[[], bool] = getattr(request.state, "is_allowed", lambda: True)
         streams.check(by)
 

@@ -10,7 +10,7 @@ from fastapi import APIRouter
 from fastapi.responses import FileResponse
 
 from farm import api
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.http.services import Services
 from farm.planning import list_job_files
 from farm.state import Books
@@ -37,7 +37,7 @@ def make_file_routes(services: Services) -> APIRouter:
 
 
 def name_stored_files(books: Books, number: int) -> dict[str, str]:
-    """Return the stored files of a job by their names. Raises NoSuchThing for an unknown job."""
+    """Return the stored files of a job by their names. Raises NotFoundError for an unknown job."""
     job = books.get_job(number)
     names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.list_plates(job))
     if job.pruned_s is None:
@@ -64,13 +64,13 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If there is no such job, or it no longer has the file.
     """
     file_name = name_stored_files(services.controller.books, number).get(name)
     if file_name is not None and await asyncio.to_thread((path := services.state.files / file_name).is_file):
         return path
-    raise NoSuchThing(f"job {number} has no file {name!r}: it may have been pruned")
+    raise NotFoundError(f"job {number} has no file {name!r}: it may have been pruned")
 
 
 def _measure_files(folder: Path, names: dict[str, str]) -> list[api.FileView]:

@@ -6,7 +6,7 @@ from fastapi import APIRouter
 
 from farm import api
 from farm.agents import HostRecord
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http.callers import OperatorName
 from farm.http.services import Services
 from farm.views import ViewContext
@@ -29,7 +29,7 @@ def make_host_routes(services: Services) -> APIRouter:
     async def update_agents(by: OperatorName) -> api.HostUpdate:
         hosts = () if services.hosts is None else services.hosts.begin_update(by)
         if not hosts:
-            raise Refused("no connected host has agents of a version other than its service's")
+            raise RefusedError("no connected host has agents of a version other than its service's")
         return api.HostUpdate(hosts=list(hosts))
 
     return router

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends
 
 from farm import api
 from farm.control import LINK_LIFETIME_S, KeyCommands
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http.callers import Caller, OperatorName, find_session_role, identify_caller
 from farm.http.services import Services
 from farm.views import list_keys
@@ -59,11 +59,11 @@ def make_session_routes(services: Services) -> APIRouter:
     async def make_link(caller: Annotated[Caller, Depends(identify_caller)]) -> api.LoginLink:
         network = services.network
         if network.browser_url is None:
-            raise Refused(
+            raise RefusedError(
                 "the farm does not listen on the network: write `web: {}` into fleet.yaml, then `farm up`"
             )
         if network.problem is not None:
-            raise Refused(f"the farm does not listen on the network: {network.problem}")
+            raise RefusedError(f"the farm does not listen on the network: {network.problem}")
         role = find_session_role(caller, controller.fleet.fleet.operators)
         token = services.sessions.make_link(caller.name, role)
         return api.LoginLink(

@@ -6,7 +6,7 @@ from fastapi import APIRouter
 
 from farm import api
 from farm.control import PartCommands, PrinterCommands
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
 
@@ -51,7 +51,7 @@ def make_printer_routes(services: Services, printers: PrinterCommands, parts: Pa
     @router.post("/printers/{name}/replace")
     async def replace_agent(name: str, by: OperatorName) -> None:
         if services.controller.books.find_open_print(name) is not None:
-            raise Refused(f"{name} is printing: replace its agent after the print has ended")
+            raise RefusedError(f"{name} is printing: replace its agent after the print has ended")
         await services.replace_agent(name)
 
     @router.post("/outage/confirm")

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from farm import api
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http.callers import OperatorName
 from farm.http.cluster_view import describe_cluster
 from farm.http.services import Services
@@ -106,22 +106,22 @@ def make_list_routes(services: Services) -> APIRouter:
 
 
 def _refuse_while_busy(services: Services) -> None:
-    """Refuse a shutdown while the farm prints, plans, or checks a submission. Raises Refused."""
+    """Refuse a shutdown while the farm prints, plans, or checks a submission. Raises RefusedError."""
     books = services.controller.books
     busy = sorted({attempt.printer for attempt in books.list_open_prints()})
     if busy:
-        raise Refused(
+        raise RefusedError(
             f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"
         )
     planning_jobs = services.controller.planning.list_running_jobs(books)
     if planning_jobs:
         jobs = " ".join(f"job {number}" for number in planning_jobs)
-        raise Refused(
+        raise RefusedError(
             f"being planned: {jobs}; use --wait to finish planning, or --now to plan again after `farm up`"
         )
     models = ", ".join(services.inspections.values())
     if models:
-        raise Refused(
+        raise RefusedError(
             f"being checked: {models}; use --wait to accept what can be printed, or --now to refuse it"
         )
 

@@ -127,7 +127,7 @@ def name_filament(
 
     Raises
     ------
-    Refused
+    RefusedError
         If no printer of the fleet has the material; the message lists the available materials.
     """
     if options.material is not None:

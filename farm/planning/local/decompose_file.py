@@ -31,7 +31,7 @@ from decompose.printers import PrinterRoom
 from decompose.results import Decomposition
 from drivers.printers import PROFILES, Profile, list_usable_volumes
 from farm.compute import read_process_bytes
-from farm.errors import ErrorCode, FarmError, Refused
+from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.sliced_parts import PartSlicer, relevel_by_slices, write_sliced_parts
 from farm.planning.parts.bed_places import Bed
@@ -223,7 +223,7 @@ def prepare_output_folder(out: Path) -> None:
 
     Raises
     ------
-    Refused
+    RefusedError
         If the folder contains other files, because parts of two models must not be mixed.
     """
     report = out / REPORT
@@ -235,13 +235,13 @@ def prepare_output_folder(out: Path) -> None:
             own_files |= {str(part.get(key)) for part in parts for key in ("file", "gcode")}
         foreign_files = sorted(path.name for path in out.iterdir() if path.name not in own_files)
         if foreign_files:
-            raise Refused(
+            raise RefusedError(
                 f"{out}: contains other files ({foreign_files[0]}...); give an empty folder with --out"
             )
         for name in own_files:
             (out / name).unlink(missing_ok=True)
     except (ValueError, KeyError, TypeError) as error:
-        raise Refused(
+        raise RefusedError(
             f"{report}: was not written by `farm decompose`; give an empty folder with --out"
         ) from error
     except OSError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.consequences import Result
@@ -30,7 +30,7 @@ def apply(event: ev.Event, books: Books) -> Result:
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If the event names an unknown entity.
     InvalidTransition
         If the event is not allowed in the state of its entity.
@@ -59,7 +59,7 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If the event names an unknown entity, and does not create it.
     InvalidTransition
         If the event is not allowed in the state of one of them.
@@ -85,7 +85,7 @@ def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
         books.get_job(key)
     if lifecycle is PRINTER:
         books.get_printer(str(key))
-    raise NoSuchThing(f"there is no {lifecycle.entity} {key}")
+    raise NotFoundError(f"there is no {lifecycle.entity} {key}")
 
 
 def list_undeclared_changes(event: ev.Event, before: Books, after: Books) -> list[str]:

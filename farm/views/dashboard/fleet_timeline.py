@@ -156,7 +156,7 @@ def describe_fleet_timeline(
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If the change names an unknown job.
     InvalidTransition
         If the job cannot be moved.

@@ -121,7 +121,7 @@ def select_prints(context: ViewContext, history_filter: HistoryFilter) -> list[P
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If there is no such job.
     """
     if history_filter.job is not None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from farm import api
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import Hold, Print, Temperatures
 from farm.state.event_rows import EventRow
 from farm.views.charts import TemperatureChart, lay_out_temperatures
@@ -92,11 +92,11 @@ def describe_printer_page(
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If the fleet has no such printer.
     """
     if name not in context.fleet.names:
-        raise NoSuchThing(f"there is no printer {name} in the fleet")
+        raise NotFoundError(f"there is no printer {name} in the fleet")
     section = context.fleet.find_printer(name)
     prints = [attempt for attempt in context.books.prints.values() if attempt.printer == name]
     return PrinterPage(

@@ -54,7 +54,7 @@ def apply_change(books: Books, change: Change, now_s: float) -> Books:
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If there is no such job.
     InvalidTransition
         If the job cannot be moved.

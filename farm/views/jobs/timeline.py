@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from farm import api
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.model import Plate
 from farm.scheduling import Situation, Slot, describe_plates, forecast_prints
 from farm.state import Books, PlateState
@@ -30,15 +30,15 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If there is no such job.
-    Refused
+    RefusedError
         If it has no plan.
     """
     books = context.books
     job = books.get_job(number)
     if not job.plates:
-        raise Refused(f"job {number} has no plan yet: it is {job.state}")
+        raise RefusedError(f"job {number} has no plan yet: it is {job.state}")
     plates = {plate.id: plate for plate in books.list_plates(job)}
     waiting_plates = (p for p in plates.values() if books.find_plate_state(p) is PlateState.WAITING)
     own_plates = tuple(describe_plates(waiting_plates, books))

@@ -14,7 +14,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
 from functools import partial
 
-from farm.errors import FarmError, NoSuchThing
+from farm.errors import FarmError, NotFoundError
 from farm.http import StreamLimit
 from farm.model import Role
 from farm.web.live.fragments import MAIN_ID, find_changes, split_page
@@ -157,7 +157,7 @@ class LivePages:
             match = pattern.fullmatch(path)
             if match is not None:
                 return partial(render, Reader("", role), "".join(match.groups()), query), rounds
-        raise NoSuchThing(f"there is no live page {path}")
+        raise NotFoundError(f"there is no live page {path}")
 
     def _start_refreshing(self) -> None:
         if self._refresh_task is None or self._refresh_task.done():

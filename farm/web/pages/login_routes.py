@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
 from farm.control import KeyCommands
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 from farm.http import Services
 from farm.web.callers import CallerFinder, find_holder
 from farm.web.cookies import SessionCookie
@@ -50,7 +50,7 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
     async def log_out(request: Request) -> Response:
         holder = find_holder(request)
         if not holder.has_session:
-            raise Refused(
+            raise RefusedError(
                 f"{holder.name} has a key, not a session: an operator revokes it with `farm key revoke`"
             )
         keys.revoke(holder.key.id, holder.name)
@@ -69,7 +69,7 @@ def _add_link_login(router: APIRouter, services: Services, cookie: SessionCookie
     async def show_login(token: str) -> Response:
         try:
             link = services.sessions.find_link(token)
-        except NoSuchThing as error:
+        except NotFoundError as error:
             return HTMLResponse(render_message(name, str(error)), 404)
         return HTMLResponse(render_login(name, link.user, link.role))
 
@@ -77,7 +77,7 @@ def _add_link_login(router: APIRouter, services: Services, cookie: SessionCookie
     async def log_in(token: str) -> Response:
         try:
             text = services.sessions.open(token)
-        except NoSuchThing as error:
+        except NotFoundError as error:
             return HTMLResponse(render_message(name, str(error)), 404)
         return _redirect_home(cookie, text)
 

@@ -12,7 +12,7 @@ from fastapi.responses import HTMLResponse
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, BeforeValidator, ValidationError
 
-from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.errors import ErrorCode, FarmError, NotFoundError
 from farm.text import describe_first_error
 from farm.web.pages.rendering import render_message
 
@@ -44,7 +44,7 @@ class PageRoute(APIRoute):
             try:
                 return await handle(request)
             except FarmError as error:
-                text, status = str(error), _NOT_FOUND if isinstance(error, NoSuchThing) else _BAD_REQUEST
+                text, status = str(error), _NOT_FOUND if isinstance(error, NotFoundError) else _BAD_REQUEST
             except RequestValidationError as error:
                 text, status = describe_first_error(error.errors()), _BAD_REQUEST
             return HTMLResponse(render_message(request.app.state.controller.fleet.fleet.name, text), status)

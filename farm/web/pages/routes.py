@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Request, Response
 
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.http import describe_farm
 from farm.web.notes import Note, Reader
 from farm.web.pages.home import render_home
@@ -31,7 +31,7 @@ def make_page_routes(pages: PageContext) -> APIRouter:
     async def send_static_file(name: str, request: Request) -> Response:
         file = load_static_files().get(name)
         if file is None:
-            raise NoSuchThing(f"there is nothing at /static/{name}")
+            raise NotFoundError(f"there is nothing at /static/{name}")
         headers = {"vary": "accept-encoding"}
         if request.query_params.get("v") == file.version:
             headers["cache-control"] = _CACHE_CONTROL

@@ -9,7 +9,7 @@ from fastapi import Depends, Request
 
 from farm.config import PrinterSection
 from farm.control import Controller
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import Job, JobOptions
 
 
@@ -47,12 +47,12 @@ class Address:
 
 
 def read_address(request: Request) -> Address:
-    """Return the address of a request. Raises NoSuchThing for an unknown printer."""
+    """Return the address of a request. Raises NotFoundError for an unknown printer."""
     printer: str | None = request.path_params.get("printer")
     controller: Controller = request.app.state.controller
     if printer is not None and printer not in controller.fleet.names:
         printers = ", ".join(sorted(controller.fleet.names)) or "none"
-        raise NoSuchThing(f"there is no printer {printer}; the fleet has {printers}")
+        raise NotFoundError(f"there is no printer {printer}; the fleet has {printers}")
     prefix = "" if printer is None else f"/to/{printer}"
     return Address(printer, f"{request.url.scheme}://{request.url.netloc}{prefix}")
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel
 
 from farm.control import JobCommands, PartCommands, PrinterCommands
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http import CallerName, Services, is_operator
 from farm.model import PrintState
 from farm.web.slicers.address import AddressParameter
@@ -66,7 +66,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
     ) -> None:
         job = selection.find(by, address, controller.books)
         if job is None:
-            raise Refused("no file is selected, and nothing is printing at this address")
+            raise RefusedError("no file is selected, and nothing is printing at this address")
         open_print = None if address.printer is None else controller.books.find_open_print(address.printer)
         match body.command:
             case "start":
@@ -81,12 +81,12 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
             case "cancel":
                 jobs.cancel(job.id, by)
             case _:
-                raise Refused(f"the farm has no command {body.command} for jobs")
+                raise RefusedError(f"the farm has no command {body.command} for jobs")
 
     @router.post("/api/connection", status_code=_NO_CONTENT)
     async def command_connection(body: ConnectionCommand, _: AddressParameter) -> None:
         if body.command != "connect":  # agents connect printers without a command
-            raise Refused("printers stay connected: `farm maintenance PRINTER` takes one out of use")
+            raise RefusedError("printers stay connected: `farm maintenance PRINTER` takes one out of use")
 
     return router
 
@@ -105,7 +105,7 @@ def _add_file_command(router: APIRouter, services: Services, jobs: JobCommands, 
         number: str = "",
     ) -> None:
         if body.command != "select":
-            raise Refused(f"the farm has no command {body.command} for files")
+            raise RefusedError(f"the farm has no command {body.command} for files")
         job = find_job(services.controller.books.jobs, f"{number}/{name}", by)
         if body.print:
             await jobs.release(job.id, services.state, by, is_operator(request))

@@ -14,7 +14,7 @@ import farm
 from drivers.printers import PROFILES, Profile
 from farm import api
 from farm.config import PrinterSection
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import Job, PrintState
 
 API_VERSION = "0.1"
@@ -158,7 +158,7 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If there is no such job.
     """
     folder, _, name = path.strip("/").rpartition("/")
@@ -169,7 +169,7 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
         candidates = [job for job in jobs.values() if job.name == name and not job.state.ended]
         jobs_found = [job for job in candidates if job.submitted_by == by] or candidates
     if not jobs_found:
-        raise NoSuchThing(f"there is no open job for a file {name}: send the file first")
+        raise NotFoundError(f"there is no open job for a file {name}: send the file first")
     return max(jobs_found, key=lambda job: job.id)
 
 

@@ -16,7 +16,7 @@ from drivers.locks import AGENT_LOCK, acquire_lock
 from drivers.remote import AgentClient
 from farm.agents.manager import AgentManager
 from farm.config import Fleet
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
 
@@ -150,7 +150,7 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_must_be_replaced(tm
         # The print was not started, so its plate is assigned again.
         assert listener.refusals == [("p", True)] * 3
         await manager.replace("a")
-        with pytest.raises(NoSuchThing):
+        with pytest.raises(NotFoundError):
             await manager.replace("b")
 
     agent = run_with_agent(tmp_path, False, run_scenario)
@@ -182,7 +182,7 @@ def test_refused_replacement_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
             return m.Reply(id=1, error="it prints")
 
         monkeypatch.setattr(AgentClient, "request", refuse_request)
-        with pytest.raises(Refused, match="it prints"):
+        with pytest.raises(RefusedError, match="it prints"):
             await manager.replace("a")
 
     run_with_agent(tmp_path, False, run_scenario)

@@ -13,7 +13,7 @@ from farm.cameras.fetch import CameraError
 from farm.cameras.image import read_image
 from farm.config import Fleet
 from farm.control import Controller
-from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.errors import ErrorCode, FarmError, NotFoundError
 from farm.model import Moment, PrintState
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
@@ -110,7 +110,7 @@ def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
 
 def test_printer_without_a_camera_and_unknown_printers_are_errors(rig):
     for name, message in (("b", "b has no camera: give its address with `camera`"), ("c", "no printer c")):
-        with pytest.raises(NoSuchThing, match=message):
+        with pytest.raises(NotFoundError, match=message):
             asyncio.run(rig.cameras.fetch_still(name))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from farm import api
 from farm.cli.job_files import fetch_files, is_picture
-from farm.errors import FarmError, Refused
+from farm.errors import FarmError, RefusedError
 
 CONTENTS = {"p01.stl": b"solid", "plate-01.gcode": b"G28" * 1000, "assembly.png": b"\x89PNG"}
 
@@ -69,7 +69,7 @@ def test_second_fetch_downloads_only_missing_files(tmp_path):
 def test_own_file_is_overwritten_only_with_force(tmp_path):
     (tmp_path / "assembly.png").write_bytes(b"mine")
     client = FakeClient()
-    with pytest.raises(Refused, match=r"assembly\.png.*--force"):
+    with pytest.raises(RefusedError, match=r"assembly\.png.*--force"):
         fetch_files(client, 3, tmp_path)
     assert client.downloads == []
     assert read_folder(tmp_path) == {"assembly.png": b"mine"}
@@ -83,7 +83,7 @@ def test_link_in_the_folder_is_replaced_and_not_followed(tmp_path):
     folder = tmp_path / "folder"
     folder.mkdir()
     (folder / "p01.stl").symlink_to(outside_file)
-    with pytest.raises(Refused):
+    with pytest.raises(RefusedError):
         fetch_files(FakeClient(), 3, folder)
     fetch_files(FakeClient(), 3, folder, force=True)
     assert outside_file.read_bytes() == b"mine"

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 from farm.cli.command_group import load_commands
 from farm.cli.main import app
 from farm.cli.options import LOCAL_COMMANDS
-from farm.errors import DaemonUnreachable, Refused
+from farm.errors import DaemonUnreachable, RefusedError
 
 REMOTE_COMMANDS = {
     "status": [],
@@ -62,17 +62,17 @@ def test_remote_command_calls_the_daemon_at_the_url(run, command):
 def test_local_command_refuses_a_url_with_the_reason(run, command):
     values = ["a"] if command == "estop" else []
     result = run(command, *values, "--url", URL)
-    assert isinstance(result.exception, Refused), result.output
+    assert isinstance(result.exception, RefusedError), result.output
     assert LOCAL_COMMANDS[command] in str(result.exception)
 
 
 @pytest.mark.parametrize("command", sorted(set(LOCAL_COMMANDS) - LOCAL_AND_REMOTE_COMMANDS))
 def test_local_command_is_refused_if_farm_url_names_another_farm(run, command, monkeypatch):
     monkeypatch.setenv("FARM_URL", URL)
-    assert isinstance(run(command).exception, Refused)
+    assert isinstance(run(command).exception, RefusedError)
 
 
 def test_emergency_stop_is_possible_if_farm_url_names_another_farm(run, monkeypatch):
     monkeypatch.setenv("FARM_URL", URL)
     result = run("estop", "--json")
-    assert not isinstance(result.exception, Refused) or "own host" not in str(result.exception)
+    assert not isinstance(result.exception, RefusedError) or "own host" not in str(result.exception)

@@ -8,7 +8,7 @@ import pytest
 from books.make_books import make_plan_event
 from books.recording_controller import MODEL, PLUS_MODEL, Farm
 from farm.control import scheduler
-from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
+from farm.errors import ErrorCode, FarmError, NotFoundError, RefusedError
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
@@ -141,7 +141,7 @@ def test_plan_of_a_cancelled_job_is_discarded(farm, plan):
     assert ev.StopPlanning(job=1) in farm.effects.instructions
     farm.controller.on_plan(1, plan)
     assert not farm.controller.books.plates
-    with pytest.raises(Refused, match="already ended"):
+    with pytest.raises(RefusedError, match="already ended"):
         farm.jobs.cancel(1, "ann")
 
 
@@ -224,11 +224,11 @@ def test_printer_with_a_fault_is_not_used_and_shows_its_reason(farm):
 def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    with pytest.raises(Refused, match="a is not printing"):
+    with pytest.raises(RefusedError, match="a is not printing"):
         farm.printers.pause("a", True, "ann")
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.find_open_print("a")
-    with pytest.raises(Refused, match="a is not paused"):
+    with pytest.raises(RefusedError, match="a is not paused"):
         farm.printers.pause("a", False, "ann")
     pause_instruction = ev.SendPause(print_id=attempt.id, printer="a", pause=True)
 
@@ -262,7 +262,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     view, tasks = report_state(PrintState.PRINTING)
     assert (view.state, view.print.pause_ends, tasks) == ("printing", None, [])
     farm.jobs.cancel(1, "ann")
-    with pytest.raises(Refused, match="ending"):
+    with pytest.raises(RefusedError, match="ending"):
         farm.printers.pause("a", True, "ann")
 
 
@@ -375,7 +375,7 @@ def test_effects_before_an_error_are_performed(farm, plan):
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.find_open_print("a")
     pause = ev.PauseRequested(at_s=1.0, print_id=attempt.id, wanted=True)
-    with pytest.raises(NoSuchThing):
+    with pytest.raises(NotFoundError):
         farm.controller.handle(pause, ev.JobCancelled(at_s=1.0, job=9))
     assert farm.controller.books.find_open_print("a").pause_requested
     assert farm.effects.instructions[-1] == ev.SendPause(print_id=attempt.id, printer="a", pause=True)

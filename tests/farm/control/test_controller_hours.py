@@ -7,7 +7,7 @@ import pytest
 
 from books.make_books import make_plan_event
 from books.recording_controller import MODEL, Farm
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.model import AgentPrint, AgentSnapshot, Bed, HoldCode, JobOptions, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
@@ -129,7 +129,7 @@ def test_paused_print_is_resumed_only_in_attended_hours(farm):
         "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
     farm.controller.clock.now_s = parse_time_s("2026-11-20 19:00")
-    with pytest.raises(Refused, match=r"only in attended hours .*: from Mon 08:00"):
+    with pytest.raises(RefusedError, match=r"only in attended hours .*: from Mon 08:00"):
         farm.printers.pause("a", False, "ann")
     farm.controller.clock.now_s = STOP_S - 60.0
     farm.printers.pause("a", False, "ann")
@@ -141,7 +141,7 @@ def test_job_is_resumed_only_if_its_printers_may_continue(farm):
     farm.jobs.pause(1, True, "ann")
     report_print(farm, PrintState.PAUSED)
     farm.controller.clock.now_s = parse_time_s("2026-11-20 19:00")
-    with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00 \(UTC\)$"):
+    with pytest.raises(RefusedError, match=r"^a prints only in attended hours .*: from Mon 08:00 \(UTC\)$"):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
     report_print(

@@ -8,7 +8,7 @@ from books.make_books import make_job as make_job
 from books.make_books import make_plan_event
 from books.recording_controller import MODEL, Farm
 from farm.control.job_commands import DRY_RUN_TIMEOUT_S, PAGE_DRY_RUN_TIMEOUT_S, DryRuns
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.model import JobOptions, JobState
 from farm.planning.plan import Plan
 from farm.state import events as ev
@@ -72,14 +72,14 @@ def test_kept_dry_run_is_held_until_its_plan_is_approved(tmp_path):
     assert (job.options.dry_run, job.options.hold) == (False, True)
     DryRuns(farm.controller).cancel_abandoned(1e9)
     assert not farm.controller.books.get_job(number).state.ended
-    with pytest.raises(Refused, match="is not a dry run"):
+    with pytest.raises(RefusedError, match="is not a dry run"):
         farm.jobs.keep_dry_run(number, "ann")
 
 
 def test_dry_run_may_be_printed_by_the_person_who_submitted_it(tmp_path):
     farm = Farm(tmp_path)
     number = submit_job(farm, "a", dry_run=True, hold=True)
-    with pytest.raises(Refused, match="only an operator"):
+    with pytest.raises(RefusedError, match="only an operator"):
         asyncio.run(farm.jobs.release(number, None, "bob", is_operator=False))
     asyncio.run(farm.jobs.release(number, None, "ann", is_operator=False))
     job = farm.controller.books.get_job(number)
@@ -112,5 +112,5 @@ def test_model_is_planned_again_without_another_upload(tmp_path):
     assert second_job.options.printers == 2
     farm.jobs.cancel(number, "ann")
     farm.controller.handle(ev.JobPruned(at_s=1.0, job=number, by="ann"))
-    with pytest.raises(Refused, match="were pruned"):
+    with pytest.raises(RefusedError, match="were pruned"):
         farm.jobs.resubmit(number, "c" * 8, JobOptions(), "ann")

@@ -12,7 +12,7 @@ from books.recording_controller import MODEL, Farm
 from farm.api import LoadRequest
 from farm.config import FieldError
 from farm.control import job_commands, printer_commands
-from farm.errors import ErrorCode, FarmError, Refused
+from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.model import HoldCode, JobOptions, JobState, OwnGcode
 from farm.paths import StateFolder
 from farm.planning.plan import InspectedSubmission, Plan
@@ -89,7 +89,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(job_commands, "compute_sha256", lambda path: (cancel_job(), compute_sha256(path))[1])
         patch.setattr(job_commands, "asyncio", ThreadlessAsyncio)
-        with pytest.raises(Refused, match="is not waiting for approval: it is cancelled"):
+        with pytest.raises(RefusedError, match="is not waiting for approval: it is cancelled"):
             asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     other_job = submit_job(farm, "s", hold=True)
     farm.controller.on_plan(other_job, make_stored_plan(other_job, state))
@@ -100,7 +100,7 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
 
     monkeypatch.setattr(printer_commands, "complete_section", start_print)
     monkeypatch.setattr(printer_commands, "asyncio", ThreadlessAsyncio)
-    with pytest.raises(Refused, match="a is printing"):
+    with pytest.raises(RefusedError, match="a is printing"):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=500.0), "ann"))
 
 
@@ -121,11 +121,11 @@ def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
     job = farm.controller.books.get_job(number)
     assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
     assert list_started_printers(farm) == []
-    with pytest.raises(Refused, match="check it again"):
+    with pytest.raises(RefusedError, match="check it again"):
         asyncio.run(farm.jobs.approve(number, "0" * 12, state, "ann"))
     asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
     assert list_started_printers(farm) == ["a", "b"]
-    with pytest.raises(Refused, match="is not waiting for approval"):
+    with pytest.raises(RefusedError, match="is not waiting for approval"):
         asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
 
 
@@ -134,7 +134,7 @@ def test_held_job_is_released_before_its_plan_or_after_it(farm, state):
     farm.controller.on_plan(late_job, make_stored_plan(late_job, state))
     assert farm.controller.books.get_job(late_job).state is JobState.HELD
     for number in (early_job, late_job):
-        with pytest.raises(Refused, match="only an operator"):
+        with pytest.raises(RefusedError, match="only an operator"):
             asyncio.run(farm.jobs.release(number, state, "bob", is_operator=False))
         asyncio.run(farm.jobs.release(number, state, "bob", is_operator=True))
     farm.controller.on_plan(early_job, make_stored_plan(early_job, state))
@@ -145,7 +145,7 @@ def test_plan_whose_files_changed_is_not_released(farm, state):
     number = submit_job(farm, hold=True)
     farm.controller.on_plan(number, make_stored_plan(number, state))
     (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
-    with pytest.raises(Refused, match="has changed since it was planned"):
+    with pytest.raises(RefusedError, match="has changed since it was planned"):
         plan = farm.controller.books.get_job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     assert list_started_printers(farm) == []
@@ -178,7 +178,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     assert restarted_farm.controller.fleet.find_printer("b").material == "generic_abs"
     asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
     assert list_started_printers(restarted_farm) == ["a"]
-    with pytest.raises(Refused, match="is printing"):
+    with pytest.raises(RefusedError, match="is printing"):
         asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
 
 
@@ -187,7 +187,7 @@ def test_reel_of_an_unknown_material_is_refused(farm, state, monkeypatch):
         raise FieldError("there is no generic_gold", "material")
 
     monkeypatch.setattr(printer_commands, "complete_section", refuse_material)
-    with pytest.raises(Refused, match="a: there is no generic_gold"):
+    with pytest.raises(RefusedError, match="a: there is no generic_gold"):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(material="generic_gold"), "ann"))
 
 
@@ -290,7 +290,7 @@ def test_missed_deadline_of_the_assembly_is_reported(farm, state):
 
 def test_assembly_is_not_recorded_before_all_parts_are_printed(farm):
     number = submit_job(farm)
-    with pytest.raises(Refused, match="once all parts are printed"):
+    with pytest.raises(RefusedError, match="once all parts are printed"):
         farm.jobs.record_assembly(number, 45.0, "ann")
 
 
@@ -334,7 +334,7 @@ def test_held_jobs_are_planned_for_the_whole_fleet_and_start_in_order_of_approva
 
 def test_timeline_of_a_held_job_is_forecast(farm, state):
     number = submit_job(farm, hold=True)
-    with pytest.raises(Refused, match="no plan yet"):
+    with pytest.raises(RefusedError, match="no plan yet"):
         describe_job_timeline(farm, state, number)
     farm.controller.on_plan(number, make_stored_plan(number, state, plates=3))
     timeline = describe_job_timeline(farm, state, number)

@@ -8,7 +8,7 @@ from books.make_books import make_plan_event
 from books.recording_controller import MODEL, Farm
 from drivers.clock import Clock
 from farm.control.telemetry import MAX_REFUSALS
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
@@ -55,11 +55,11 @@ def end_print(farm, printer, state=PrintState.DONE, **changes):
 
 def test_failing_print_is_ended_and_its_part_is_printed_elsewhere(farm):
     farm.printers.fail_print("a", "a blob", "ann")
-    with pytest.raises(Refused, match="ending"):
+    with pytest.raises(RefusedError, match="ending"):
         farm.printers.fail_print("a", "a blob", "ann")
     attempt = end_print(farm, "a", PrintState.CANCELLED)
     assert farm.controller.books.prints[attempt.id].fault == "by_a_person"
-    with pytest.raises(Refused, match="a is not printing"):
+    with pytest.raises(RefusedError, match="a is not printing"):
         farm.printers.fail_print("a", "a blob", "ann")
     end_print(farm, "b")
     farm.clear_bed("b")
@@ -72,25 +72,25 @@ def test_failing_print_is_ended_and_its_part_is_printed_elsewhere(farm):
 
 def test_part_is_found_by_any_form_of_its_name(farm):
     for name in ("1/p03", "p03", "03", "3"):
-        with pytest.raises(Refused, match="1/p03 already waits to be printed"):
+        with pytest.raises(RefusedError, match="1/p03 already waits to be printed"):
             farm.parts.reprint(1, name, "", "ann")
-    with pytest.raises(NoSuchThing, match="no part p9; its parts are p01 p02 p03"):
+    with pytest.raises(NotFoundError, match="no part p9; its parts are p01 p02 p03"):
         farm.parts.reprint(1, "p9", "", "ann")
-    with pytest.raises(Refused, match=r"being printed: `farm fail a`"):
+    with pytest.raises(RefusedError, match=r"being printed: `farm fail a`"):
         farm.parts.reprint(1, "1", "", "ann")
 
 
 def test_part_is_cancelled_by_name_or_by_printer(farm):
     assert farm.parts.cancel(1, "p03", "ann") == "1/p03"
-    with pytest.raises(Refused, match="already cancelled"):
+    with pytest.raises(RefusedError, match="already cancelled"):
         farm.parts.cancel(1, "p03", "ann")
     assert farm.parts.cancel_on("a", "ann") == "1/p01"
     end_print(farm, "a", PrintState.CANCELLED)
     end_print(farm, "b")
     farm.clear_bed("a")
-    with pytest.raises(Refused, match="a is not printing"):
+    with pytest.raises(RefusedError, match="a is not printing"):
         farm.parts.cancel_on("a", "ann")
-    with pytest.raises(Refused, match="1/p02 is already printed"):
+    with pytest.raises(RefusedError, match="1/p02 is already printed"):
         farm.parts.cancel(1, "p02", "ann")
     assert farm.controller.books.jobs[1].state is JobState.PRINTED
     assert not list(farm.controller.books.list_open_prints())
@@ -100,7 +100,7 @@ def test_part_is_cancelled_by_name_or_by_printer(farm):
 
 def test_paused_job_starts_no_plate(farm):
     farm.jobs.pause(1, True, "ann")
-    with pytest.raises(Refused, match="already paused"):
+    with pytest.raises(RefusedError, match="already paused"):
         farm.jobs.pause(1, True, "ann")
     end_print(farm, "a")
     farm.clear_bed("a")
@@ -109,7 +109,7 @@ def test_paused_job_starts_no_plate(farm):
     farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.find_open_print("a").plate == "1/03"
     assert farm.parts.pause(1, "p03", True, "ann") == "a"
-    with pytest.raises(Refused, match="is already printed"):
+    with pytest.raises(RefusedError, match="is already printed"):
         farm.parts.pause(1, "p01", True, "ann")
 
 
@@ -129,7 +129,7 @@ def test_plates_waiting_for_a_bed_are_counted(farm):
 
 def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
     assert farm.parts.pause(1, "p03", True, "ann") == ""
-    with pytest.raises(Refused, match="already paused"):
+    with pytest.raises(RefusedError, match="already paused"):
         farm.parts.pause(1, "3", True, "ann")
     end_print(farm, "a")
     farm.clear_bed("a")
@@ -149,7 +149,7 @@ def test_resumed_job_resumes_its_paused_parts(farm):
     farm.jobs.pause(1, False, "ann")
     assert farm.controller.scheduler.find_plate_holds().get("1/03").code is not HoldCode.PAUSED
     farm.jobs.pause(1, True, "ann")
-    with pytest.raises(Refused, match="job 1 is paused: `farm resume 1`"):
+    with pytest.raises(RefusedError, match="job 1 is paused: `farm resume 1`"):
         farm.parts.pause(1, "p03", False, "ann")
 
 
@@ -161,7 +161,7 @@ def test_printer_in_maintenance_finishes_its_print_and_gets_no_other(farm):
     assert farm.controller.books.find_open_print("a") is None
     farm.printers.end_maintenance("a", "ann")
     assert farm.controller.books.find_open_print("a").plate == "1/03"
-    with pytest.raises(Refused, match="not in maintenance"):
+    with pytest.raises(RefusedError, match="not in maintenance"):
         farm.printers.end_maintenance("a", "ann")
 
 
@@ -180,13 +180,13 @@ def test_bad_verdict_requires_a_printed_part(farm):
     assert farm.controller.books.plates["1/01"].prints
     assert farm.controller.books.find_open_print("a").plate in ("1/01", "1/03")
     farm.report_ready("b")
-    with pytest.raises(Refused, match="its bed cannot be clear"):
+    with pytest.raises(RefusedError, match="its bed cannot be clear"):
         farm.clear_bed("b", verdict=Verdict.BAD)
     assert ev.SendCleared(printer="a", filament=None) in farm.effects.instructions
 
 
 def test_outage_blocks_starts_until_confirmed(farm):
-    with pytest.raises(Refused, match="there is no outage"):
+    with pytest.raises(RefusedError, match="there is no outage"):
         farm.printers.confirm_outage("ann")
     now_s = farm.controller.clock.now()
     end_print(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
@@ -278,7 +278,9 @@ def test_old_page_does_not_clear_the_bed_of_a_later_plate(farm, verdict):
     farm.clear_bed("a", seen=first_print.id)
     second_print = end_print(farm, "a")
     for seen_print in (first_print.id, "none"):
-        with pytest.raises(Refused, match=f"plate {second_print.plate} was printed on a after this page"):
+        with pytest.raises(
+            RefusedError, match=f"plate {second_print.plate} was printed on a after this page"
+        ):
             farm.clear_bed("a", verdict=verdict, seen=seen_print)
     books = farm.controller.books
     assert books.printers["a"].bed is not Bed.CLEAR

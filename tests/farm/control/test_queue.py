@@ -8,7 +8,7 @@ import pytest
 from books.make_books import make_plan_event
 from books.recording_controller import MODEL, Farm
 from farm.api import QueueMove, QueuePlace
-from farm.errors import FarmError, NoSuchThing, Refused
+from farm.errors import FarmError, NotFoundError, RefusedError
 from farm.model import HoldCode, JobOptions
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
@@ -52,15 +52,15 @@ def test_jobs_move_up_down_first_last_and_before_each_other(farm):
 
 def test_impossible_move_is_refused_with_the_reason(farm):
     for number, place in ((1, "up"), (1, "first"), (3, "down"), (3, "last")):
-        with pytest.raises(Refused, match="already"):
+        with pytest.raises(RefusedError, match="already"):
             move_job(farm, number, place)
     for before in (1, 9):
-        with pytest.raises(Refused, match="not another job in the queue"):
+        with pytest.raises(RefusedError, match="not another job in the queue"):
             move_job(farm, 1, before=before)
-    with pytest.raises(NoSuchThing):
+    with pytest.raises(NotFoundError):
         move_job(farm, 9, "up")
     farm.jobs.cancel(2, "ann")
-    with pytest.raises(Refused, match="already ended"):
+    with pytest.raises(RefusedError, match="already ended"):
         move_job(farm, 2, "up")
     assert list_queue(farm) == [1, 3]
 
@@ -101,5 +101,5 @@ def test_start_time_is_changed_and_removed(farm):
         with pytest.raises(FarmError, match=error):
             farm.jobs.reschedule(3, text, "ann")
     farm.jobs.cancel(3, "ann")
-    with pytest.raises(Refused, match="has already ended"):
+    with pytest.raises(RefusedError, match="has already ended"):
         farm.jobs.reschedule(3, "now", "ann")

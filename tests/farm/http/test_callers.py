@@ -20,7 +20,7 @@ from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control import DryRuns
 from farm.control.controller import Controller
-from farm.errors import FleetFileError, Refused
+from farm.errors import FleetFileError, RefusedError
 from farm.http import PeerProtocol, Services, check_operators, listen, make_app
 from farm.http.callers import Person, find_user_role
 from farm.model import AgentSnapshot, FilamentState, Link, Role
@@ -160,7 +160,7 @@ def test_socket_belongs_to_its_group_or_else_its_owner(tmp_path, caplog, group, 
 
 def test_unusable_socket_path_is_reported(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(Refused, match="name another --socket"):
+    with pytest.raises(RefusedError, match="name another --socket"):
         listen(tmp_path / "file" / "farm.sock", GROUP)
     with listen(tmp_path / "new" / "farm.sock", NO_GROUP):
         assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o700

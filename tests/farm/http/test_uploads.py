@@ -16,7 +16,7 @@ from books.recording_controller import make_fleet
 from decompose.files.triangle_limit import HEAD_BYTES
 from farm.api import UploadView
 from farm.config import UploadsSection
-from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
+from farm.errors import ErrorCode, FarmError, NotFoundError, RefusedError
 from farm.http.uploads import Upload, Uploads, check_quota
 from farm.model import JobOptions
 from farm.paths import StateFolder
@@ -38,7 +38,7 @@ MB, GB = 10**6, 10**9
     ],
 )
 def test_each_limit_of_uploads_is_named_with_its_key(size, missing_bytes, free_bytes, jobs, reason):
-    with pytest.raises(Refused, match=reason):
+    with pytest.raises(RefusedError, match=reason):
         check_quota(QUOTA, "a.stl", size, missing_bytes, free_bytes, jobs)
 
 
@@ -83,13 +83,13 @@ def test_open_uploads_count_until_their_inspection_ends(tmp_path, monkeypatch):
         assert list(inspections.values()) == ["a.stl"]
         name_step_file(next(state.work.glob("upload-*"))).write_text("repairing")
         assert uploads.describe("a") == UploadView(step="repairing", received=5, size=5)
-        with pytest.raises(NoSuchThing):
+        with pytest.raises(NotFoundError):
             uploads.describe("b")
-        with pytest.raises(Refused, match="receiving and checking 1 model"):
+        with pytest.raises(RefusedError, match="receiving and checking 1 model"):
             await uploads.receive_model(send_content(), "b", "b.stl", 5, JobOptions())
         inspection_may_end.set()
         assert await first_upload == "inspected"
-        with pytest.raises(Refused, match="stopped after 5 of 6 bytes"):
+        with pytest.raises(RefusedError, match="stopped after 5 of 6 bytes"):
             await uploads.receive_model(send_content(), "c", "c.stl", 6, JobOptions())
         assert await uploads.receive_model(send_content(), "d", "d.stl", 5, JobOptions()) == "inspected"
         assert list(state.work.iterdir()) == []

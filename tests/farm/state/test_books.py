@@ -16,7 +16,7 @@ from books.make_books import (
     make_plan_event,
     make_printing_books,
 )
-from farm.errors import ErrorCode, NoSuchThing
+from farm.errors import ErrorCode, NotFoundError
 from farm.model import (
     Bed,
     FilamentState,
@@ -126,9 +126,9 @@ def test_bad_part_of_a_cancelled_job_is_not_printed_when_another_part_is_reprint
 
 
 def test_unknown_job_or_printer_is_named():
-    with pytest.raises(NoSuchThing, match="no job 7"):
+    with pytest.raises(NotFoundError, match="no job 7"):
         Books().get_job(7)
-    with pytest.raises(NoSuchThing, match="no printer z"):
+    with pytest.raises(NotFoundError, match="no printer z"):
         Books().get_printer("z")
 
 

@@ -13,7 +13,7 @@ import trimesh
 from books.old_jobs import DAY_S, NOW_S, add_good_prints, make_old_books, write_files
 from books.recording_controller import PLUS_MODEL, Farm, RecordedEffects, make_fleet
 from drivers.clock import Clock
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.model import JobState
 from farm.paths import StateFolder
 from farm.planning import list_job_files
@@ -246,7 +246,7 @@ def test_reprint_of_a_pruned_job_is_refused_with_its_reason(tmp_path):
     farm, cleanup = open_upkeep(state)
     with farm.store:
         asyncio.run(cleanup.prune("ann", dry_run=False))
-        with pytest.raises(Refused, match=r"were pruned on \d{4}-\d\d-\d\d .*submit bracket.stl again"):
+        with pytest.raises(RefusedError, match=r"were pruned on \d{4}-\d\d-\d\d .*submit bracket.stl again"):
             farm.parts.reprint(1, "p01", "", "ann")
         assert farm.controller.books.jobs[1].state is JobState.DONE
         farm.parts.reprint(4, "p01", "", "ann")

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 import pytest
 
 from books.recording_controller import MODEL
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http.event_streams import EmptyEventLog, EventStreams
 from farm.model import JobOptions, Role
 from farm.state.event_rows import EventRow
@@ -124,7 +124,7 @@ def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
 
     follow_stream(farm, key, on_text)
     assert streams._callers.total() == 0
-    with pytest.raises(Refused, match="shutting down"):
+    with pytest.raises(RefusedError, match="shutting down"):
         streams.check("key look")
 
 
@@ -134,9 +134,9 @@ def test_streams_are_limited_for_a_caller_and_in_total():
         for caller in ("ann", "ann", "ann", "ann", "bob", "bob"):
             streams.check(caller)
             open_streams.enter_context(streams.count(caller))
-        with pytest.raises(Refused, match="4 of ann"):
+        with pytest.raises(RefusedError, match="4 of ann"):
             streams.check("ann")
-        with pytest.raises(Refused, match="0 of eve"):
+        with pytest.raises(RefusedError, match="0 of eve"):
             streams.check("eve")
     streams.check("ann")
 

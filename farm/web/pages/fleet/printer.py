@@ -16,7 +16,7 @@ from fastapi.responses import FileResponse, HTMLResponse
 
 from drivers.messages import WireLine
 from drivers.printers import PROFILES
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 from farm.http import find_stored_file
 from farm.views.dashboard import PrinterPage, describe_printer_page
 from farm.web.callers import find_holder
@@ -72,7 +72,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
         controller.books.get_printer(name)
         try:
             lines = await services.read_lines(name)
-        except Refused as error:
+        except RefusedError as error:
             problem = str(error)
         return HTMLResponse(render_wire(name, lines, fleet, reader, problem))
 
@@ -80,7 +80,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
     async def show_still(number: int, name: str) -> Response:
         media_type = _IMAGES.get(Path(name).suffix)
         if media_type is None:
-            raise NoSuchThing(f"{name!r} is not a picture")
+            raise NotFoundError(f"{name!r} is not a picture")
         return FileResponse(await find_stored_file(services, number, name), media_type=media_type)
 
     return router

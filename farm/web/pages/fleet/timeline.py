@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 
 from farm import api
 from farm.control import find_successor
-from farm.errors import ErrorCode, FarmError, Refused
+from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.scheduling import parse_moment_s
 from farm.text import format_duration
 from farm.views import ViewContext
@@ -48,11 +48,11 @@ class TimelineQuery(BaseModel):
         return urlencode(self.model_dump(exclude_defaults=True))
 
     def check(self) -> None:
-        """Raise Refused if a job is named without a change, or a change without a job."""
+        """Raise RefusedError if a job is named without a change, or a change without a job."""
         if self.job is None and (self.to or self.at):
-            raise Refused("choose a job")
+            raise RefusedError("choose a job")
         if self.job is not None and not (self.to or self.at):
-            raise Refused("choose another place in the queue, or another start")
+            raise RefusedError("choose another place in the queue, or another start")
 
 
 def make_timeline_routes(pages: PageContext) -> APIRouter:
@@ -94,9 +94,9 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
 
     Raises
     ------
-    NoSuchThing
+    NotFoundError
         If there is no such job.
-    Refused
+    RefusedError
         If none of its plates waits, or the job cannot be moved there.
     FarmError
         If the start cannot be parsed.
@@ -107,7 +107,7 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
     job = context.books.get_job(query.job)
     if not count_waiting_plates(context.books, job):
         reason = "all of its plates have started" if job.plates else "it has no plan yet"
-        raise Refused(f"job {job.id} has no plate to move: {reason}")
+        raise RefusedError(f"job {job.id} has no plate to move: {reason}")
     before, not_before_s = None, None
     if query.to is not None:
         order = [entry.id for entry in list_queue(context.books)]

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
 from farm.control import JobCommands
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.http import CallerName, Services, is_operator
 from farm.web.actions import FormRoute, answer_form, read_form
 from farm.web.notes import Note
@@ -37,7 +37,7 @@ def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
         seen_plan = (await read_form(request, ReleaseForm)).plan
         plan = services.controller.books.get_job(number).plan
         if seen_plan is not None and seen_plan != plan:
-            raise Refused(f"the plan of job {number} has changed: review it again")
+            raise RefusedError(f"the plan of job {number} has changed: review it again")
         await jobs.release(number, services.state, by, is_operator(request))
         return answer_form(request, Note(f"Job {number} prints as soon as it can."))
 

@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from farm import api
 from farm.control import PAGE_DRY_RUN_TIMEOUT_S, DryRuns
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.http import Services, describe_farm, find_stored_file, name_stored_files
 from farm.views import describe_job, describe_timeline, list_history
 from farm.views.report import JobContents, list_figures, render_page
@@ -57,7 +57,7 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
 
     async def render_live(reader: Reader, number: str, query: str) -> str:
         if not number.isdecimal():
-            raise NoSuchThing(f"there is no job {number}")
+            raise NotFoundError(f"there is no job {number}")
         return await render(reader, int(number), curve=read_query(JobQuery, query).curve)
 
     pages.live.add("/jobs/{number}", render_live)
@@ -97,7 +97,7 @@ def _add_documents(router: APIRouter, services: Services) -> None:
         try:
             path = await find_stored_file(services, number, _PICTURE_FILE)
             picture = await asyncio.to_thread(path.read_bytes)
-        except (NoSuchThing, OSError):
+        except (NotFoundError, OSError):
             picture = None
         now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
         contents = JobContents({}, picture, await _read_stored_report(services, number))
@@ -129,7 +129,7 @@ def _read_report(path: Path) -> Report:
 
 
 def describe_job_page(services: Services, number: int, report: Report, curve_job: int | None) -> JobData:
-    """Collect the data of a job's page. Raises NoSuchThing for an unknown job."""
+    """Collect the data of a job's page. Raises NotFoundError for an unknown job."""
     controller = services.controller
     context = controller.build_view_context(services.state)
     job = controller.books.get_job(number)

@@ -11,7 +11,7 @@ import pytest
 
 from farm.api import ClearedRequest
 from farm.cli.client import Client, SocketConnection
-from farm.errors import DaemonUnreachable, ErrorCode, FarmError, NoSuchThing
+from farm.errors import DaemonUnreachable, ErrorCode, FarmError, NotFoundError
 from farm.model import JobOptions
 
 
@@ -106,7 +106,7 @@ def test_refusal_of_the_daemon_keeps_its_code_and_message(daemon, client):
     daemon.answer = (404, json.dumps(problem).encode())
     with pytest.raises(FarmError, match="there is no job 9") as error:
         client.fetch_job(9)
-    assert error.value.exit_code == NoSuchThing("").exit_code
+    assert error.value.exit_code == NotFoundError("").exit_code
     for text in (b"<html>", b'{"detail": "no"}', b'{"error": "no", "code": "a newer one", "exit_code": 9}'):
         daemon.answer = (502, text)
         with pytest.raises(FarmError, match="the daemon answered 502: "):

@@ -9,7 +9,7 @@ import pytest
 from drivers.safety import StopResult
 from farm.cli import estop_socket
 from farm.cli.commands import estop
-from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.errors import ErrorCode, FarmError, NotFoundError
 from farm.paths import find_farm_paths
 
 
@@ -62,7 +62,7 @@ def test_results_are_printed_as_they_arrive(send_stop):
 
 def test_error_of_the_server_is_an_error_of_the_client(send_stop):
     def stop(printers, report):
-        raise NoSuchThing("there is no printer z")
+        raise NotFoundError("there is no printer z")
 
     with pytest.raises(FarmError, match="there is no printer z") as error:
         send_stop(stop, ["z"])

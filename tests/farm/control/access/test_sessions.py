@@ -14,7 +14,7 @@ from farm.control.access.sessions import (
     MAX_SESSIONS,
     list_open_sessions,
 )
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import KeyKind, Role
 from farm.state import events as ev
 
@@ -60,7 +60,7 @@ def test_link_opens_one_session_of_its_user(farm):
     session = farm.find_session(farm.sessions.open(token))
     assert (session.name, session.role, session.by) == ("ann", Role.OPERATE, "ann")
     for method in (farm.sessions.find_link, farm.sessions.open):
-        with pytest.raises(NoSuchThing, match="`farm web`"):
+        with pytest.raises(NotFoundError, match="`farm web`"):
             method(token)
     assert len(list_events(farm, "SessionOpened")) == 1
 
@@ -70,7 +70,7 @@ def test_link_expires_after_five_minutes(farm):
     farm.wait(LINK_LIFETIME_S - 1.0)
     farm.sessions.find_link(token)
     farm.wait(1.0)
-    with pytest.raises(NoSuchThing, match="has expired"):
+    with pytest.raises(NotFoundError, match="has expired"):
         farm.sessions.open(token)
     assert list_events(farm, "SessionOpened") == []
 
@@ -143,7 +143,7 @@ def test_end_of_all_sessions_also_voids_links(farm):
     assert farm.sessions.end_all("ann").ended == 2
     assert [farm.find_session(text) for text in texts] == [None, None]
     assert {event["by"] for event in list_events(farm, "KeyRevoked")} == {"ann"}
-    with pytest.raises(NoSuchThing):
+    with pytest.raises(NotFoundError):
         farm.sessions.open(token)
 
 
@@ -155,7 +155,7 @@ def test_restarted_daemon_keeps_sessions_and_forgets_links(farm, tmp_path):
         find_key(text, restarted_farm.controller.books.keys, farm.clock.now_s, KeyKind.SESSION).name == "ann"
     )
     assert len(list_open_sessions(restarted_farm.controller.books.keys.values(), farm.clock.now_s)) == 1
-    with pytest.raises(NoSuchThing):
+    with pytest.raises(NotFoundError):
         SessionCommands(restarted_farm.controller).open(token)
     restarted_farm.store.close()
 

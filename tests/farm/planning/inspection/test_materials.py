@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from drivers.printers import PROFILES
 from farm.config import FieldError, FleetSection, PrinterSection
-from farm.errors import Refused
+from farm.errors import RefusedError
 from farm.model import JobOptions
 from farm.planning.inspection import complete_section, name_filament
 from farm.planning.inspection.materials import NamedMaterial, choose_material, parse_material
@@ -115,7 +115,7 @@ def test_material_of_a_job_matches_every_printer_of_its_kind(resources):
     assert all(requirements.matches(describe_capabilities(p, lambda _: ())) for p in printers)
     requested_filament = name_filament(JobOptions(material="black PLA"), printers, None)
     assert (requested_filament.material, requested_filament.colour) == ("PLA", "black")
-    with pytest.raises(Refused, match="no printer of the fleet has ABS; it has black PLA, white PLA"):
+    with pytest.raises(RefusedError, match="no printer of the fleet has ABS; it has black PLA, white PLA"):
         name_filament(JobOptions(material="abs"), printers, None)
-    with pytest.raises(Refused, match="no printer of the fleet has gold; it has black PLA"):
+    with pytest.raises(RefusedError, match="no printer of the fleet has gold; it has black PLA"):
         name_filament(JobOptions(material="gold"), printers, None)

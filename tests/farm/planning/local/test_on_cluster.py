@@ -8,7 +8,7 @@ from clusters.inline_link import InlineLink
 from clusters.same_process import SameProcess
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.task_executor import TaskExecutor
-from farm.errors import FarmError, Refused
+from farm.errors import FarmError, RefusedError
 from farm.planning.local import on_cluster
 from farm.planning.local.on_cluster import Cluster, decompose_on_cluster, slice_on_cluster
 from farm.planning.local.slice_file import SliceOptions, slice_to_file
@@ -50,7 +50,7 @@ def test_slice_on_a_cluster_equals_a_local_one(cluster, box, tmp_path):
 def test_unwritable_output_is_refused_before_any_file_is_sent(cluster, box, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter.txt").touch()
-    with pytest.raises(Refused, match="other files"):
+    with pytest.raises(RefusedError, match="other files"):
         decompose_on_cluster(cluster, box, tmp_path / "full", None, None)
     with pytest.raises(FarmError, match=r"box\.gcode"):
         slice_on_cluster(cluster, box, box / "box.gcode", OPTIONS, None)

@@ -10,7 +10,7 @@ from books.make_books import (
     make_plan_event,
     make_printing_books,
 )
-from farm.errors import ErrorCode, NoSuchThing
+from farm.errors import ErrorCode, NotFoundError
 from farm.model import Bed, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
@@ -87,7 +87,7 @@ def test_invalid_transition_names_its_cause(earlier_events, event, message):
     ids=lambda event: type(event).__name__,
 )
 def test_unknown_entity_is_named(event):
-    with pytest.raises(NoSuchThing, match="there is no"):
+    with pytest.raises(NotFoundError, match="there is no"):
         apply(event, make_printing_books())
 
 

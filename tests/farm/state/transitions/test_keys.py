@@ -3,7 +3,7 @@
 import pytest
 
 from books.make_books import apply_events, make_fleet_events, make_key
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import KeyKind, Role
 from farm.state import events as ev
 from farm.state.books import Books
@@ -20,7 +20,7 @@ def test_key_is_valid_until_it_expires_or_is_revoked():
     assert not books.get_key("abcd2345").is_valid(100.0)
     books, _ = apply_events(books, ev.KeyRevoked(at_s=50.0, key="abcd2345", by="ann"))
     assert not books.get_key("abcd2345").is_valid(51.0)
-    with pytest.raises(NoSuchThing, match="there is no key zz"):
+    with pytest.raises(NotFoundError, match="there is no key zz"):
         apply(ev.KeyRevoked(at_s=50.0, key="zz", by="ann"), books)
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from books.make_books import apply_events
 from books.scheduling_examples import UTC, make_hours
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.scheduling import Hours
 from farm.state import events as ev
@@ -115,7 +115,7 @@ def test_held_job_is_forecast_as_if_it_were_approved():
 
 
 def test_unknown_job_is_refused():
-    with pytest.raises(NoSuchThing, match="no job 9"):
+    with pytest.raises(NotFoundError, match="no job 9"):
         describe_timeline(make_night_books(), Change(9, moves=True))
 
 

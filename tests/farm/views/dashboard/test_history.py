@@ -2,7 +2,7 @@
 
 import pytest
 
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import PrintState, Verdict
 from farm.views.dashboard import HistoryFilter, describe_history, select_prints
 from farms.dashboard_farm import (
@@ -65,5 +65,5 @@ def test_long_history_is_shown_in_part_and_counted_in_full():
 
 
 def test_unknown_job_is_refused():
-    with pytest.raises(NoSuchThing, match="no job 9"):
+    with pytest.raises(NotFoundError, match="no job 9"):
         select_prints(make_context(make_empty_books(), NOW_S), HistoryFilter(job=9))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import Moment, PrintState, Still, Temperatures
 from farm.views.dashboard import describe_printer_page
 from farms.dashboard_farm import (
@@ -57,5 +57,5 @@ def test_stills_of_a_pruned_job_are_omitted():
 
 
 def test_printer_that_left_the_fleet_has_no_page():
-    with pytest.raises(NoSuchThing, match="no printer z"):
+    with pytest.raises(NotFoundError, match="no printer z"):
         describe_page(make_empty_books("az"), "z")

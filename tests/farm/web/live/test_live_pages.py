@@ -11,7 +11,7 @@ import pytest
 
 from books.planned_job import plan_job
 from farm.control import PAGE_DRY_RUN_TIMEOUT_S
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.http import StreamLimit
 from farm.model import Role
 from farm.web.live import LivePages
@@ -147,7 +147,7 @@ def test_streams_end_with_the_daemon_and_when_the_viewer_loses_access(page):
     run_with_pages(page, check_streams)
 
 
-@pytest.mark.parametrize("error", [NoSuchThing("it was pruned"), ValueError("a fault")])
+@pytest.mark.parametrize("error", [NotFoundError("it was pruned"), ValueError("a fault")])
 def test_page_that_cannot_be_rendered_ends_its_streams_and_can_be_opened_again(page, error):
     async def check_streams(pages, _):
         stream = open_stream(pages)

@@ -8,7 +8,7 @@ from farm.control.access.app_key_requests import (
     REQUEST_LIFETIME_S,
     AppKeyRequests,
 )
-from farm.errors import NoSuchThing, Refused
+from farm.errors import NotFoundError, RefusedError
 from farms.slicer_farm import SlicerFarm
 from farms.web_farm import HOST
 
@@ -64,11 +64,11 @@ def test_open_requests_are_limited_for_an_address_and_in_total():
     requests = AppKeyRequests()
     for _ in range(MAX_REQUESTS_PER_ADDRESS):
         requests.add("Cura", "1.2.3.4", 0.0)
-    with pytest.raises(Refused, match="too many programs"):
+    with pytest.raises(RefusedError, match="too many programs"):
         requests.add("Cura", "1.2.3.4", 0.0)
     for number in range(MAX_REQUESTS - MAX_REQUESTS_PER_ADDRESS):
         requests.add("Cura", f"1.2.3.{number}", 0.0)
-    with pytest.raises(Refused, match="too many programs"):
+    with pytest.raises(RefusedError, match="too many programs"):
         requests.add("Cura", "9.9.9.9", REQUEST_LIFETIME_S - 1.0)
     requests.add("Cura", "9.9.9.9", REQUEST_LIFETIME_S)
 
@@ -79,7 +79,7 @@ def test_request_and_granted_key_are_forgotten_after_their_time():
     (request,) = requests.list_open_requests(1.0)
     assert request.app == "31m"
     request.key = "secret"
-    with pytest.raises(NoSuchThing):
+    with pytest.raises(NotFoundError):
         requests.take_key(token, REQUEST_LIFETIME_S)
-    with pytest.raises(NoSuchThing):
+    with pytest.raises(NotFoundError):
         requests.find_open_request(request.code, 1.0)

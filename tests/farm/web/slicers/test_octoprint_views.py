@@ -5,7 +5,7 @@ import pytest
 from books.make_books import make_job
 from farm import api
 from farm.config import PrinterSection
-from farm.errors import NoSuchThing
+from farm.errors import NotFoundError
 from farm.model import PrintState
 from farm.web.slicers import octoprint_views as views
 
@@ -91,5 +91,5 @@ def test_file_is_found_by_number_and_name_or_as_the_newest_of_its_name():
     assert found_ids == {"1/a.gcode": 1, "a.gcode": 2, "/b": 4}
     assert views.find_job(jobs, "a.gcode", "carl").id == 3
     for path in ("4/a.gcode", "9/a.gcode", "c", "٣/a.gcode", "9" * 5000 + "/a.gcode", "", "1/"):
-        with pytest.raises(NoSuchThing):
+        with pytest.raises(NotFoundError):
             views.find_job(jobs, path, "ann")
