@@ -61,7 +61,7 @@ class _Section(BaseModel):
 
 
 def check_scheduler(value: str) -> str:
-    """Check the address of a scheduler. Raises ValueError with a valid form."""
+    """Check the address of a scheduler. Raises ValueError, whose message has a valid form."""
     match = _SCHEDULER_PATTERN.fullmatch(value)
     if match is None or not 0 < int(match[3]) < 65536:
         raise ValueError(f"{value!r} is not the address of a scheduler: use tls://HOST:PORT")
@@ -225,7 +225,7 @@ class FleetSection(_Section):
     keep: KeepSection = KeepSection()
     log: LogFormat = LogFormat.TEXT  # format of the daemon's log; json: one line of JSON for each record
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
-    pin_fit_mm: PinFit | None = None  # how much wider holes are than their pins; see `farm coupon`
+    pin_fit_mm: PinFit | None = None  # clearance of a hole around its pin; see `farm coupon`
     attended: Windows = ()  # hours when somebody is present; empty: unknown
     quiet: Windows = ()  # hours when nothing may print
     first_layers_attended: bool = False  # first layers must end in attended hours

@@ -1,4 +1,4 @@
-"""Routes to agents on other hosts, stored because an agent may run on after its printer left the fleet."""
+"""Routes to agents on other hosts, stored because an agent may continue after its printer left the fleet."""
 
 from __future__ import annotations
 
@@ -36,13 +36,16 @@ def remove_start_file(route: Route | None) -> Route | None:
         return None
     try:
         request = BridgeRequest.parse(route[1])
-    except AgentError:  # of an earlier version
+    except AgentError:  # an earlier version stored the route
         return None
     return route[0], replace(request, do=BridgeTask.REACH).serialise()
 
 
 def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Route | None:
-    """Return the route to a printer's agent: the stored one if the printer was removed from the fleet."""
+    """Return the route to a printer's agent, and store it.
+
+    If the printer was removed from the fleet, `section` is None, and the stored route is returned.
+    """
     route_file = folder / ROUTE_FILE
     if section is None:
         try:

@@ -160,7 +160,7 @@ class JobCommands:
         self._controller.handle(ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=by))
 
     def _list_queue(self, number: int) -> list[int]:
-        """Return the numbers of the queued jobs, in order. Raises RefusedError if the job is not queued."""
+        """Return the numbers of the jobs in the queue, in order. Raises RefusedError if it lacks the job."""
         books = self._controller.books
         if books.get_job(number).state.ended:
             raise RefusedError(f"job {number} has already ended: it is {books.get_job(number).state}")

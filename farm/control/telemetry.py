@@ -50,7 +50,7 @@ class Telemetry:
         self.snapshots: dict[str, AgentSnapshot] = {}
         self._temperatures: dict[str, TemperatureRecord] = {}
         self._refusals = Counter[str]()  # by print
-        self._failures: dict[str, str] = {}  # by printer: why its latest snapshot could not be handled
+        self._failures: dict[str, str] = {}  # by printer: the error in handling its latest snapshot
 
     def list_warnings(self, root: Path) -> tuple[str, ...]:
         """List the problems of the farm as a whole; `root` is the state folder, whose disk may be full."""

@@ -33,11 +33,11 @@ class AgentPrint(PrintReadings, Entity):
     extruded: bool
     started_s: float | None
     ended_s: float | None
-    starved_s: float = 0.0  # simulated printers: how long it waited for the host
+    starved_s: float = 0.0  # time that a simulated printer waited for the host
     layers: int = 0
-    pause_ends_s: float | None = None  # when its agent ends the print unless it is resumed
-    ends_by_s: float | None = None  # when its agent ends the print if it still runs
-    sha256: str | None = None  # of its G-code file
+    pause_ends_s: float | None = None  # time at which its agent ends the print unless it is resumed
+    ends_by_s: float | None = None  # time at which its agent ends the print if it still runs
+    sha256: str | None = None  # hash of its G-code file
 
 
 class AgentSnapshot(PrinterReadings, Entity):
@@ -54,7 +54,7 @@ class AgentSnapshot(PrinterReadings, Entity):
     filament: FilamentState = FilamentState.UNKNOWN
     bed_clear: bool | None = None  # reported by emulators only
     alarm: str | None = None  # a heater that cannot be switched off: immediate action needed
-    bed_unknown_reason: str | None = None  # why bed and filament are unknown, until a person clears the bed
+    bed_unknown_reason: str | None = None  # reason why bed and filament are unknown, until the bed is cleared
     host_lost: bool = False  # no connection to its host: the state of the printer is unknown
     outdated: bool = False  # its agent has an older version and gets no more prints
     reset_verified: bool = True  # a reset stops its board; otherwise it prints only while attended

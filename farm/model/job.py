@@ -65,7 +65,7 @@ class JobOptions(Entity):
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown
     pin_mm: float | None = Field(default=None, ge=MIN_PIN_MM, le=MAX_PIN_MM)  # None: no holes for pins
-    pin_fit_mm: float | None = Field(default=None, ge=0, le=2)  # width beyond the pin; None: the printers'
+    pin_fit_mm: float | None = Field(default=None, ge=0, le=2)  # clearance around a pin; None: the printers'
     marks: bool = False  # part numbers are cut into the faces that are glued
     copies: int = Field(default=1, ge=1, le=500)
     name: ShortText | None = Field(default=None, max_length=60)  # shown instead of the file's name
@@ -83,7 +83,7 @@ class OwnGcode(Entity):
 class Reopening(Entity):
     """Reopening of a job that had ended: a person requested a part again, or judged one bad."""
 
-    ended_s: float  # when it ended before
+    ended_s: float  # time at which it had ended
     reopened_s: float
 
 
@@ -98,16 +98,16 @@ class Job(Entity):
     """Model submitted by a person, with its options, its plan and its state."""
 
     id: int
-    request_id: str  # of the submission; a repeated request does not submit a second job
+    request_id: str  # id of the submission; a repeated request does not submit a second job
     name: str
-    model_file: str  # in the file store
+    model_file: str  # name in the file store
     options: JobOptions
-    own_gcode: OwnGcode | None = None  # of submitted G-code, which is printed as one plate
+    own_gcode: OwnGcode | None = None  # requirements of submitted G-code, which is printed as one plate
     size: ModelSize | None = None  # None: own G-code, or submitted to an earlier version
     state: JobState = JobState.QUEUED
     submitted_s: float
     submitted_by: str | None = None  # the user; None: submitted to an earlier version
-    hold: Hold | None = None  # why its planning has not started
+    hold: Hold | None = None  # reason why its planning has not started
     error: ErrorCode | None = None
     reason: str | None = None
     repairs: tuple[str, ...] = ()
@@ -127,10 +127,10 @@ class Job(Entity):
     cut_instructions: Mapping[str, str] = Field(default_factory=dict)  # for the same parts
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
-    paused: bool = False  # by a person: no plate of it starts
+    paused: bool = False  # by a person; none of its plates starts
     moved_priority: int | None = None  # replaces the priority of its options after a move in the queue
     moved_rank: float | None = None  # replaces its number in the order of jobs with equal priority
-    restored: bool = False  # from a backup: more may have been printed than is recorded
+    restored: bool = False  # from a backup; more may have been printed than is recorded
     planned_s: float | None = None
     planned_for: tuple[str, ...] = ()  # printers that its plan could use; empty: unknown
     planning_s: float | None = None  # duration of its planning, on the farm's clock
@@ -138,7 +138,7 @@ class Job(Entity):
     gluing: Gluing | None = None
     revisions: int = 0  # number of plans that replaced the first one
     ended_s: float | None = None
-    pruned_s: float | None = None  # when its files were deleted, except `picture` and `part_pictures`
+    pruned_s: float | None = None  # time at which its files, except the pictures, were deleted
     part_pictures: Mapping[str, str] = Field(default_factory=dict)  # of a pruned job: by part, in the store
     reopenings: tuple[Reopening, ...] = ()
 
@@ -182,7 +182,7 @@ class PlanStep(StrEnum):
     DECOMPOSING = "decomposing"
     SLICING = "slicing"
     LEVELLING = "levelling"  # moving the cuts according to the sliced times
-    NO_ROOM = "no_room"  # the disk was full: planning restarts when there is space
+    NO_ROOM = "no_room"  # the disk was full; planning restarts when there is space
 
 
 class PlanProgress(Entity):

@@ -63,8 +63,8 @@ class Print(Entity):
     reason: str | None = None
     extruded: bool = False
     cancel_reason: str | None = None
-    restored: bool = False  # from a backup: it may have started or ended since, and is never started
-    fail_reason: str | None = None  # why a person failed it (`farm fail`)
+    restored: bool = False  # from a backup; it may have started or ended since, and is never started
+    fail_reason: str | None = None  # reason why a person failed it (`farm fail`)
     charged: bool = True  # its failure counts as an attempt of its plate
     verdict: Verdict | None = None  # on its part; None until a person has judged it
     verdict_why: str | None = None

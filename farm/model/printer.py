@@ -33,7 +33,7 @@ class Reel(Entity):
     colour: str | None = None
     grams: float | None = None  # remaining filament; None: unknown
     nozzle_mm: float
-    uncertain: bool = False  # `grams` are from a backup: prints since may have used some
+    uncertain: bool = False  # `grams` are from a backup; later prints may have used some
 
 
 class HostLoss(Entity):
@@ -50,14 +50,14 @@ class Printer(Entity):
     name: str
     bed: Bed = Bed.NOT_CLEAR
     filament: FilamentState = FilamentState.UNKNOWN
-    attention_reason: str | None = None  # why a person has to inspect it before it prints again
+    attention_reason: str | None = None  # reason why a person has to inspect it before it prints
     attention_since_s: float | None = None  # time since which it needs inspection
     alarm: str | None = None  # its agent's last report of a heater that cannot be switched off
-    alarm_s: float | None = None  # when it was reported
-    maintenance: str | None = None  # why a person has taken it out of use
-    disconnected_at_s: float | None = None  # when the connection to its board was last lost
+    alarm_s: float | None = None  # time of that report
+    maintenance: str | None = None  # reason why a person has taken it out of use
+    disconnected_at_s: float | None = None  # time at which the connection to its board was lost
     host_loss: HostLoss | None = None  # until its host is connected again
-    restored_s: float | None = None  # when the database was last restored from a backup
+    restored_s: float | None = None  # time at which the database was restored from a backup
     unreported_since_s: float | None = None  # time of the backup since which its agent has not reported
     reel: Reel | None = None  # None: the reel in fleet.yaml
     time_factor: float = 1.0  # actual over expected time of its layers, learned from its prints

@@ -60,12 +60,15 @@ class Capabilities:
 
     def can_contain(self, box: Box) -> bool:
         """Return whether a box lies within one of the build boxes."""
-        x0, y0, x1, y1, height = box
-        slack = TOLERANCE_MM
+        x0, y0, x1, y1, height_mm = box
+        slack_mm = TOLERANCE_MM
         return any(
-            left <= x0 + slack and front <= y0 + slack and x1 <= right + slack and y1 <= back + slack
+            left <= x0 + slack_mm
+            and front <= y0 + slack_mm
+            and x1 <= right + slack_mm
+            and y1 <= back + slack_mm
             for left, front, right, back, top in self.build_boxes
-            if height <= top + slack
+            if height_mm <= top + slack_mm
         )
 
 
@@ -84,8 +87,8 @@ class FleetPrinter:
     filament: FilamentState
     link: Link
     booked: bool  # an open print is assigned to it
-    attention_reason: str | None  # why a person has to inspect it
-    maintenance: str | None = None  # why a person has taken it out of use
+    attention_reason: str | None  # reason why a person has to inspect it
+    maintenance: str | None = None  # reason why a person has taken it out of use
     heating: bool = False
     free_s: float | None = None  # expected end of its print
     job: int | None = None  # number of the job that it is printing
@@ -94,7 +97,7 @@ class FleetPrinter:
     reel_uncertain: bool = False  # `grams` may be too high
     time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints
     unattended: bool = True  # may print while nobody is present
-    attended_reason: str = ""  # why it may not print unattended
+    attended_reason: str = ""  # reason why it may not print unattended
 
     def find_obstacle(self) -> Hold | None:
         """Return the reason why no print can start now; None if the printer is idle and clear."""

@@ -46,7 +46,7 @@ def find_common_losses(
     group, todo = {name}, [name]
     while todo:
         at_s = lost_at_s[todo.pop()]
-        neighbours = {other for other, s in lost_at_s.items() if abs(s - at_s) <= window_s} - group
+        neighbours = {n for n, lost_s in lost_at_s.items() if abs(lost_s - at_s) <= window_s} - group
         group |= neighbours
         todo += neighbours
     return tuple(sorted(group))

@@ -67,7 +67,7 @@ def summarise_job(books: Books, job: Job) -> JobTotals:
         printed=sum(map(states.count, _PRINTED_STATES)),
         good=states.count(PlateState.GOOD),
         printed_copies=len(set(numbers) - unfinished_copies),
-        wasted_s=sum(s for s, _ in waste),
+        wasted_s=sum(seconds for seconds, _ in waste),
         wasted_grams=sum(grams for _, grams in waste),
     )
 

@@ -180,15 +180,15 @@ def _find_whole_part(context: ViewContext, printer: str) -> str | None:
 
 def _sort_by_gluing_order(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
     """Sort printers by the gluing order of their parts; return them, and their names with the parts."""
-    on_bed = {name: _find_part_on_bed(context.books, name) for name in printers}
+    part_by_printer = {name: _find_part_on_bed(context.books, name) for name in printers}
     unknown_rank = (math.inf, 0, 0)
 
     def find_rank(name: str) -> tuple[float, int, int]:
-        part = on_bed[name]
+        part = part_by_printer[name]
         return unknown_rank if part is None else (part.job, part.copy_number, part.glue_rank or 0)
 
     order = sorted(printers, key=find_rank)
-    parts = {name: part for name in order if (part := on_bed[name]) is not None and part.glue_rank}
+    parts = {name: part for name in order if (part := part_by_printer[name]) is not None and part.glue_rank}
     return order, [f"{name} ({parts[name].id})" if name in parts else name for name in order]
 
 

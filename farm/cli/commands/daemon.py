@@ -1,4 +1,4 @@
-"""`farm up`, `farm down` and `farm daemon`: start and stop the daemon; `farm host`."""
+"""`farm up`, `farm down` and `farm daemon` start and stop the daemon; `farm host` runs agents for it."""
 
 from __future__ import annotations
 

@@ -108,10 +108,10 @@ def make_list_routes(services: Services) -> APIRouter:
 def _refuse_while_busy(services: Services) -> None:
     """Refuse a shutdown while the farm prints, plans, or checks a submission. Raises RefusedError."""
     books = services.controller.books
-    busy = sorted({attempt.printer for attempt in books.list_open_prints()})
-    if busy:
+    printers = sorted({attempt.printer for attempt in books.list_open_prints()})
+    if printers:
         raise RefusedError(
-            f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"
+            f"printing: {' '.join(printers)}; use --wait to let them finish, or --now to stop them safely"
         )
     planning_jobs = services.controller.planning.list_running_jobs(books)
     if planning_jobs:

@@ -75,7 +75,9 @@ def cut_part(task: ReplanTask) -> Pieces:
 def read_pin_distances_mm(task: ReplanTask) -> tuple[float, ...]:
     """Read the distances between the pins of the job's parts, in mm, which new pairs of pins must avoid."""
     reports = ((task.files / name).read_text(encoding="utf-8") for name in task.reports)
-    return tuple(mm for report in reports for mm in read_pair_distances_mm(json.loads(report)))
+    return tuple(
+        distance_mm for report in reports for distance_mm in read_pair_distances_mm(json.loads(report))
+    )
 
 
 def _rename_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:

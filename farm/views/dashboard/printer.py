@@ -116,13 +116,13 @@ def describe_printer_page(
 
 def _list_faults(context: ViewContext, prints: Sequence[Print]) -> list[FaultView]:
     """List the last ended prints that have a fault or a reason for a failure or verdict, newest first."""
-    faulty = [
+    faulty_prints = [
         attempt
         for attempt in prints
         if attempt.state.ended and (attempt.fault or attempt.verdict_why or attempt.fail_reason)
     ]
-    faulty.sort(key=lambda attempt: attempt.ended_s or 0.0, reverse=True)
-    return [_describe_fault(context, attempt) for attempt in faulty[:_MAX_FAULTS]]
+    faulty_prints.sort(key=lambda attempt: attempt.ended_s or 0.0, reverse=True)
+    return [_describe_fault(context, attempt) for attempt in faulty_prints[:_MAX_FAULTS]]
 
 
 def _describe_fault(context: ViewContext, attempt: Print) -> FaultView:

@@ -164,13 +164,13 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
     folder, _, name = path.strip("/").rpartition("/")
     if folder:
         numbered_job = jobs.get(int(folder)) if _NUMBER.fullmatch(folder) else None
-        jobs_found = [numbered_job] if numbered_job is not None and numbered_job.name == name else []
+        found_jobs = [numbered_job] if numbered_job is not None and numbered_job.name == name else []
     else:
         candidates = [job for job in jobs.values() if job.name == name and not job.state.ended]
-        jobs_found = [job for job in candidates if job.submitted_by == by] or candidates
-    if not jobs_found:
+        found_jobs = [job for job in candidates if job.submitted_by == by] or candidates
+    if not found_jobs:
         raise NotFoundError(f"there is no open job for a file {name}: send the file first")
-    return max(jobs_found, key=lambda job: job.id)
+    return max(found_jobs, key=lambda job: job.id)
 
 
 def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
@@ -185,15 +185,15 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
     resource
         Address of the profiles.
     """
-    sections_shown = list(sections)
+    shown_sections = list(sections)
     smallest = min(
-        (PROFILES[section.model] for section in sections_shown), key=lambda profile: profile.height_mm
+        (PROFILES[section.model] for section in shown_sections), key=lambda profile: profile.height_mm
     )
     width_mm, depth_mm = smallest.bed_mm
     profile = {
         "id": _PROFILE,
         "name": name,
-        "model": " / ".join(sorted({PROFILES[section.model].title for section in sections_shown})),
+        "model": " / ".join(sorted({PROFILES[section.model].title for section in shown_sections})),
         "color": "default",
         "current": True,
         "default": True,
@@ -208,7 +208,7 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
             "height": smallest.height_mm,
             "custom_box": False,
         },
-        "extruder": {"count": 1, "nozzleDiameter": sections_shown[0].nozzle_mm, "offsets": [[0.0, 0.0]]},
+        "extruder": {"count": 1, "nozzleDiameter": shown_sections[0].nozzle_mm, "offsets": [[0.0, 0.0]]},
         "axes": _describe_axes(smallest),
     }
     return {"profiles": {_PROFILE: profile}}

@@ -75,7 +75,7 @@ def test_wrong_field_is_named(fields, text):
 def test_page_offers_the_printers_and_beds_of_the_fleet():
     page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, Reader("ann", Role.PRINT))
     assert f'action="/submit?request={REQUEST_ID}"' in page
-    assert "A number, of 2 printers" in page
+    assert "This many, out of 2 printers" in page
     assert "Ultimaker 2+" in page
     assert "&#34;" in page  # quotes in the attribute that describes the beds
 
