@@ -48,7 +48,7 @@ from decompose.export import write_decomposition
 from decompose.geometry import load_model
 from decompose.options import BUDGET_S, BestOptions, Engine, Options
 from decompose.print_time import CostModel, find_best_pose
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
@@ -100,8 +100,8 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     recipe = make_recipe(run.quality)
     cost = CostModel.from_recipe(recipe)
     settings = resolve_settings(run.settings_request, find_resources())
-    room = list_model_sizes(list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm), settings)
-    printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
+    boxes_mm = list_model_sizes(list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm), settings)
+    printers = [TargetPrinter(str(i), boxes_mm) for i in range(run.printers)]
     is_faithful = run.engine.endswith(FAITHFUL_SUFFIX)
     engine = Engine(run.engine.removesuffix(FAITHFUL_SUFFIX))
     fits_first_layer = run.quality == "glue"
@@ -112,7 +112,7 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
         fit_first_layer=fits_first_layer,
         best=BestOptions(run.budget_s),
     )
-    _compile_kernels(cost, room)
+    _compile_kernels(cost, boxes_mm)
     start_s = perf_counter()
     try:
         model = load_model(run.path, longest_side_mm=run.side_mm)
@@ -162,13 +162,13 @@ def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str
     return report
 
 
-def _compile_kernels(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None:
+def _compile_kernels(cost: CostModel, boxes_mm: tuple[tuple[float, float, float], ...]) -> None:
     """Compile the kernels before the measured time."""
     from decompose.geometry import Model, Solid
 
     box = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     options = Options(Engine.GUILLOTINE, granularity=5)
-    decompose_model(box, [PrinterRoom(str(i), room) for i in range(4)], options, cost)
+    decompose_model(box, [TargetPrinter(str(i), boxes_mm) for i in range(4)], options, cost)
 
 
 def slice_parts(
@@ -177,11 +177,11 @@ def slice_parts(
     """Slice every part; return CuraEngine's times in seconds, None if a slice is refused."""
     request = run.settings_request
     settings = resolve_settings(request, find_resources())
-    room = list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm)
+    volumes = list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm)
 
     def slice_report_part(part: dict[str, Any]) -> float | None:
         task = SliceTask(
-            part["id"], folder / part["file"], request, find_resources(), settings, room, find_engine(),
+            part["id"], folder / part["file"], request, find_resources(), settings, volumes, find_engine(),
             folder / f"{part['id']}.gcode", args.results / "slices",
             PartPrintOptions(
                 brim_width_mm=part["brim_width_mm"],

@@ -32,7 +32,7 @@ from decompose.decompose import decompose_model
 from decompose.geometry import Model, load_model
 from decompose.options import FILAMENT_MM, ConnectorOptions, Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Decomposition, connect_parts
 
 USABLE_VOLUMES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
@@ -99,9 +99,11 @@ def load_case(name: str, longest_side_mm: float) -> Model:
 def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
     """Cut a model for a number of printers, and compute the order of its assembly."""
     model = load_case(name, longest_side_mm)
-    rooms = [PrinterRoom(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
+    target_printers = [TargetPrinter(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
     options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL_CONNECTORS)
-    return decompose_model(model, rooms, options, CostModel.from_recipe(make_recipe("glue"))).with_assembly()
+    return decompose_model(
+        model, target_printers, options, CostModel.from_recipe(make_recipe("glue"))
+    ).with_assembly()
 
 
 def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:

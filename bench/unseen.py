@@ -30,7 +30,7 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid
 from decompose.options import BUDGET_S, BestOptions, Options
 from decompose.print_time import CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from farm.compute import Deferred, TaskFiles
 
 # Usable build volumes of an Ultimaker 2+, without the margin of the brim.
@@ -183,12 +183,14 @@ class Figures:
 def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float) -> Figures:
     """Decompose one model with default settings."""
     model = draw_model(kind, seed, side_mm)
-    rooms = [PrinterRoom(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
+    target_printers = [TargetPrinter(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
     options = Options(best=BestOptions(budget_s))
     start_s, result, reason = perf_counter(), None, ""
     with ThreadPoolExecutor() as executor:
         try:
-            result = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()), executor)
+            result = decompose_model(
+                model, target_printers, options, CostModel.from_recipe(Recipe()), executor
+            )
         except DecomposeError as error:
             reason = str(error)
     wall_s = perf_counter() - start_s

@@ -14,7 +14,7 @@ from decompose.errors import GeometryError, ModelNotSolid, NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import BestOptions, Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 
 COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are searched
@@ -27,7 +27,7 @@ TRIAL_BUDGET_S = 2.0  # enough to find a result, although not the best one
 
 def advise_longest_side_mm(
     model: Model,
-    printers: Sequence[PrinterRoom],
+    printers: Sequence[TargetPrinter],
     options: Options,
     cost: CostModel,
     executor: Executor | None = None,
@@ -70,7 +70,7 @@ def advise_longest_side_mm(
 
 
 def _find_scale(
-    model: Model, printers: Sequence[PrinterRoom], options: Options, cost: CostModel
+    model: Model, printers: Sequence[TargetPrinter], options: Options, cost: CostModel
 ) -> float | None:
     """Estimate the largest scale below 1 at which a coarse grid needs no more parts than printers.
 
@@ -79,9 +79,9 @@ def _find_scale(
     problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE_GRANULARITY))
     grid = problem.build_grid(model)
     low, high = 0.0, 1.0
-    scale = min(1.0, max(problem.room_mm) / float(model.extents_mm.max()))  # the model is about one part
+    scale = min(1.0, max(problem.max_part_mm) / float(model.extents_mm.max()))  # the model is about one part
     for _ in range(MAX_HALVINGS):
-        boxes = problem.price_boxes(grid, [_scale_room(room, 1.0 / scale) for room in problem.rooms])
+        boxes = problem.price_boxes(grid, [_scale_volume(p, 1.0 / scale) for p in problem.distinct_printers])
         if Partitioner(boxes).solve(sys.float_info.max) <= len(printers):
             low = scale
         else:
@@ -92,15 +92,15 @@ def _find_scale(
     return low or None
 
 
-def _scale_room(room: PrinterRoom, scale: float) -> PrinterRoom:
-    """Scale the room of a printer."""
-    return replace(room, boxes=tuple((scale * x, scale * y, scale * z) for x, y, z in room.boxes))
+def _scale_volume(printer: TargetPrinter, scale: float) -> TargetPrinter:
+    """Scale the build volume of a printer."""
+    return replace(printer, boxes=tuple((scale * x, scale * y, scale * z) for x, y, z in printer.boxes))
 
 
 def _has_result(
     model: Model,
     scale: float,
-    printers: Sequence[PrinterRoom],
+    printers: Sequence[TargetPrinter],
     options: Options,
     cost: CostModel,
     executor: Executor | None,

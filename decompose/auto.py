@@ -23,7 +23,7 @@ from decompose.errors import NoFit
 from decompose.geometry import Model
 from decompose.options import Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
@@ -60,7 +60,7 @@ class CountGoal:
 
 def decompose_auto(
     model: Model,
-    printers: Sequence[PrinterRoom],
+    printers: Sequence[TargetPrinter],
     options: Options,
     cost: CostModel,
     executor: Executor | None = None,
@@ -69,7 +69,8 @@ def decompose_auto(
     """Cut a model for the number of printers that suits a goal.
 
     The number is chosen by the makespans of the first 1, 2, ... printers, which the tables of the grid give
-    for their rooms and speeds. If that number turns out to be too small for the parts, all printers are used.
+    for their build volumes and speeds. If that number turns out to be too small for the parts, all printers
+    are used.
 
     Parameters
     ----------
@@ -110,7 +111,7 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
         Problem with all printers, the best ones first.
     """
     printers = problem.printers
-    grid_problem = problem if problem.is_uniform else replace(problem, printers=problem.rooms)
+    grid_problem = problem if problem.is_uniform else replace(problem, printers=problem.distinct_printers)
     grid = grid_problem.build_grid(problem.model)
     shared_boxes = problem.price_boxes(grid)
     classes = classify_printers(printers, MAX_SUMS / len(shared_boxes.seconds))

@@ -22,9 +22,9 @@ from decompose.geometry import load_model, write_stl
 from decompose.jit import CODE_FOLDER, INSTALLED_FOLDER, is_compiled, mark_compiled
 from decompose.options import BestOptions, Engine, Options, ParalleloboxOptions
 from decompose.print_time import CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
-_ROOM = PrinterRoom("", ((90.0, 90.0, 60.0),))
+_PRINTER = TargetPrinter("", ((90.0, 90.0, 60.0),))
 _QUICK_OPTIONS = Options(
     granularity=6, best=BestOptions(budget_s=0.0), parallelobox=ParalleloboxOptions(tries=1)
 )
@@ -66,7 +66,7 @@ def _cut_small_models() -> None:
         model = load_model(path)
         cost = CostModel.from_recipe(Recipe())
         for options in _ENGINES:
-            printers = [replace(_ROOM, name=name) for name in "abcdefghij"]
+            printers = [replace(_PRINTER, name=name) for name in "abcdefghij"]
             decomposition = decompose_model(model, printers, options, cost)
         write_decomposition(decomposition, Path(scratch) / "parts")
 

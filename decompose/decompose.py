@@ -18,7 +18,7 @@ from decompose.engines import ENGINES, apply_paper_settings
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Interior, Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, find_best_pose, measure_pose
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, finish_result
 
@@ -29,7 +29,7 @@ PRICE_TOLERANCES_MM = (0.02, 0.05)
 
 def decompose_model(
     model: Model,
-    printers: Sequence[PrinterRoom],
+    printers: Sequence[TargetPrinter],
     options: Options,
     cost: CostModel,
     executor: Executor | None = None,
@@ -42,8 +42,8 @@ def decompose_model(
         Model of `decompose.geometry.load_model`.
     printers
         Free printers, each for one part at most; a printer that may print in several rounds appears once for
-        each. The engine `guillotine` cuts a part for the room and the speed of its own printer; the parts of
-        other engines fit all printers.
+        each. The engine `guillotine` cuts a part for the build volume and the speed of its own printer; the
+        parts of other engines fit all printers.
     options
         Engine, grid and limits.
     cost

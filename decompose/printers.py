@@ -1,4 +1,4 @@
-"""Printers of a decomposition: name, room for a part, and speed."""
+"""Printers for which a model is cut: name, build volume and speed; places of parts on their beds."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class PrinterRoom:
-    """Room for a part on a printer: its build volume without clips and brim.
+class TargetPrinter:
+    """Printer for which parts are cut.
 
     Attributes
     ----------
     name
         Name of the printer.
     boxes
-        Width, depth and height in mm that a part may have; width and depth may be swapped.
+        Boxes of its build volume without clips and brim: width, depth and height in mm that a part may have;
+        width and depth may be swapped.
     time_factor
         Ratio of a part's print time to its price, learned from the prints of the printer.
     """

@@ -46,10 +46,10 @@ def slice_with_sides(
     settings = resolve_settings(request, find_resources())
     names = ("brim_width_mm", "layer_0_expansion_mm", "bed_face_hidden", "tops_hidden")
     options = PartPrintOptions.model_validate({name: part[name] for name in names} | {"hidden_sides": sides})
-    room = list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm)
+    volumes = list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm)
     stl = args.folder / part["file"]
     task = SliceTask(
-        part["id"], stl, request, find_resources(), settings, room, find_engine(), out, args.cache, options
+        part["id"], stl, request, find_resources(), settings, volumes, find_engine(), out, args.cache, options
     )
     return slice_part(task).sliced_s
 

@@ -41,7 +41,7 @@ from decompose.print_time import (
     find_best_pose,
     measure_pose,
 )
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Part
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.planning.parts.pricing import build_recipe
@@ -100,7 +100,7 @@ class Row:
 
 
 def list_parts(
-    folder: Path | None, shapes: Shapes, cost: CostModel, room: PrinterRoom, count: int
+    folder: Path | None, shapes: Shapes, cost: CostModel, printer: TargetPrinter, count: int
 ) -> Iterator[tuple[str, Part]]:
     """Yield `count` parts: one of each decomposed model in turn, in random order."""
     rng = np.random.default_rng(2)
@@ -109,7 +109,7 @@ def list_parts(
         for name, model in list_models(folder, shapes):
             for printers in PRINTER_COUNTS:
                 try:
-                    parts = decompose_model(model, [room] * printers, Options(prove=False), cost).parts
+                    parts = decompose_model(model, [printer] * printers, Options(prove=False), cost).parts
                 except DecomposeError as error:
                     print(f"{name} for {printers}: {error}", file=sys.stderr)
                     continue
@@ -142,19 +142,19 @@ def slice_part(
 
 
 def measure_poses(
-    named_part: tuple[str, Part], room: PrinterRoom, cost: CostModel, folder: Path, cache: Path | None
+    named_part: tuple[str, Part], printer: TargetPrinter, cost: CostModel, folder: Path, cache: Path | None
 ) -> Row:
     """Slice one part in its chosen pose, in the axis poses and in the pose in the model."""
     name, part = named_part
     vertices, faces = part.solid.arrays()
     is_cut = find_cut_faces(vertices, faces, part.planes)
     start_s = perf_counter()
-    best = find_best_pose(vertices, faces, is_cut, [room], cost)
+    best = find_best_pose(vertices, faces, is_cut, [printer], cost)
     compute_s = perf_counter() - start_s
     if best is None:
         raise SystemExit(f"{name} fits in no pose")
     axis_poses = [measure_pose(vertices, faces, is_cut, rotation, cost) for rotation in POSE_ROTATIONS]
-    fitting_poses = [pose for pose in axis_poses if room.fits(*pose.size_mm)]
+    fitting_poses = [pose for pose in axis_poses if printer.fits(*pose.size_mm)]
     slice_pose = partial(slice_part, folder, cache, part)
     part_settings = PartSettings(
         None,
@@ -219,14 +219,16 @@ def main() -> int:
     # Parts are sliced without their hidden sides.
     plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)
     cost = CostModel.from_recipe(build_recipe(plain_settings, prelude_s=0.0))
-    room = PrinterRoom(
+    printer = TargetPrinter(
         "0", tuple(b.size_mm for b in list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm))
     )
     shapes = OTHER_SHAPES if args.unseen else SHAPES
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:
-        measure_part = partial(measure_poses, room=room, cost=cost, folder=Path(scratch), cache=args.cache)
+        measure_part = partial(
+            measure_poses, printer=printer, cost=cost, folder=Path(scratch), cache=args.cache
+        )
         rows = []
-        for row in pool.map(measure_part, list_parts(args.models, shapes, cost, room, args.parts)):
+        for row in pool.map(measure_part, list_parts(args.models, shapes, cost, printer, args.parts)):
             rows.append(row)
             print(_format_line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
     result = summarise(rows)

@@ -25,7 +25,7 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid, load_model, round_triangles, write_stl
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, sum_pose_features
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
@@ -197,7 +197,7 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
     )
     for name, model in models:
         for count in PRINTER_COUNTS:
-            printers = [PrinterRoom(str(i), box_sizes_mm) for i in range(count)]
+            printers = [TargetPrinter(str(i), box_sizes_mm) for i in range(count)]
             try:
                 parts = list(decompose_model(model, printers, Options(prove=False), cost).parts)
             except DecomposeError as error:

@@ -24,7 +24,7 @@ from decompose.decompose import decompose_model
 from decompose.geometry import write_stl
 from decompose.options import Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Part
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.compute import Deferred, TaskFiles
@@ -96,9 +96,11 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
             box_sizes_mm = tuple(
                 box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm)
             )
-            rooms = [PrinterRoom(str(number), box_sizes_mm) for number in range(args.printers)]
+            target_printers = [TargetPrinter(str(number), box_sizes_mm) for number in range(args.printers)]
             fit_layer = args.quality == "glue"
-            result = decompose_model(model, rooms, Options(fit_first_layer=fit_layer, prove=False), cost)
+            result = decompose_model(
+                model, target_printers, Options(fit_first_layer=fit_layer, prove=False), cost
+            )
             sliced_s = [slice_part(part, request, args.cache, has_hidden_faces) for part in result.parts]
             prices_s = [part.price_s for part in result.parts]
             rows.append(

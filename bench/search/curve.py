@@ -26,7 +26,7 @@ from decompose.engines.guillotine import Partitioner, compute_makespan_curve
 from decompose.geometry import load_model
 from decompose.options import Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 from drivers.printers import PROFILES, list_usable_volumes
 
@@ -46,7 +46,7 @@ def main() -> None:
     options = parser.parse_args()
     recipe = make_recipe("paper")
     box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
-    printers = tuple(PrinterRoom(str(i), box_sizes_mm) for i in range(options.printers))
+    printers = tuple(TargetPrinter(str(i), box_sizes_mm) for i in range(options.printers))
     model = load_model(options.model, longest_side_mm=options.side)
     problem = Problem(model, printers, CostModel.from_recipe(recipe), Options())
     times_s: dict[str, dict[str, float]] = {}

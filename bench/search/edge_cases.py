@@ -25,7 +25,7 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid
 from decompose.options import BUDGET_S, BestOptions, Options
 from decompose.print_time import CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ CASES: Mapping[str, Case] = {
 def run_case(name: str, case: Case, budget_s: float) -> Outcome:
     """Decompose the model of a case with default options."""
     model = Model(case.make(), (), 1.0)
-    printers = [PrinterRoom(str(number), USABLE_VOLUMES_MM) for number in range(case.printers)]
+    printers = [TargetPrinter(str(number), USABLE_VOLUMES_MM) for number in range(case.printers)]
     options = Options(best=BestOptions(budget_s))
     decompose = decompose_auto if case.auto else decompose_model
     start_s, start_cpu_s = perf_counter(), process_time()

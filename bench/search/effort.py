@@ -27,7 +27,7 @@ from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, load_model
 from decompose.options import Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Effort, Problem, Work
 from drivers.printers import PROFILES, list_usable_volumes
 
@@ -77,15 +77,15 @@ def main() -> None:
     box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
     small_model = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     for engine in options.engines:  # compiles, or loads compiled code
-        rooms = tuple(PrinterRoom(str(i), box_sizes_mm) for i in range(4))
-        measure_search(Problem(small_model, rooms, cost, Options(engine, 5)))
+        target_printers = tuple(TargetPrinter(str(i), box_sizes_mm) for i in range(4))
+        measure_search(Problem(small_model, target_printers, cost, Options(engine, 5)))
     runs: list[dict[str, Any]] = []
     for path in options.models:
         model = load_model(path, longest_side_mm=options.side)
         for printers in options.printers:
             for engine in options.engines:
-                rooms = tuple(PrinterRoom(str(i), box_sizes_mm) for i in range(printers))
-                effort, stage_ends_s = measure_search(Problem(model, rooms, cost, Options(engine)))
+                target_printers = tuple(TargetPrinter(str(i), box_sizes_mm) for i in range(printers))
+                effort, stage_ends_s = measure_search(Problem(model, target_printers, cost, Options(engine)))
                 cpu_s = stage_ends_s["all"]
                 units_by_work = {str(work): units for work, units in effort.done_units.items()}
                 run = {"model": path.stem, "printers": printers, "engine": str(engine), "cpu_s": cpu_s}

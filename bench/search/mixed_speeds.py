@@ -22,7 +22,7 @@ from decompose.decompose import decompose_model
 from decompose.geometry import Model, load_model
 from decompose.options import BUDGET_S, BestOptions, Options
 from decompose.print_time import CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,11 @@ class Figures:
 
 def find_makespan_s(model: Model, time_factors: list[float], budget_s: float, executor: Executor) -> float:
     """Decompose a model for printers with these time factors; return the makespan in seconds."""
-    rooms = [PrinterRoom(str(i), USABLE_VOLUMES_MM, factor) for i, factor in enumerate(time_factors)]
+    target_printers = [
+        TargetPrinter(str(i), USABLE_VOLUMES_MM, factor) for i, factor in enumerate(time_factors)
+    ]
     options, cost = Options(best=BestOptions(budget_s)), CostModel.from_recipe(Recipe())
-    return decompose_model(model, rooms, options, cost, executor).makespan_s
+    return decompose_model(model, target_printers, options, cost, executor).makespan_s
 
 
 def measure(path: Path, time_factors: list[float], side_mm: float, budget_s: float) -> Figures:

@@ -33,7 +33,7 @@ from decompose.geometry import load_model
 from decompose.options import Engine, Options
 from decompose.pieces import assign_printers
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Partition, Problem
 from drivers.printers import PROFILES, list_usable_volumes
 
@@ -42,7 +42,7 @@ WIDE_TIME_RATIO = 0.45
 
 def make_fleet(
     plus_count: int, extended_count: int, wide_count: int, spread: float, brim_mm: float
-) -> tuple[PrinterRoom, ...]:
+) -> tuple[TargetPrinter, ...]:
     """Make a fleet in which the first `wide_count` Ultimaker 2+ have a wide nozzle."""
     factors = 1.0 + spread * np.linspace(-1.0, 1.0, plus_count + extended_count)
     np.random.default_rng(0).shuffle(factors)
@@ -52,7 +52,7 @@ def make_fleet(
         name: tuple(b.size_mm for b in list_usable_volumes(PROFILES[name], brim_mm)) for name in set(models)
     }
     return tuple(
-        PrinterRoom(f"{name}-{i}", box_sizes_mm[name], float(factor))
+        TargetPrinter(f"{name}-{i}", box_sizes_mm[name], float(factor))
         for i, (name, factor) in enumerate(zip(models, factors, strict=True))
     )
 
@@ -68,7 +68,7 @@ def compute_makespan_s(problem: Problem, partition: Partition) -> float:
     )
 
 
-def make_uniform_printers(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
+def make_uniform_printers(printers: Sequence[TargetPrinter]) -> tuple[TargetPrinter, ...]:
     """Make the same number of printers with one speed and the build volume of the least height."""
     smallest_boxes = min(
         (printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes)

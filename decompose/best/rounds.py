@@ -204,7 +204,7 @@ def choose_first_grid(problem: Problem) -> str | int:
     if options.granularity != "auto":
         return options.granularity
     cells = finest = problem.choose_granularity(problem.model)
-    min_cells = choose_granularity("auto", 1, max(extents_mm) / min(problem.room_mm))
+    min_cells = choose_granularity("auto", 1, max(extents_mm) / min(problem.max_part_mm))
     while cells > min_cells and _estimate_grid_s(count_cells(extents_mm, cells)) > (
         GRID_SHARE * options.best.budget_s
     ):

@@ -7,9 +7,9 @@ Surface and volume: each face of the model is printed once, at least at the pric
 and so is each mm3 of solid in a box.
 
 Cut faces: a line along an axis runs through a length L of solid. A box is at most R long, the longest side of
-a room. So m >= L / R boxes share the line, and one ends and the next begins at m - 1 places, with two cut
-faces each, whether the boxes touch or not. If they do not touch, the solid between them is not printed, which
-is allowed only far enough from the surface, on at most a length U of the line. This costs at least
+a build volume. So m >= L / R boxes share the line, and one ends and the next begins at m - 1 places, with two
+cut faces each, whether the boxes touch or not. If they do not touch, the solid between them is not printed,
+which is allowed only far enough from the surface, on at most a length U of the line. This costs at least
 
     min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R
 
@@ -19,8 +19,8 @@ lines of the three axes is the cost of cuts less the saving by hollows. It incre
 U. On a grid, therefore, L is the longest run of full cells, and U the length of all cells that may be left
 out. All lines in a row of cells have the same L and U.
 
-`compute_price_s` subtracts from the price of a box at most the inset over the height of a room, and the rim
-of as much skin as fits into a box whose time is at most the limit of the bound.
+`compute_price_s` subtracts from the price of a box at most the inset over the height of a build volume, and
+the rim of as much skin as fits into a box whose time is at most the limit of the bound.
 
 As on a grid, a box is priced as one part in an axis pose (`grid.boxes`), even if its solid is in several
 pieces. Supports, brims and minimum layer times only add to the price.
@@ -37,14 +37,14 @@ from scipy.spatial import cKDTree
 from decompose.arrays import Bools, Floats, Ints
 from decompose.grid import Cell, Grid, GridRules, fill_grid, place_planes
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 CELLS_PER_SIDE = 64  # cube root of the number of cells; enough for a wall of 10 mm in a model of 450 mm
 UNREACHED_COS = 1.0  # no component of a unit normal is larger
 
 
 def sum_least_work_s(
-    triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float
+    triangles: Floats, printers: Sequence[TargetPrinter], cost: CostModel, wall_mm: float
 ) -> float:
     """Sum the least time of all parts of a solid, apart from what each part costs or saves by itself.
 
@@ -53,7 +53,7 @@ def sum_least_work_s(
     triangles
         (m, 3, 3) in mm, outward by the right-hand rule, closed.
     printers
-        Printers, at most one box each, with their rooms.
+        Printers, at most one box each, with their build volumes.
     cost
         Print time of a part.
     wall_mm
@@ -78,7 +78,7 @@ def sum_least_work_s(
 
 
 def bound_shared_work_s(
-    work_s: float, printers: Sequence[PrinterRoom], cost: CostModel, makespan_s: float
+    work_s: float, printers: Sequence[TargetPrinter], cost: CostModel, makespan_s: float
 ) -> float:
     """Compute a lower bound on the makespan of all partitions of a solid into axis-parallel boxes.
 
@@ -87,7 +87,7 @@ def bound_shared_work_s(
     work_s
         Result of `sum_least_work_s`, which the printers share.
     printers
-        Printers, at most one box each, with their rooms and speeds.
+        Printers, at most one box each, with their build volumes and speeds.
     cost
         Print time of a part.
     makespan_s

@@ -24,7 +24,7 @@ from decompose.grid.piece_counts import count_pieces
 from decompose.grid.threads import SHARES, run_shares
 from decompose.jit import jit
 from decompose.print_time import MIN_VISIBLE_MM2, CostModel, Prices, compute_price_s
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,20 +59,20 @@ class BoxTables:
 
 
 @jit
-def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
+def _fits_all(volumes: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
     """Check whether a part fits each build volume, rotated about z if necessary.
 
     Parameters
     ----------
-    rooms
-        (rooms, boxes, 3) float64 in mm, of `list_rooms`.
+    volumes
+        (volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
     width_mm, depth_mm, height_mm
         Extents of the part.
     """
-    for r in range(len(rooms)):
+    for v in range(len(volumes)):
         fits = False
-        for b in range(rooms.shape[1]):
-            x, y, z = rooms[r, b, 0], rooms[r, b, 1], rooms[r, b, 2]
+        for b in range(volumes.shape[1]):
+            x, y, z = volumes[v, b, 0], volumes[v, b, 1], volumes[v, b, 2]
             fits_base = (width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y)
             if height_mm <= z and fits_base:
                 fits = True
@@ -164,7 +164,7 @@ def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats
 
 @jit
 def _compute_min_price_s(
-    prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats
+    prices: Prices, volumes: Floats, sums: Floats, ends_mm: Floats, areas: Floats
 ) -> float:
     """Compute the price of a box in the best axis pose that fits all build volumes; +inf if none does.
 
@@ -172,8 +172,8 @@ def _compute_min_price_s(
     ----------
     prices
         Record of `CostModel.build_prices`.
-    rooms
-        (rooms, boxes, 3) float64 in mm, of `list_rooms`.
+    volumes
+        (volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
     sums
         (SUMS,) float64 sums over its cells, see `grid.clipping`.
     ends_mm
@@ -187,7 +187,7 @@ def _compute_min_price_s(
         width_mm = ends_mm[(up + 1) % 3 + 3] - ends_mm[(up + 1) % 3]
         depth_mm = ends_mm[(up + 2) % 3 + 3] - ends_mm[(up + 2) % 3]
         height_mm = ends_mm[up + 3] - ends_mm[up]
-        if not _fits_all(rooms, width_mm, depth_mm, height_mm):
+        if not _fits_all(volumes, width_mm, depth_mm, height_mm):
             continue
         flat_mm2 = areas[2 * up] + areas[2 * up + 1]
         hidden_side_factor = 1.0 - prices["hidden_side_share"]
@@ -226,15 +226,15 @@ class Pricing(NamedTuple):
 
     Attributes
     ----------
-    rooms
-        (rooms, boxes, 3) float64 in mm, of `list_rooms`.
+    volumes
+        (volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
     cuts
         As in `_fill_cut_areas`.
     prices
         Record of `CostModel.build_prices`.
     """
 
-    rooms: Floats
+    volumes: Floats
     cuts: tuple[Floats, Floats, Floats]
     prices: Prices
 
@@ -336,26 +336,26 @@ def _price_column(
             tables.trimmed[box] = compute_index(trimmed_box, shape)
             if tables.trimmed[box] == box:
                 tables.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas)
-                tables.seconds[box] = _compute_min_price_s(pricing.prices, pricing.rooms, s, e, areas)
+                tables.seconds[box] = _compute_min_price_s(pricing.prices, pricing.volumes, s, e, areas)
 
 
-def list_rooms(printers: Sequence[PrinterRoom]) -> Floats:
+def list_build_volumes(printers: Sequence[TargetPrinter]) -> Floats:
     """List the distinct build volumes of printers, each of which consists of boxes.
 
     Returns
     -------
     ndarray
-        (rooms, boxes, 3) float64 in mm, padded with boxes that no part fits.
+        (volumes, boxes, 3) float64 in mm, padded with boxes that no part fits.
     """
-    distinct_rooms = sorted({p.boxes for p in printers})
-    max_boxes = max(len(boxes) for boxes in distinct_rooms)
+    distinct_volumes = sorted({p.boxes for p in printers})
+    max_boxes = max(len(boxes) for boxes in distinct_volumes)
     return np.array(
-        [list(boxes) + [(-1.0, -1.0, -1.0)] * (max_boxes - len(boxes)) for boxes in distinct_rooms]
+        [list(boxes) + [(-1.0, -1.0, -1.0)] * (max_boxes - len(boxes)) for boxes in distinct_volumes]
     )
 
 
 def price_boxes(
-    grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel, executor: Executor | None = None
+    grid: Grid, printers: Sequence[TargetPrinter], cost: CostModel, executor: Executor | None = None
 ) -> BoxTables:
     """Price every box of a grid.
 
@@ -382,7 +382,7 @@ def price_boxes(
     tables = PriceTables(
         np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)
     )
-    pricing = Pricing(list_rooms(printers), cuts, cost.build_prices())
+    pricing = Pricing(list_build_volumes(printers), cuts, cost.build_prices())
     ends = _find_cell_ends(grid.needed, grid.extents)
     run_shares(executor, partial(_price_share, grid.needed, grid.sums, ends, pricing, tables))
     pieces = np.ones(total, np.int16)

@@ -1,4 +1,4 @@
-"""Assignment of cut parts to printers with their rooms and speeds."""
+"""Assignment of cut parts to printers with different build volumes and speeds."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from decompose.arrays import Bools, Floats
 from decompose.print_time import Pose
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
-def assign_printers(poses: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
+def assign_printers(poses: Sequence[Pose], printers: Sequence[TargetPrinter]) -> list[TargetPrinter] | None:
     """Assign a printer to each part so that the last part ends as soon as possible.
 
     The pose of a part decides whether the part fits. The price of a pose does not include the speed of a

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import Solid
 from decompose.grid import Box, Grid
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 ON_PLANE_MM = 1e-7  # maximum distance of a vertex from its cut plane, due to rounding
 
@@ -38,7 +38,7 @@ class Piece:
     solid: Solid
     planes: Floats
     boxes_mm: Floats
-    printer: PrinterRoom | None = None
+    printer: TargetPrinter | None = None
     time_ratio: float = 1.0
 
     @property

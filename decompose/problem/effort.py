@@ -17,7 +17,7 @@ class Work(StrEnum):
     """Kinds of work, named by their units."""
 
     FACE_GRIDDED = "face-gridded"  # a triangle of the model, added to a grid
-    BOX_PRICED = "box-priced"  # a box of the grid, priced for a room
+    BOX_PRICED = "box-priced"  # a box of the grid, priced for a build volume
     SUM = "sum"  # a sum of the two sides of a cut, in a search for a partition
     FACE_CUT = "face-cut"  # a triangle of a solid that is cut
     FACE_POSED = "face-posed"  # a triangle of a piece for which the best pose is sought

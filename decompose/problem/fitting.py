@@ -1,4 +1,4 @@
-"""Fit of pieces in the printers' rooms: number of parts, pieces that do not fit, and positions of cuts."""
+"""Fit of pieces in the build volumes: number of parts, pieces that do not fit, and positions of cuts."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from decompose.errors import NoFit
 from decompose.geometry import Solid
 from decompose.grid import CLEAR_MM
 from decompose.pieces import Piece
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem.problem import Problem
 
-FIT_TOLERANCE_MM = 1e-6  # length by which a part may exceed its room, due to rounding
+FIT_TOLERANCE_MM = 1e-6  # length by which a part may exceed the build volume, due to rounding
 ROUNDING_MM3 = 1e-6  # maximum volume of a film that rounding leaves on a cut plane
 
 
-def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
+def count_blocks(size_mm: Floats, printers: Sequence[TargetPrinter]) -> tuple[int, int, int]:
     """Count the fewest equal, axis-aligned blocks along each side of a box that fit every printer.
 
     A box of one block fits; a box of several blocks may still fit if it is rotated.
@@ -30,7 +30,7 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
     size_mm
         (3,) size of the box.
     printers
-        Rooms of the printers.
+        Printers that the parts have to fit.
     """
     axis_counts = []
     for printer in printers:
@@ -44,7 +44,7 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
     return x, y, z
 
 
-def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
+def count_parts(solid: Solid, printers: Sequence[TargetPrinter]) -> int:
     """Count the fewest axis-aligned parts of a solid that fit every printer; 1 if the solid fits as it is.
 
     Parameters
@@ -52,7 +52,7 @@ def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
     solid
         Solid to cut.
     printers
-        Rooms of the printers.
+        Printers that the parts have to fit.
     """
     return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
@@ -115,7 +115,7 @@ def refuse_misfits(
         Number of printers that would be enough; None if it is unknown.
     """
     printers = len(problem.printers)
-    large = [p for p in pieces if count_parts(p.solid, problem.rooms) > 1]
+    large = [p for p in pieces if count_parts(p.solid, problem.distinct_printers) > 1]
     misfits = sum(pose is None for pose in problem.find_poses(large))
     if misfits:
         raise NoFit(

@@ -8,16 +8,16 @@ from decompose.errors import DecomposeError
 from decompose.grid import GRANULARITY
 
 AUTO_GRANULARITY = 15
-MAX_ROOM_CELLS = 24  # maximum granularity due to the printers' room: a finer grid takes gigabytes
+MAX_VOLUME_CELLS = 24  # maximum granularity due to the build volumes: a finer grid takes gigabytes
 MAX_CELLS = 60  # maximum that a person may request
 # Minimum number of cells of a part: with fewer cells, a layer of them is too large a share of the part.
 CELLS_PER_PART = 400
 
 
-def choose_granularity(granularity: str | int, printers: int, room_ratio: float = 1.0) -> int:
+def choose_granularity(granularity: str | int, printers: int, size_ratio: float = 1.0) -> int:
     """Choose the cube root of the number of cells from a name, a number, or ``auto``.
 
-    With ``auto``, a cell is not much larger than half a room.
+    With ``auto``, a cell is not much larger than half a build volume.
 
     Parameters
     ----------
@@ -25,8 +25,8 @@ def choose_granularity(granularity: str | int, printers: int, room_ratio: float 
         A name of `grid.GRANULARITY`, a number, or ``auto``.
     printers
         Number of printers.
-    room_ratio
-        Longest side of the model over the narrowest side of a part's room.
+    size_ratio
+        Longest side of the model over the narrowest side of a build volume.
 
     Raises
     ------
@@ -35,8 +35,8 @@ def choose_granularity(granularity: str | int, printers: int, room_ratio: float 
     """
     if granularity == "auto":
         part_cells = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
-        room_cells = min(MAX_ROOM_CELLS, math.ceil(2.0 * room_ratio))
-        return max(AUTO_GRANULARITY, part_cells, room_cells)
+        volume_cells = min(MAX_VOLUME_CELLS, math.ceil(2.0 * size_ratio))
+        return max(AUTO_GRANULARITY, part_cells, volume_cells)
     if granularity in GRANULARITY:
         return GRANULARITY[str(granularity)]
     try:

@@ -19,12 +19,13 @@ from decompose.grid import VOLUME, Box, BoxTables, Grid, GridRules, build_grid, 
 from decompose.options import Interior, Options
 from decompose.pieces import Piece, assign_printers, find_cut_faces
 from decompose.print_time import CostModel, Pose, find_best_pose
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
 T = TypeVar("T")
-PoseKey = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid, and the rooms to fit
+# A solid, and the build volumes to fit.
+PoseKey = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]
 
 MAX_PARTS = 200  # maximum number of printers, or rounds, that a message suggests for a model
 
@@ -80,7 +81,7 @@ class Problem:
     """
 
     model: Model
-    printers: tuple[PrinterRoom, ...]
+    printers: tuple[TargetPrinter, ...]
     cost: CostModel
     options: Options
     executor: Executor | None = None
@@ -92,13 +93,13 @@ class Problem:
     _poses: dict[PoseKey, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
-    def rooms(self) -> tuple[PrinterRoom, ...]:
-        """Distinct rooms of the printers."""
+    def distinct_printers(self) -> tuple[TargetPrinter, ...]:
+        """One printer for each distinct build volume."""
         return tuple({printer.boxes: printer for printer in self.printers}.values())
 
     @property
     def is_uniform(self) -> bool:
-        """True if all printers have the same room and the same speed."""
+        """True if all printers have the same build volume and the same speed."""
         return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
 
     @property
@@ -107,9 +108,9 @@ class Problem:
         return min(printer.time_factor for printer in self.printers)
 
     @property
-    def room_mm(self) -> list[float]:
+    def max_part_mm(self) -> list[float]:
         """Longest sides that a part may have on every printer."""
-        return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
+        return [min(max(box[axis] for box in p.boxes) for p in self.distinct_printers) for axis in range(3)]
 
     def rotate(self, rotation: Floats) -> Problem:
         """Rotate the model by a rotation (3, 3); return the same problem for the identity."""
@@ -131,8 +132,8 @@ class Problem:
 
     def choose_granularity(self, model: Model) -> int:
         """Choose the granularity of the grid for a model in the frame of the cut."""
-        room_ratio = max(model.extents_mm) / min(self.room_mm)
-        return choose_granularity(self.options.granularity, len(self.printers), room_ratio)
+        size_ratio = max(model.extents_mm) / min(self.max_part_mm)
+        return choose_granularity(self.options.granularity, len(self.printers), size_ratio)
 
     def build_grid(
         self,
@@ -159,17 +160,17 @@ class Problem:
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
         return build_grid(vertices[faces], self.choose_granularity(model), rules, plane_at)
 
-    def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
-        """Price every box of a grid; a box fits if it fits all rooms, by default those of all printers.
+    def price_boxes(self, grid: Grid, printers: Sequence[TargetPrinter] = ()) -> BoxTables:
+        """Price every box of a grid; a box fits if it fits all of some printers, by default of the problem's.
 
         Parameters
         ----------
         grid
             Grid over the model.
-        rooms
-            Rooms that a box has to fit; empty for those of all printers.
+        printers
+            Printers that a box has to fit; empty for all printers of the problem.
         """
-        boxes = price_boxes(grid, list(rooms or self.rooms), self.cost, self.executor)
+        boxes = price_boxes(grid, list(printers or self.distinct_printers), self.cost, self.executor)
         self.effort.record(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
 
@@ -249,26 +250,26 @@ class Problem:
         pairs = zip(self.find_poses(pieces), assigned_printers, strict=True)
         return max(pose.price_s * printer.time_factor for pose, printer in pairs if pose is not None)
 
-    def assign_printers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
+    def assign_printers(self, pieces: Sequence[Piece]) -> list[TargetPrinter] | None:
         """Assign printers to pieces so that the last one ends soonest; None if they do not all fit."""
         if len(pieces) > len(self.printers):
             return None
         poses = [pose for pose in self.find_poses(pieces) if pose is not None]
         return assign_printers(poses, self.printers) if len(poses) == len(pieces) else None
 
-    def list_piece_rooms(self, piece: Piece) -> tuple[PrinterRoom, ...]:
-        """List the rooms that a piece has to fit: that of its printer, or those of all printers."""
-        return self.rooms if piece.printer is None else (piece.printer,)
+    def list_piece_printers(self, piece: Piece) -> tuple[TargetPrinter, ...]:
+        """List the printers that a piece has to fit: its own, or one for each distinct build volume."""
+        return self.distinct_printers if piece.printer is None else (piece.printer,)
 
     def find_pose(self, piece: Piece) -> Pose | None:
-        """Find the best pose of a piece that fits its rooms (`list_piece_rooms`); None if there is none."""
+        """Find the best pose of a piece on its printers (`list_piece_printers`); None if there is none."""
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
-        rooms = self.list_piece_rooms(piece)
-        return find_best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
+        printers = self.list_piece_printers(piece)
+        return find_best_pose(vertices, faces, cut, printers, self.cost, self.options.fit_first_layer)
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
-        """Find the pose of each piece, once for each solid with its rooms, in parallel with an executor."""
+        """Find the pose of each piece, once for each solid and its printers, in parallel with an executor."""
         unposed_keys = {
             self._make_pose_key(piece): piece
             for piece in pieces
@@ -281,7 +282,7 @@ class Problem:
 
     def _make_pose_key(self, piece: Piece) -> PoseKey:
         """Make the key of a piece's pose in the cache."""
-        return piece.solid, tuple(room.boxes for room in self.list_piece_rooms(piece))
+        return piece.solid, tuple(printer.boxes for printer in self.list_piece_printers(piece))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -308,7 +309,7 @@ class Partition:
 
 def validate_problem(
     model: Model,
-    printers: tuple[PrinterRoom, ...],
+    printers: tuple[TargetPrinter, ...],
     options: Options,
 ) -> None:
     """Refuse a problem that no engine can work on.
@@ -321,8 +322,8 @@ def validate_problem(
     Raises
     ------
     DecomposeError
-        There is no printer, a printer has no room, a minimum is not a length or area, or the model is too
-        long for all rooms together.
+        There is no printer, a printer has no build volume, a minimum is not a length or area, or the model is
+        too long for all build volumes together.
     """
     if not printers:
         raise NoFit("no printer: name at least one")
@@ -336,8 +337,8 @@ def validate_problem(
     _refuse_too_long_model(model, printers)
 
 
-def _refuse_too_long_model(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
-    """Refuse a model that is longer than the diagonals of all printers' rooms together."""
+def _refuse_too_long_model(model: Model, printers: tuple[TargetPrinter, ...]) -> None:
+    """Refuse a model that is longer than the diagonals of all printers' build volumes together."""
     reach_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
     if float(model.extents_mm.max()) <= reach_mm:
         return

@@ -15,7 +15,7 @@ from decompose.arrays import Floats
 from decompose.errors import GeometryError, Rule
 from decompose.geometry import Model, Solid
 from decompose.pieces import ON_PLANE_MM, find_cut_faces
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results.decomposition import Part
 from decompose.results.records import Coverage
 
@@ -31,7 +31,7 @@ def check_result(
     parts: Sequence[Part],
     boxes_mm: Floats,
     model: Model,
-    printers: Sequence[PrinterRoom],
+    printers: Sequence[TargetPrinter],
     min_wall_mm: float,
 ) -> Coverage:
     """Check all rules except those of the files.
@@ -60,10 +60,10 @@ def check_result(
     GeometryError
         A rule is broken; the error has the first such rule, and the part.
     """
-    rooms = {p.name: p for p in printers}
+    printer_by_name = {p.name: p for p in printers}
     free_counts = Counter(p.name for p in printers)  # a printer is listed once for each of its rounds
     for part in parts:
-        check_part(part, rooms)
+        check_part(part, printer_by_name)
         free_counts[part.printer] -= 1
         if free_counts[part.printer] < 0:
             raise GeometryError(Rule.OWN_PRINTER, part.id, f"{part.printer} has another part already")
@@ -73,14 +73,14 @@ def check_result(
     return Coverage(surface_error, overlap_mm3)
 
 
-def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
-    """Check that a part is closed, in one piece, and fits its printer's room in its pose.
+def check_part(part: Part, printers: dict[str, TargetPrinter]) -> None:
+    """Check that a part is closed, in one piece, and fits its printer in its pose.
 
     Parameters
     ----------
     part
         Part of the result.
-    rooms
+    printers
         Printers by their names.
     """
     vertices, faces = part.solid.arrays()
@@ -92,8 +92,8 @@ def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
         raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
     vertices_on_bed, _ = part.build_printing_mesh()
     width_mm, depth_mm, height_mm = np.ptp(vertices_on_bed, axis=0) - FIT_TOLERANCE_MM
-    room = rooms.get(part.printer)
-    if room is None or not room.fits(width_mm, depth_mm, height_mm):
+    printer = printers.get(part.printer)
+    if printer is None or not printer.fits(width_mm, depth_mm, height_mm):
         raise GeometryError(
             Rule.FITS,
             part.id,

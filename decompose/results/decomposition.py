@@ -19,7 +19,7 @@ from decompose.errors import DecomposeError, GeometryError, Rule
 from decompose.geometry import Solid, round_triangles, separate_touching
 from decompose.options import Engine, Options
 from decompose.pieces import Fault, Joint, Seam, describe_thin_rims, measure_seams
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results.records import Attempt, Coverage, Cutting
 
 SCHEMA_VERSION = 1
@@ -235,10 +235,10 @@ class Decomposition:
     faults: tuple[Fault, ...] = ()
     curve: tuple[CurvePoint, ...] = ()
     cutting: Cutting | None = None
-    open_printers: tuple[PrinterRoom, ...] = ()
+    open_printers: tuple[TargetPrinter, ...] = ()
     any_boxes_bound_s: float | None = None
 
-    def compute_possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
+    def compute_possible_gain(self, printers: Sequence[TargetPrinter]) -> float:
         """Compute the share of the makespan that a perfect balance of the same total work would save.
 
         With such a balance, all printers would work until the end, each at its own speed.

@@ -22,7 +22,7 @@ from decompose.pieces import (
     sort_pieces,
 )
 from decompose.print_time import PartMesh, Pose, compute_steady_limit_s, find_steady_pose
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import GridFigures, Partition, Problem
 from decompose.results.check import check_result
 from decompose.results.decomposition import Decomposition, Part
@@ -144,7 +144,10 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
 
 
 def _find_steady_poses(
-    problem: Problem, pieces: Sequence[Piece], poses: Sequence[Pose], assigned_printers: Sequence[PrinterRoom]
+    problem: Problem,
+    pieces: Sequence[Piece],
+    poses: Sequence[Pose],
+    assigned_printers: Sequence[TargetPrinter],
 ) -> list[Pose]:
     """Find steadier poses for the pieces that end before the slowest one.
 
@@ -157,12 +160,14 @@ def _find_steady_poses(
     makespan_s = max(pose.price_s * ratio for pose, ratio in zip(poses, ratios, strict=True))
     round_counts = Counter(printer.name for printer in problem.printers)
 
-    def find_pose(piece: Piece, fastest: Pose, printer: PrinterRoom, ratio: float) -> Pose:
+    def find_pose(piece: Piece, fastest: Pose, printer: TargetPrinter, ratio: float) -> Pose:
         spare_s = MAX_END_SHARE * makespan_s / ratio if round_counts[printer.name] == 1 else 0.0
         vertices, faces = piece.solid.arrays()
         mesh = PartMesh(vertices, faces, find_cut_faces(vertices, faces, piece.planes))
-        rooms = (*problem.list_piece_rooms(piece), printer)
-        return find_steady_pose(mesh, rooms, problem.cost, fastest, compute_steady_limit_s(fastest, spare_s))
+        printers = (*problem.list_piece_printers(piece), printer)
+        return find_steady_pose(
+            mesh, printers, problem.cost, fastest, compute_steady_limit_s(fastest, spare_s)
+        )
 
     return list(problem.map(find_pose, pieces, poses, assigned_printers, ratios))
 

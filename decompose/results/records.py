@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from decompose.arrays import Floats
 from decompose.options import Engine
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +70,6 @@ class Cutting:
     granularity: str | int
     frame: Floats
     boxes_mm: Floats
-    cut_for: tuple[PrinterRoom | None, ...]
-    printers: tuple[PrinterRoom, ...]
+    cut_for: tuple[TargetPrinter | None, ...]
+    printers: tuple[TargetPrinter, ...]
     prices_s: tuple[float, ...] = ()

@@ -15,7 +15,7 @@ from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
 from decompose.options import ConnectorOptions, Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
 @pytest.fixture(scope="module")
@@ -23,13 +23,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Decompose a table into three parts with pins and marks; return the folder of the files."""
     legs = [Solid.box((x, y, 0), (x + 20, y + 20, 90)) for x in (0, 100) for y in (0, 100)]
     solid = Solid.union([Solid.box((0, 0, 80), (120, 120, 100)), *legs])
-    rooms = [PrinterRoom(name, ((50.0, 130.0, 130.0),)) for name in "abc"]
+    printers = [TargetPrinter(name, ((50.0, 130.0, 130.0),)) for name in "abc"]
     options = Options(
         Engine.GUILLOTINE, granularity=8, prove=False, connectors=ConnectorOptions(2.85, marks=True)
     )
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     path = tmp_path_factory.mktemp("table")
-    write_decomposition(decompose_model(Model(solid, (), 1.0), rooms, options, cost), path)
+    write_decomposition(decompose_model(Model(solid, (), 1.0), printers, options, cost), path)
     return path
 
 

@@ -8,7 +8,7 @@ import trimesh
 
 from decompose.geometry import Model, Solid
 from decompose.print_time import CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 PLUS_BOXES = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 EXTENDED_BOXES = tuple((x, y, 305.0) for x, y, _ in PLUS_BOXES)
@@ -20,9 +20,9 @@ def cost() -> CostModel:
 
 
 @pytest.fixture
-def fleet() -> list[PrinterRoom]:
-    return [PrinterRoom(f"plus-{i}", PLUS_BOXES) for i in range(5)] + [
-        PrinterRoom(f"extended-{i}", EXTENDED_BOXES) for i in range(3)
+def fleet() -> list[TargetPrinter]:
+    return [TargetPrinter(f"plus-{i}", PLUS_BOXES) for i in range(5)] + [
+        TargetPrinter(f"extended-{i}", EXTENDED_BOXES) for i in range(3)
     ]
 
 

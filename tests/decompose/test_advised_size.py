@@ -10,7 +10,7 @@ from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from tests.decompose.conftest import PLUS_BOXES
 
 OPTIONS = Options(Engine.GUILLOTINE, 4, prove=False)
@@ -31,12 +31,14 @@ def make_block(size_mm: tuple[float, float, float]) -> Model:
 def test_advised_size_can_be_cut(
     size_mm: tuple[float, float, float], printers: int, min_mm: int, max_mm: int, cost: CostModel
 ) -> None:
-    rooms = [PrinterRoom(str(number), PLUS_BOXES) for number in range(printers)]
+    target_printers = [TargetPrinter(str(number), PLUS_BOXES) for number in range(printers)]
     with pytest.raises(NoFit, match="give a smaller --longest-side") as error:
-        decompose_model(make_block(size_mm), rooms, OPTIONS, cost)
+        decompose_model(make_block(size_mm), target_printers, OPTIONS, cost)
     assert error.value.is_too_large
-    side_mm = advise_longest_side_mm(make_block(size_mm), rooms, OPTIONS, cost)
+    side_mm = advise_longest_side_mm(make_block(size_mm), target_printers, OPTIONS, cost)
     assert side_mm is not None
     assert min_mm <= side_mm <= max_mm
     x_mm, y_mm, z_mm = (side_mm / max(size_mm) * side for side in size_mm)
-    assert len(decompose_model(make_block((x_mm, y_mm, z_mm)), rooms, OPTIONS, cost).parts) <= printers
+    assert (
+        len(decompose_model(make_block((x_mm, y_mm, z_mm)), target_printers, OPTIONS, cost).parts) <= printers
+    )

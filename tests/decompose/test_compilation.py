@@ -20,7 +20,7 @@ from decompose.export import write_decomposition
 from decompose.geometry import load_model
 from decompose.options import BestOptions, Engine, Interior, Options
 from decompose.print_time import CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
 def list_signatures():
@@ -40,14 +40,14 @@ folder = Path(sys.argv[1])
 torus = trimesh.creation.torus(90.0, 30.0)
 cross = trimesh.util.concatenate([trimesh.creation.box(size) for size in ((200, 60, 60), (60, 200, 60))])
 cross.update_faces(np.arange(len(cross.faces)) != 7)
-rooms = [PrinterRoom(f"{n}", ((120.0, 120.0, 110.0 + n % 2),)) for n in range(9)]
+printers = [TargetPrinter(f"{n}", ((120.0, 120.0, 110.0 + n % 2),)) for n in range(9)]
 for name, mesh, options in (
     ("cross", cross, Options(granularity=8, best=BestOptions(0.0), interior=Interior.KEEP)),
     ("torus", torus, Options(engine=Engine.GUILLOTINE, granularity=8, seed=1)),
 ):
     mesh.export(folder / f"{name}.stl")
     model = load_model(folder / f"{name}.stl")
-    result = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()))
+    result = decompose_model(model, printers, options, CostModel.from_recipe(Recipe()))
     write_decomposition(result, folder / name)
 print(sorted(set(list_signatures()) - old_signatures))
 """

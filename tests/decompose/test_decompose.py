@@ -17,7 +17,7 @@ from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
 from decompose.options import BestOptions, Engine, Interior, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem.granularity import choose_granularity
 from decompose.results import Decomposition
 
@@ -28,7 +28,7 @@ def list_boxes(result: Decomposition) -> list[list[float]]:
     return [np.round(p.solid.bounds_mm, 6).ravel().tolist() for p in result.parts]
 
 
-def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[TargetPrinter], cost: CostModel) -> None:
     result = decompose_model(ball, fleet, COARSE_OPTIONS, cost)
     assert [p.id for p in result.parts] == [f"p{i:02d}" for i in range(1, len(result.parts) + 1)]
     assert len({p.printer for p in result.parts}) == len(result.parts) <= 8
@@ -46,7 +46,7 @@ def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[PrinterRoom], c
 
 
 def test_more_printers_never_take_longer(
-    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
+    ring_with_bar: Solid, fleet: list[TargetPrinter], cost: CostModel
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
     options = replace(COARSE_OPTIONS, best=BestOptions(0.0), prove=False)
@@ -55,7 +55,7 @@ def test_more_printers_never_take_longer(
 
 
 def test_one_printer_prints_a_small_model_whole(
-    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
+    ring_with_bar: Solid, fleet: list[TargetPrinter], cost: CostModel
 ) -> None:
     result = decompose_model(Model(ring_with_bar, (), 1.0), fleet[:1], COARSE_OPTIONS, cost)
     (part,) = result.parts
@@ -63,9 +63,9 @@ def test_one_printer_prints_a_small_model_whole(
     assert part.price_s == pytest.approx(result.serial_s)
 
 
-def test_interior_is_omitted_if_that_saves_time(fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_interior_is_omitted_if_that_saves_time(fleet: list[TargetPrinter], cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (500, 400, 380)), (), 1.0)
-    printers = [PrinterRoom(f"p{i}", fleet[0].boxes) for i in range(40)]
+    printers = [TargetPrinter(f"p{i}", fleet[0].boxes) for i in range(40)]
     volume_cost = replace(cost, volume_s_mm3=1.0)
     hollow_result = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, prove=False), volume_cost)
     solid_result = decompose_model(
@@ -93,7 +93,7 @@ def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
 
 
 def test_too_few_printers_are_reported_with_the_required_number(
-    ball: Model, fleet: list[PrinterRoom], cost: CostModel
+    ball: Model, fleet: list[TargetPrinter], cost: CostModel
 ) -> None:
     with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as error:
         decompose_model(ball, fleet[:2], COARSE_OPTIONS, cost)
@@ -110,21 +110,23 @@ def test_too_few_printers_are_reported_with_the_required_number(
     with pytest.raises(NoFit, match="name at least one"):
         decompose_model(ball, [], COARSE_OPTIONS, cost)
     with pytest.raises(NoFit, match="no-bed has no room"):
-        decompose_model(ball, [*fleet, PrinterRoom("no-bed", ())], COARSE_OPTIONS, cost)
+        decompose_model(ball, [*fleet, TargetPrinter("no-bed", ())], COARSE_OPTIONS, cost)
     with pytest.raises(NoFit, match="mm each way would be enough"):
         decompose_model(
-            ball, [PrinterRoom(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE_OPTIONS, cost
+            ball, [TargetPrinter(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE_OPTIONS, cost
         )
 
 
-def test_printer_may_print_in_several_rounds(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_printer_may_print_in_several_rounds(
+    ball: Model, fleet: list[TargetPrinter], cost: CostModel
+) -> None:
     result = decompose_model(ball, fleet[:3] * 3, COARSE_OPTIONS, cost)
     counts = [[p.printer for p in result.parts].count(r.name) for r in fleet[:3]]
     assert sum(counts) == len(result.parts) > 3
     assert max(counts) <= 3
 
 
-def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_separate_pieces_are_separate_parts(fleet: list[TargetPrinter], cost: CostModel) -> None:
     two_body_model = Model(
         Solid.union([Solid.box((0, 0, 0), (30, 30, 30)), Solid.box((60, 5, 0), (90, 35, 30))]), (), 1.0
     )
@@ -133,7 +135,7 @@ def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: Cost
         decompose_model(two_body_model, fleet[:1], COARSE_OPTIONS, cost)
 
 
-def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_pieces_in_one_cell_are_separate_parts(fleet: list[TargetPrinter], cost: CostModel) -> None:
     """Use two plates 1 mm apart that share every cell; the search counts them as two pieces."""
     plates = Solid.union([Solid.box((0, 0, 0), (60, 60, 5)), Solid.box((0, 0, 6), (60, 60, 11))])
     result = decompose_model(Model(plates, (), 1.0), fleet, Options(granularity=2), cost)
@@ -142,7 +144,7 @@ def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: C
         decompose_model(Model(plates, (), 1.0), fleet[:1], Options(granularity=2), cost)
 
 
-def test_flat_faces_in_the_middle_are_not_cut(fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_flat_faces_in_the_middle_are_not_cut(fleet: list[TargetPrinter], cost: CostModel) -> None:
     """Use a model with steps at every tenth of the length, where an even grid would have its planes."""
     steps = Solid.union([Solid.box((0, 0, 20 * i), (200 - 20 * i, 80, 20 * i + 20)) for i in range(5)])
     result = decompose_model(Model(steps, (), 1.0), fleet, Options(granularity="regular"), cost)
@@ -163,13 +165,13 @@ def test_granularity_is_set_by_name_number_or_size() -> None:
     assert choose_granularity("auto", 50) > 20
 
 
-def test_invalid_wall_is_refused(ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_invalid_wall_is_refused(ring_with_bar: Solid, fleet: list[TargetPrinter], cost: CostModel) -> None:
     with pytest.raises(DecomposeError, match="--min-wall"):
         decompose_model(Model(ring_with_bar, (), 1.0), fleet, Options(min_wall_mm=float("nan")), cost)
 
 
 def test_written_parts_add_up_to_the_model(
-    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel, tmp_path: Path
+    ring_with_bar: Solid, fleet: list[TargetPrinter], cost: CostModel, tmp_path: Path
 ) -> None:
     result = write_decomposition(
         decompose_model(Model(ring_with_bar, (), 1.0), fleet[:4], COARSE_OPTIONS, cost), tmp_path / "out"
@@ -210,7 +212,7 @@ def test_written_parts_add_up_to_the_model(
 
 @pytest.mark.parametrize("min_wall_mm", [1e4, 1e200])
 def test_wall_thicker_than_the_model_keeps_the_whole_model(
-    min_wall_mm: float, fleet: list[PrinterRoom], cost: CostModel
+    min_wall_mm: float, fleet: list[TargetPrinter], cost: CostModel
 ) -> None:
     cube = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
     result = decompose_model(cube, fleet, Options(granularity=6, min_wall_mm=min_wall_mm), cost)

@@ -12,7 +12,7 @@ from decompose.decompose import decompose_model
 from decompose.geometry import load_model
 from decompose.options import BestOptions, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 ROOT = Path(__file__).parents[2]
 
@@ -28,7 +28,7 @@ def run_script(*args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_aqueduct_of_the_paper_is_cut(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> None:
+def test_aqueduct_of_the_paper_is_cut(tmp_path: Path, fleet: list[TargetPrinter], cost: CostModel) -> None:
     first_path, second_path = tmp_path / "a.stl", tmp_path / "b.stl"
     process = run_script(str(first_path))
     assert process.returncode == 0, process.stderr

@@ -16,11 +16,11 @@ from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Interior, Options, ParalleloboxOptions
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Decomposition
 
-ROOM = (110.0, 100.0, 120.0)
-PRINTERS = [PrinterRoom(str(i), (ROOM,)) for i in range(16)]
+BOX_MM = (110.0, 100.0, 120.0)
+PRINTERS = [TargetPrinter(str(i), (BOX_MM,)) for i in range(16)]
 ENGINES = [engine for engine in Engine if engine is not Engine.BEST]
 corners_mm = st.tuples(*[st.integers(-60, 40)] * 3)
 sizes_mm = st.tuples(*[st.integers(15, 90)] * 3)
@@ -60,7 +60,7 @@ def check_invariants(result: Decomposition, model: Model, seed: int) -> None:
         mesh = trimesh.Trimesh(vertices, faces, process=False)
         assert mesh.is_watertight and mesh.volume > 0.0
         assert sum(shell.volume > 0.0 for shell in mesh.split(only_watertight=True)) == 1
-        assert (np.sort(np.ptp(part.build_printing_mesh()[0], axis=0)) <= np.sort(ROOM) + 1e-6).all()
+        assert (np.sort(np.ptp(part.build_printing_mesh()[0], axis=0)) <= np.sort(BOX_MM) + 1e-6).all()
     assert len({part.printer for part in result.parts}) == len(result.parts)
     for a, b in combinations(result.parts, 2):
         assert a.solid.intersect(b.solid).volume_mm3 < 1e-3

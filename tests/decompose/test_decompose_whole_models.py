@@ -13,10 +13,10 @@ from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Decomposition
 
-ROOM = ((170.0, 170.0, 200.0),)
+BOXES_MM = ((170.0, 170.0, 200.0),)
 box = Solid.box
 
 
@@ -70,9 +70,9 @@ def make_pipe() -> Solid:
 
 
 def cut_solid(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decomposition:
-    rooms = [PrinterRoom(f"um-{i}", ROOM) for i in range(printers)]
+    target_printers = [TargetPrinter(f"um-{i}", BOXES_MM) for i in range(printers)]
     options = Options(Engine.GUILLOTINE, granularity, prove=False)
-    return decompose_model(Model(solid, (), 1.0), rooms, options, cost)
+    return decompose_model(Model(solid, (), 1.0), target_printers, options, cost)
 
 
 @pytest.mark.parametrize(
@@ -122,9 +122,11 @@ def test_sufficient_number_of_printers_is_reported(cost: CostModel) -> None:
 
 def test_model_too_large_for_any_fleet_is_reported(cost: CostModel) -> None:
     """Use a bed that is smaller than a cell of the finest grid."""
-    rooms = [PrinterRoom(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
+    target_printers = [TargetPrinter(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
     with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would be enough"):
-        decompose_model(Model(make_ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
+        decompose_model(
+            Model(make_ball(200.0), (), 1.0), target_printers, Options(Engine.GUILLOTINE, 8), cost
+        )
 
 
 def test_rod_of_100_m_is_refused_before_a_grid_is_built(

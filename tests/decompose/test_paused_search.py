@@ -13,28 +13,28 @@ from decompose.geometry import Model, Solid
 from decompose.options import BestOptions, Options
 from decompose.paused_search import PausedSearch
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.progress import listen_to_progress
 from decompose.results import Decomposition
 
 L_SHAPE = Model(
     Solid.union([Solid.box((0, 0, 0), (150, 40, 30)), Solid.box((0, 0, 0), (40, 110, 60))]), (), 1.0
 )
-ROOMS = [PrinterRoom(name, ((120.0, 120.0, 120.0),)) for name in "abcd"]
+PRINTERS = [TargetPrinter(name, ((120.0, 120.0, 120.0),)) for name in "abcd"]
 BEST_OPTIONS = BestOptions(8.0)  # one round of several attempts, and one single attempt
 
 
 @pytest.fixture(scope="module")
 def unpaused_result(cost: CostModel) -> Decomposition:
     """Search without a pause."""
-    return decompose_model(L_SHAPE, ROOMS, Options(best=BEST_OPTIONS, prove=False), cost)
+    return decompose_model(L_SHAPE, PRINTERS, Options(best=BEST_OPTIONS, prove=False), cost)
 
 
 @pytest.fixture(scope="module")
 def paused_search(cost: CostModel) -> PausedSearch:
     """Search until the first round of several attempts."""
     options = Options(best=replace(BEST_OPTIONS, pauses=True), prove=False)
-    best_result = decompose_model(L_SHAPE, ROOMS, options, cost)
+    best_result = decompose_model(L_SHAPE, PRINTERS, options, cost)
     return PausedSearch(best_result, L_SHAPE, cost)
 
 
@@ -75,7 +75,7 @@ def test_attempts_in_any_order_give_the_result_of_one_process(
 
 def test_search_pauses_once_it_has_a_result(paused_search: PausedSearch) -> None:
     best_result = paused_search.best
-    assert best_result.open_printers == tuple(ROOMS)
+    assert best_result.open_printers == tuple(PRINTERS)
     assert len(best_result.attempts) == 1
     assert paused_search.spent_share == pytest.approx(
         best_result.attempts[0].effort_s / BEST_OPTIONS.budget_s

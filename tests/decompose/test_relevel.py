@@ -17,12 +17,12 @@ from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.pieces import cut_box, sort_pieces
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 from decompose.relevel import _cut_previous_boxes, relevel_planes
 from decompose.results import Attempt, Cutting, Decomposition, Part
 
-ROOMS = tuple(PrinterRoom(name, ((220.0, 220.0, 200.0),)) for name in "abcd")
+PRINTERS = tuple(TargetPrinter(name, ((220.0, 220.0, 200.0),)) for name in "abcd")
 OPTIONS = Options(Engine.GUILLOTINE, 6, fit_first_layer=False, prove=False)
 MODEL = Model(
     Solid.union([Solid.box((0, 0, 0), (400, 60, 60)), Solid.box((30, 20, 0), (130, 100, 90))]).rotate(
@@ -35,7 +35,7 @@ MODEL = Model(
 
 @pytest.fixture(scope="module")
 def decomposition(cost: CostModel) -> Decomposition:
-    return decompose_model(MODEL, ROOMS, OPTIONS, cost)
+    return decompose_model(MODEL, PRINTERS, OPTIONS, cost)
 
 
 def pickle_and_unpickle(decomposition: Decomposition) -> Decomposition:
@@ -126,7 +126,7 @@ def test_second_relevel_continues_from_the_first(decomposition: Decomposition, c
 def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
     from decompose.decompose import run_engine
 
-    problem = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
+    problem = rotate_about_z(Problem(MODEL, PRINTERS, cost, OPTIONS), -20.0)
     decomposition = run_engine(problem, serial=lambda: (1.0, 1.0))
     new_result = relevel_planes(
         MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
@@ -141,9 +141,9 @@ def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
 @pytest.mark.parametrize("speed_step", [0.0, 0.03, 0.1])
 def test_slow_part_ends_sooner_on_unequal_printers(speed_step: float, cost: CostModel) -> None:
     """Use uneven prices, so that printers must not be assigned by price."""
-    rooms = tuple(replace(room, time_factor=1.0 + speed_step * i) for i, room in enumerate(ROOMS))
-    factors = {room.name: room.time_factor for room in rooms}
-    decomposition = decompose_model(MODEL, rooms, OPTIONS, cost)
+    printers = tuple(replace(printer, time_factor=1.0 + speed_step * i) for i, printer in enumerate(PRINTERS))
+    factors = {printer.name: printer.time_factor for printer in printers}
+    decomposition = decompose_model(MODEL, printers, OPTIONS, cost)
     old_times_s = make_times_s(decomposition, 0, 1.1)
     new_result = relevel_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
     assert new_result is not None and new_result.cutting is not None
@@ -169,13 +169,13 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
             Solid.box((160, 0, 50), (200, 40, 110)),
         ]
     )
-    problem = Problem(Model(u_shape, (), 1.0), ROOMS[:3], cost, replace(OPTIONS, granularity=4))
+    problem = Problem(Model(u_shape, (), 1.0), PRINTERS[:3], cost, replace(OPTIONS, granularity=4))
     boxes_mm = np.array(
         [[[-1.0, -1.0, -1.0], [201.0, 41.0, 70.0]], [[-1.0, -1.0, 70.0], [201.0, 41.0, 151.0]]]
     )
     parts = sort_pieces(piece for box in boxes_mm for piece in cut_box(u_shape, *box))
     prices_s = [pose.price_s for pose in problem.find_poses(parts) if pose is not None]
-    cutting = Cutting(4, np.eye(3), boxes_mm[[0, 1, 1]], (None,) * 3, ROOMS[:3])
+    cutting = Cutting(4, np.eye(3), boxes_mm[[0, 1, 1]], (None,) * 3, PRINTERS[:3])
     result = _cut_previous_boxes(problem, cutting, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
     assert result is not None
     moved_pieces = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, result)
@@ -202,7 +202,7 @@ def test_unrelated_parts_are_unchanged(decomposition: Decomposition, cost: CostM
 
 
 def test_parts_without_a_grid_are_unchanged(cost: CostModel) -> None:
-    decomposition = decompose_model(MODEL, ROOMS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
+    decomposition = decompose_model(MODEL, PRINTERS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
     assert decomposition.cutting is None
     assert (
         relevel_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0), cost)

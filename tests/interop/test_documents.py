@@ -13,7 +13,7 @@ from decompose.export.instructions import write_instructions
 from decompose.geometry import Model, Solid
 from decompose.options import ConnectorOptions, Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import connect_parts
 from farm.model import Role
 from farms.network_farm import NetworkFarm
@@ -41,11 +41,11 @@ def report(tmp_path):
 @pytest.fixture
 def instructions(tmp_path):
     """Return the path of assembly instructions for a block of two parts with pins and marks."""
-    rooms = [PrinterRoom(name, ((80.0, 80.0, 80.0),)) for name in "ab"]
+    printers = [TargetPrinter(name, ((80.0, 80.0, 80.0),)) for name in "ab"]
     connectors = ConnectorOptions(2.85, marks=True)
     options = Options(engine=Engine.GUILLOTINE, granularity=4, prove=False)
     block = Model(Solid.box((0, 0, 0), (120, 60, 40)), (), 1.0)
-    decomposition = decompose_model(block, rooms, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0))
+    decomposition = decompose_model(block, printers, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0))
     cut_model = replace(decomposition.with_assembly(), options=replace(options, connectors=connectors))
     path = tmp_path / "instructions.html"
     write_instructions(connect_parts(cut_model), path)

@@ -126,7 +126,7 @@ def _split_piece(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
 def _cut_to_fit(piece: Piece, problem: Problem) -> list[Piece]:
     """Cut a piece on a grid until every block fits every printer."""
     lo, hi = piece.solid.bounds_mm
-    counts = np.array(count_blocks(hi - lo, problem.rooms))
+    counts = np.array(count_blocks(hi - lo, problem.distinct_printers))
     if counts.max() == 1:
         return [piece]
     axis = int(counts.argmax())
@@ -175,7 +175,7 @@ class _PieceMerger:
     def can_merge(self, a: int, b: int) -> bool:
         """Check whether two groups together fit every printer."""
         size_mm = self.groups[a].measure_common_size_mm(self.groups[b])
-        return max(count_blocks(size_mm, self.problem.rooms)) == 1
+        return max(count_blocks(size_mm, self.problem.distinct_printers)) == 1
 
     def merge_groups(self, a: int, b: int) -> bool:
         """Merge the second group into the first, and return whether that was possible.

@@ -189,7 +189,7 @@ class _CorrectedMethod(_Method):
 
     def price_part(self, piece: Piece) -> _Part:
         """Price a piece by its print time per printer that it needs."""
-        printers_needed = count_parts(piece.solid, self.problem.rooms)
+        printers_needed = count_parts(piece.solid, self.problem.distinct_printers)
         seconds = float(price_axis_poses_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / printers_needed, printers_needed)
 
@@ -231,7 +231,7 @@ class _CorrectedMethod(_Method):
             Normal (3,) of the planes, and their positions along it in mm.
         """
         lo, hi = solid.bounds_mm
-        counts = count_blocks(hi - lo, self.problem.rooms)
+        counts = count_blocks(hi - lo, self.problem.distinct_printers)
         axis = int(np.lexsort((hi - lo, counts))[-1])
         shares = (
             (counts[axis] // 2 + OFFSET_SHARES) / counts[axis]

@@ -12,7 +12,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.pieces import SLIVER_MM, Piece
 from decompose.print_time import Pose
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,15 +79,15 @@ def find_longest_time_s(parts: Sequence[BoxPart]) -> float:
     return max(part.seconds for part in parts)
 
 
-def find_spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
+def find_spare_length_mm(size_mm: Floats, printers: Sequence[TargetPrinter]) -> Floats:
     """Compute the length by which a part may grow along each axis, one axis at a time, and still fit.
 
     Parameters
     ----------
     size_mm
         (3,) size of the part.
-    rooms
-        Build volumes, all of which the part has to fit.
+    printers
+        Printers, all of which the part has to fit.
 
     Returns
     -------
@@ -95,8 +95,10 @@ def find_spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Float
         (3,) lengths in mm; inf (unknown) if the part fits each build volume only when rotated off the axes.
     """
     spare_mm = np.full(3, math.inf)
-    for room in rooms:
-        spare_by_box_mm = np.array([extents for box in room.boxes for extents in permutations(box)]) - size_mm
+    for printer in printers:
+        spare_by_box_mm = (
+            np.array([extents for box in printer.boxes for extents in permutations(box)]) - size_mm
+        )
         spare_by_box_mm = spare_by_box_mm[(spare_by_box_mm >= 0.0).all(axis=1)]
         if len(spare_by_box_mm):
             spare_mm = np.minimum(spare_mm, spare_by_box_mm.max(axis=0))

@@ -24,7 +24,7 @@ from decompose.engines.guillotine.recursion import UNREACHABLE
 from decompose.errors import NoFit, format_size
 from decompose.grid import Box, BoxTables, Grid, index_box
 from decompose.pieces import Piece, assign_bottleneck
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import GridFigures, Partition, Problem, Work
 
 Cut = Mapping[Box, Sequence[Piece]]
@@ -80,7 +80,7 @@ def _assign_printers(problem: Problem, cut: Cut) -> Cut:
     return cut if assigned_printers is None else _set_printers(cut, assigned_printers)
 
 
-def _set_printers(cut: Cut, assigned_printers: Sequence[PrinterRoom]) -> Cut:
+def _set_printers(cut: Cut, assigned_printers: Sequence[TargetPrinter]) -> Cut:
     """Give each piece its printer."""
     printers = iter(assigned_printers)
     return {
@@ -211,7 +211,7 @@ class _ClassSearch(ExactSearch):
             makespan_s = float(times_s[range(len(assigned_printers)), assigned_printers].max())
         if problem.needs_proof(pieces):
             fastest_factor = np.float32(problem.fastest_factor)
-            tables = [problem.price_boxes(grid, [room]) for room in problem.rooms]
+            tables = [problem.price_boxes(grid, [printer]) for printer in problem.distinct_printers]
             best_tables = replace(
                 tables[0],
                 seconds=fastest_factor * np.min([boxes.seconds for boxes in tables], axis=0),
@@ -289,9 +289,9 @@ def make_class_tables(
     for printer_class in classes:
         if printer_class.boxes in tables:
             continue
-        is_smallest = all(room.fits(*box) for box in printer_class.boxes for room in problem.rooms)
+        is_smallest = all(p.fits(*box) for box in printer_class.boxes for p in problem.distinct_printers)
         tables[printer_class.boxes] = (
-            shared_tables if is_smallest else problem.price_boxes(grid, [printer_class.room])
+            shared_tables if is_smallest else problem.price_boxes(grid, [printer_class.smallest_printer])
         )
     pieces = np.maximum(shared_tables.pieces, np.max([boxes.pieces for boxes in tables.values()], axis=0))
     return [

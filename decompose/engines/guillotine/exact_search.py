@@ -255,7 +255,7 @@ class ExactSearch:
             min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(
                 f"{format_size(model.extents_mm)} mm is cut into blocks of {min_mm:.0f} mm at least, and a "
-                f"part has room for {format_size(problem.room_mm)} mm (without clips and brim): printers "
+                f"part has room for {format_size(problem.max_part_mm)} mm (without clips and brim): printers "
                 f"with room for {math.ceil(min_mm)} mm each way would be enough",
                 is_too_large=True,
             )

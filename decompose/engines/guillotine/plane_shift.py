@@ -38,7 +38,7 @@ from decompose.engines.guillotine.plane_moves import (
 from decompose.grid import CLEAR_MM, Box, Cell, Grid, NeededCells, find_flat_coordinates
 from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces, find_faults
 from decompose.print_time import Pose, measure_pose
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import WORK_NS, Problem, Work
 
 Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
@@ -276,7 +276,7 @@ class _PlaneShift:
         high_mm = np.maximum(
             np.where(self.is_free[:, 1], np.minimum(step_mm, self.reach_mm - shift_mm), 0.0), 0.0
         )
-        max_growth_mm = np.array([find_spare_length_mm(p.size_mm, self._list_rooms(p)) for p in parts])
+        max_growth_mm = np.array([find_spare_length_mm(p.size_mm, self._list_printers(p)) for p in parts])
         max_shrinkage_mm = np.maximum(0.0, start_boxes_mm[:, 1] - start_boxes_mm[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, expected_s = start_boxes_mm, math.inf
@@ -313,9 +313,9 @@ class _PlaneShift:
                 new_mm[group] = round(new_mm[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new_mm[self.groups], old_boxes_mm)
 
-    def _list_rooms(self, part: BoxPart) -> list[PrinterRoom]:
-        """List the build volumes that the pieces of a part have to fit."""
-        return [room for piece in part.pieces for room in self.problem.list_piece_rooms(piece)]
+    def _list_printers(self, part: BoxPart) -> list[TargetPrinter]:
+        """List the printers that the pieces of a part have to fit."""
+        return [printer for piece in part.pieces for printer in self.problem.list_piece_printers(piece)]
 
     def _cut_part(self, i: int, box_mm: Floats) -> BoxPart:
         """Cut a part with another box; its pieces keep their printers if there are as many."""
@@ -369,7 +369,7 @@ class _PlaneShift:
         poses: list[Pose | None] = []
         for piece, old in zip(new_part.pieces, part.poses, strict=True):
             pose = self._measure_piece(piece, old)
-            fits = all(room.fits(*pose.size_mm) for room in self.problem.list_piece_rooms(piece))
+            fits = all(printer.fits(*pose.size_mm) for printer in self.problem.list_piece_printers(piece))
             is_dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
             poses.append(pose if fits and not is_dirtier and pose.rank[:2] <= old.rank[:2] else None)
         return new_part, poses

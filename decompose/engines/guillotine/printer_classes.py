@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 from math import prod
 
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 BuildVolume = tuple[tuple[float, float, float], ...]
 
@@ -27,19 +27,19 @@ class PrinterClass:
     Attributes
     ----------
     boxes, time_factor
-        The build volume that all of them have, and the speed of the slowest; see `PrinterRoom`.
+        The build volume that all of them have, and the speed of the slowest; see `TargetPrinter`.
     printers
         Printers of the class.
     """
 
     boxes: BuildVolume
     time_factor: float
-    printers: tuple[PrinterRoom, ...]
+    printers: tuple[TargetPrinter, ...]
 
     @property
-    def room(self) -> PrinterRoom:
-        """Minimum build volume and speed of all printers of the class."""
-        return PrinterRoom("", self.boxes, self.time_factor)
+    def smallest_printer(self) -> TargetPrinter:
+        """Printer with the build volume and the speed that all printers of the class have at least."""
+        return TargetPrinter("", self.boxes, self.time_factor)
 
     @property
     def count(self) -> int:
@@ -52,7 +52,7 @@ class PrinterClass:
         return self.count / self.time_factor
 
 
-def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[PrinterClass]:
+def classify_printers(printers: Sequence[TargetPrinter], max_sums: float) -> list[PrinterClass]:
     """Classify printers, the largest class first; one class if all are about equal.
 
     Parameters
@@ -62,7 +62,7 @@ def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[
     max_sums
         Number of sums (`count_sums`) that the search may make for each cut; at least 1.
     """
-    printers_by_key: dict[tuple[BuildVolume, float], list[PrinterRoom]] = {}
+    printers_by_key: dict[tuple[BuildVolume, float], list[TargetPrinter]] = {}
     for printer in printers:
         printers_by_key.setdefault((printer.boxes, printer.time_factor), []).append(printer)
     classes = [PrinterClass(*key, tuple(printers_by_key[key])) for key in sorted(printers_by_key)]

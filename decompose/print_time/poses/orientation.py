@@ -24,7 +24,7 @@ from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import POSE_ROTATIONS, sum_pose_features
 from decompose.print_time.poses.pose import COLUMN, Pose, measure_from_features
 from decompose.print_time.surfaces import measure_surfaces
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 MAX_HULL_FACETS, MAX_FLAT_FACES = 24, 12  # maximum number of candidates of each kind, the largest first
 DIRECTION_STEPS = 1000  # coordinates of directions are compared after rounding to 1 / DIRECTION_STEPS
@@ -39,7 +39,7 @@ def find_best_pose(
     vertices: Floats,
     faces: Ints,
     is_cut: Bools,
-    printers: Sequence[PrinterRoom],
+    printers: Sequence[TargetPrinter],
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose | None:
@@ -88,7 +88,7 @@ def find_best_pose(
     return best
 
 
-def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[PrinterRoom]) -> Floats:
+def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[TargetPrinter]) -> Floats:
     """Find the rotations in which a part lies on a flat side and fits all printers.
 
     Parameters
@@ -107,7 +107,7 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Pri
     return _list_rotations(list_directions(vertices, faces, hull), hull, printers)
 
 
-def _list_rotations(directions: Floats, hull: Hull, printers: Sequence[PrinterRoom]) -> Floats:
+def _list_rotations(directions: Floats, hull: Hull, printers: Sequence[TargetPrinter]) -> Floats:
     """Find the rotations (m, 3, 3) that turn directions (k, 3) up and fit every printer at some yaw."""
     rotations = [_find_rotation(up, hull.points, printers) for up in directions]
     return np.array([rotation for rotation in rotations if rotation is not None]).reshape(-1, 3, 3)
@@ -233,7 +233,7 @@ def _find_flat_directions(area_vectors: Floats) -> Floats:
     return directions
 
 
-def _find_rotation(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
+def _find_rotation(up: Floats, hull: Floats, printers: Sequence[TargetPrinter]) -> Floats | None:
     """Find a rotation with a direction up (3,) whose yaw fits every printer; None if there is none.
 
     Axis poses keep their yaw if it fits. Any other pose is rotated so that the smallest rectangle around its

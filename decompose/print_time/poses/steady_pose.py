@@ -19,7 +19,7 @@ from decompose.print_time.pose_prices import sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MM
 from decompose.print_time.poses.orientation import find_fitting_rotations
 from decompose.print_time.poses.pose import COLUMN, Pose, measure_from_features
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 MAX_STEADY_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
 MAX_SLENDERNESS_RATIO = 0.8  # maximum slenderness of a steadier pose, as a share of that of the fastest pose
@@ -48,7 +48,7 @@ def compute_steady_limit_s(fastest_pose: Pose, spare_limit_s: float) -> float:
 
 
 def find_steady_pose(
-    mesh: PartMesh, rooms: Sequence[PrinterRoom], cost: CostModel, fastest_pose: Pose, limit_s: float
+    mesh: PartMesh, printers: Sequence[TargetPrinter], cost: CostModel, fastest_pose: Pose, limit_s: float
 ) -> Pose:
     """Find a pose with a larger foot and less height than the fastest one, within a time.
 
@@ -56,8 +56,8 @@ def find_steady_pose(
     ----------
     mesh
         Closed mesh of the part, outward.
-    rooms
-        Build volumes of the printers, all of which the part has to fit.
+    printers
+        Printers, all of which the part has to fit.
     cost
         Cost model of the print time.
     fastest_pose
@@ -73,7 +73,7 @@ def find_steady_pose(
     """
     if fastest_pose.slenderness <= MAX_STEADY_SLENDERNESS or limit_s < fastest_pose.price_s:
         return fastest_pose
-    rotations = find_fitting_rotations(mesh.vertices, mesh.faces, rooms)
+    rotations = find_fitting_rotations(mesh.vertices, mesh.faces, printers)
     slenderness = np.array([_estimate_slenderness(mesh, rotation) for rotation in rotations])
     max_slenderness = MAX_SLENDERNESS_RATIO * fastest_pose.slenderness
     order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < max_slenderness]

@@ -27,7 +27,7 @@ from decompose.options import (
     Score,
 )
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Decomposition
 from drivers.printers import PROFILES, Profile, list_usable_volumes
 from farm.compute import read_process_bytes
@@ -168,15 +168,15 @@ def _decompose(
     NoFit
         If the model is too large; the message contains the largest tested size that fits.
     """
-    rooms = [PrinterRoom(str(number), sizes_mm) for number in range(request.printers or MAX_PRINTERS)]
+    printers = [TargetPrinter(str(number), sizes_mm) for number in range(request.printers or MAX_PRINTERS)]
     try:
         if request.printers is None:
             goal = CountGoal(request.clear_s, request.assemble_s)
-            return decompose_auto(model, rooms, options, cost, executor, goal)
-        return decompose_model(model, rooms, options, cost, executor)
+            return decompose_auto(model, printers, options, cost, executor, goal)
+        return decompose_model(model, printers, options, cost, executor)
     except NoFit as error:
         side_mm = (
-            advise_longest_side_mm(model, rooms, options, cost, executor) if error.is_too_large else None
+            advise_longest_side_mm(model, printers, options, cost, executor) if error.is_too_large else None
         )
         if side_mm is None:
             raise

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from decompose.engines.guillotine import CurvePoint
 from decompose.options import Engine, Options
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Attempt, Coverage, Cutting, Decomposition
 from farm.errors import ErrorCode, FarmError
 
@@ -32,8 +32,8 @@ class _CuttingRecord(_Record):
     granularity: str | int
     frame: tuple[_Row, _Row, _Row]
     boxes_mm: tuple[tuple[_Row, _Row], ...]
-    cut_for: tuple[PrinterRoom | None, ...]
-    printers: tuple[PrinterRoom, ...]
+    cut_for: tuple[TargetPrinter | None, ...]
+    printers: tuple[TargetPrinter, ...]
     prices_s: tuple[float, ...] = ()
 
 

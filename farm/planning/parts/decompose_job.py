@@ -20,7 +20,7 @@ from decompose.jit import is_compiled
 from decompose.options import BestOptions, Engine, Options
 from decompose.paused_search import PausedSearch
 from decompose.print_time import CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 from decompose.progress import listen_to_progress
 from decompose.results import Decomposition, Part
@@ -33,7 +33,7 @@ from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.copies import choose_evenly_spaced, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.job_drawing import write_drawing_record
-from farm.planning.parts.pricing import build_decompose_options, build_printer_rooms, estimate_time_factors
+from farm.planning.parts.pricing import build_decompose_options, build_target_printers, estimate_time_factors
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
@@ -44,8 +44,8 @@ def warm_up_planning(report: Callable[[str], object]) -> None:
     if not is_compiled():
         report("compiling the planning code, which takes minutes; `farm setup` does it in advance")
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
-    rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
-    decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
+    printers = [TargetPrinter(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
+    decompose_model(box, printers, Options(prove=False), CostModel.from_recipe(Recipe()))
 
 
 def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
@@ -67,7 +67,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
         resources = find_resources()
     model, quality = read_inspected(task.model), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, model.solid, quality, resources)
-    rooms, cost = build_printer_rooms(task.printers, time_factors, quality, resources, task.rounds)
+    printers, cost = build_target_printers(task.printers, time_factors, quality, resources, task.rounds)
     options = build_decompose_options(task.options, task.printers)
     if task.budget_s is not None:
         may_pause = task.side_by_side and not task.options.dry_run
@@ -81,11 +81,11 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
         ):
             assemble_s = ASSEMBLE_S * task.assembly_ratio
             goal = CountGoal(assemble_s=assemble_s, glued=task.options.assembled_by is not None)
-            decomposition = ModelCutter(model, rooms, options, cost, threads, goal).cut(task)
+            decomposition = ModelCutter(model, printers, options, cost, threads, goal).cut(task)
             search = PausedSearch(decomposition, model, cost, threads)
         return finish_job(search, task)
     except NoFit as error:
-        if error.printers_needed is not None and error.printers_needed > len(rooms):
+        if error.printers_needed is not None and error.printers_needed > len(printers):
             raise TooFewPrinters(str(error), error.printers_needed) from error
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except Exception:
@@ -172,7 +172,7 @@ class ModelCutter:
     """
 
     model: Model
-    rooms: list[PrinterRoom]
+    printers: list[TargetPrinter]
     options: Options
     cost: CostModel
     executor: Executor
@@ -193,12 +193,12 @@ class ModelCutter:
 
     def cut_for_all_printers(self) -> Decomposition:
         """Cut the model for all of the printers."""
-        return decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
+        return decompose_model(self.model, self.printers, self.options, self.cost, self.executor)
 
     def cut_for_worthwhile_printers(self, within_s: float | None = None) -> Decomposition:
         """Cut the model for as many printers as save time, or for the fewest that finish within a time."""
         goal = replace(self.goal, within_s=within_s)
-        return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
+        return decompose_auto(self.model, self.printers, self.options, self.cost, self.executor, goal)
 
     def keep_whole(self) -> Decomposition | None:
         """Keep the model whole, on the lowest printer into which it fits; None if it fits none.
@@ -207,11 +207,11 @@ class ModelCutter:
         """
         x, y, z = map(float, self.model.extents_mm)
         poses = ((x, y, z), (y, z, x), (z, x, y))
-        rooms = [room for room in self.rooms if any(room.fits(*pose) for pose in poses)]
+        fitting_printers = [p for p in self.printers if any(p.fits(*pose) for pose in poses)]
         options = replace(self.options, engine=Engine.GUILLOTINE)  # finds one part if one suffices
-        for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
+        for printer in sorted(fitting_printers, key=lambda p: max(box[2] for box in p.boxes)):
             try:
-                return decompose_model(self.model, [room], options, self.cost, self.executor)
+                return decompose_model(self.model, [printer], options, self.cost, self.executor)
             except NoFit:
                 continue
         return None
@@ -220,7 +220,7 @@ class ModelCutter:
         """Add the curve of the printing time over the number of printers, for a dry run."""
         if decomposition.curve:
             return decomposition
-        problem = Problem(self.model, tuple(self.rooms), self.cost, self.options, self.executor)
+        problem = Problem(self.model, tuple(self.printers), self.cost, self.options, self.executor)
         return replace(decomposition, curve=build_curve(problem))
 
     def cut_for_copies(self, task: DecomposeTask) -> Decomposition:
@@ -238,13 +238,14 @@ class ModelCutter:
             limit_s is None or one_part.makespan_s * -(-copies // printers) <= limit_s
         ):
             return one_part
-        part_limit, min_parts = len(self.rooms), 0
-        by_kind = sorted(range(part_limit), key=lambda i: self.rooms[i].boxes)
+        part_limit, min_parts = len(self.printers), 0
+        by_kind = sorted(range(part_limit), key=lambda i: self.printers[i].boxes)
         for rounds, parts in iterate_part_counts(copies, printers, part_limit):
             if parts < min_parts and parts < part_limit:
                 continue
-            chosen = sorted(choose_evenly_spaced(by_kind, parts))  # the fastest first, as in `rooms`
-            cutter = replace(self, rooms=[self.rooms[i] for i in chosen])
+            # Sorted, the fastest printer is first, as in `self.printers`.
+            chosen_indices = sorted(choose_evenly_spaced(by_kind, parts))
+            cutter = replace(self, printers=[self.printers[i] for i in chosen_indices])
             try:
                 if has_count:
                     return cutter.cut_for_all_printers()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions, Options
 from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe, estimate_feature_shares
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from farm.config import PrinterSection
 from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Shares, TimeFactors
 from farm.planning.plate_times import compute_prelude_seconds
@@ -16,13 +16,13 @@ from slicing.hidden_walls import removes_inner_walls
 from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
 
 
-def build_printer_rooms(
+def build_target_printers(
     printers: Sequence[PrinterSection],
     time_factors: Mapping[str, float],
     quality: str,
     resources: Resources,
     rounds: int = 1,
-) -> tuple[list[PrinterRoom], CostModel]:
+) -> tuple[list[TargetPrinter], CostModel]:
     """Return the part sizes and speed of each printer, the fastest first, and the cost of a part.
 
     Parameters
@@ -42,15 +42,15 @@ def build_printer_rooms(
     }
     # Sorted without the effect of the nozzle: a coarser one is faster, but must not be preferred.
     fastest = sorted(printers, key=lambda section: time_factors[section.name])
-    rooms = [
-        PrinterRoom(
+    target_printers = [
+        TargetPrinter(
             section.name, list_model_sizes(volumes, settings[section.name]), time_ratios[section.name]
         )
         for _ in range(rounds)
         for section in fastest
         for volumes in (find_usable_volumes(section, settings[section.name].brim_width_mm),)
     ]
-    return rooms, costs[0]
+    return target_printers, costs[0]
 
 
 def estimate_time_factors(

@@ -51,7 +51,7 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
         )
         for section in task.printers
     }
-    cost = costs[task.printers[0].name]  # one cost model prices all parts, as in `build_printer_rooms`
+    cost = costs[task.printers[0].name]  # one cost model prices all parts, as in `build_target_printers`
     part_times_s = [
         part_s / compute_time_ratio(costs[part.printer.name], cost)
         for part, part_s in zip(sliced_job.parts, _compute_times_s(sliced_job), strict=True)

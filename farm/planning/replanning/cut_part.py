@@ -24,7 +24,7 @@ from farm.model import Part
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.bed_places import find_beds, make_place_finder
-from farm.planning.parts.pricing import build_decompose_options, build_printer_rooms, estimate_time_factors
+from farm.planning.parts.pricing import build_decompose_options, build_target_printers, estimate_time_factors
 from farm.planning.replanning.replan import Pieces, ReplanTask
 from slicing.settings import find_resources
 
@@ -44,9 +44,9 @@ def cut_part(task: ReplanTask) -> Pieces:
     options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # without hollows
     whole, quality = Model(_read_solid(task.files / task.part.file), (), 1.0), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, whole.solid, quality, resources)
-    rooms, cost = build_printer_rooms(task.printers, time_factors, quality, resources)
+    printers, cost = build_target_printers(task.printers, time_factors, quality, resources)
     try:
-        decomposition = decompose_auto(whole, rooms, options, cost)
+        decomposition = decompose_auto(whole, printers, options, cost)
         if len(decomposition.parts) < 2:
             raise FarmError(f"part {task.part.id} finishes sooner in one piece", ErrorCode.NO_FIT)
         beds = find_beds(task.printers, task.options.quality, resources)

@@ -19,20 +19,20 @@ from decompose.geometry import Model, Solid
 from decompose.options import BestOptions, Engine, Options
 from decompose.pieces import Fault
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem, Work
 from decompose.problem.effort import WORK_NS
 from decompose.results import Attempt, Decomposition
 
 BLOCK = Model(Solid.box((0, 0, 0), (300, 90, 80)), (), 1.0)
-ROOMS = tuple(PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(20))
+PRINTERS = tuple(TargetPrinter(str(i), ((200.0, 200.0, 200.0),)) for i in range(20))
 Shuffle = Callable[[list[int]], list[int]]
 
 
 @pytest.fixture(scope="module")
 def result(cost: CostModel) -> Decomposition:
     """Make a result; its parts do not matter here."""
-    result = decompose_model(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
+    result = decompose_model(BLOCK, PRINTERS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
     return replace(result, sum_s=0.0)
 
 
@@ -57,7 +57,7 @@ class TableEngines:
 
 
 def make_problem(cost: CostModel, budget_s: float) -> Problem:
-    return Problem(BLOCK, ROOMS, cost, Options(best=BestOptions(budget_s)))
+    return Problem(BLOCK, PRINTERS, cost, Options(best=BestOptions(budget_s)))
 
 
 def run_rounds(problem: Problem, engines: TableEngines, shuffle: Shuffle) -> list[SearchState]:

@@ -19,7 +19,7 @@ from decompose.grid import count_cells
 from decompose.options import BestOptions, Engine, Options
 from decompose.pieces import Fault
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem, Work
 from decompose.problem.effort import WORK_NS
 from decompose.progress import listen_to_progress
@@ -27,14 +27,14 @@ from decompose.results import Decomposition
 
 BOUND_S = 1000.0
 BLOCK = Model(Solid.box((0, 0, 0), (300, 90, 80)), (), 1.0)
-ROOMS = [PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(20)]
+PRINTERS = [TargetPrinter(str(i), ((200.0, 200.0, 200.0),)) for i in range(20)]
 MakespanFunction = Callable[[Options], float]
 
 
 @pytest.fixture(scope="module")
 def result(cost: CostModel) -> Decomposition:
     """Make a result; its parts do not matter here."""
-    result = decompose_model(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
+    result = decompose_model(BLOCK, PRINTERS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
     return replace(result, sum_s=0.0)
 
 
@@ -67,7 +67,7 @@ class Engines:
 
 
 def make_problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
-    return Problem(BLOCK, tuple(ROOMS[:printers]), cost, Options(Engine.BEST, **options))  # type: ignore[arg-type]
+    return Problem(BLOCK, tuple(PRINTERS[:printers]), cost, Options(Engine.BEST, **options))  # type: ignore[arg-type]
 
 
 def list_yaws_deg(result: Decomposition) -> list[float]:
@@ -181,7 +181,7 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
     rotation = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
     bar = replace(BLOCK, solid=BLOCK.solid.rotate(rotation))
     options = Options(Engine.BEST, prove=False, best=BestOptions(1000.0))
-    result = decompose_model(bar, ROOMS[:2], options, cost)
+    result = decompose_model(bar, PRINTERS[:2], options, cost)
     straight_attempt = next(a for a in result.attempts if a.yaw_deg == 45.0)
     assert straight_attempt.makespan_s == result.makespan_s
     assert result.yaw_deg == 45.0
@@ -228,12 +228,12 @@ def test_result_is_kept_when_a_later_grid_fails(
 
 def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition) -> None:
     """Use busy printers, ten of which are half as fast; with equal speeds, the gain would be a quarter."""
-    printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
+    printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(PRINTERS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
     best_result = find_best(replace(make_problem(cost), printers=printers), engines)
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
     assert best_result.compute_possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
-    assert best_result.compute_possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
+    assert best_result.compute_possible_gain(PRINTERS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
 
 
 def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decomposition) -> None:
@@ -324,5 +324,7 @@ def test_first_grid_is_coarser_for_a_small_budget(cost: CostModel) -> None:
     assert grids[1] < grids[2] < make_problem(cost).choose_granularity(BLOCK)
     assert choose_first_grid(make_problem(cost)) == "auto"
     assert choose_first_grid(make_problem(cost, granularity=30, best=BestOptions(0.0))) == 30
-    small_rooms = tuple(PrinterRoom(str(i), ((32.0, 32.0, 32.0),)) for i in range(20))
-    assert choose_first_grid(replace(make_problem(cost, best=BestOptions(0.0)), printers=small_rooms)) == 19
+    small_printers = tuple(TargetPrinter(str(i), ((32.0, 32.0, 32.0),)) for i in range(20))
+    assert (
+        choose_first_grid(replace(make_problem(cost, best=BestOptions(0.0)), printers=small_printers)) == 19
+    )

@@ -15,7 +15,7 @@ from decompose.bound import any_boxes, bound_shared_work_s, sum_least_work_s
 from decompose.geometry import Solid
 from decompose.pieces import find_cut_faces, list_box_planes
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_pose, price_axis_poses_s
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 KNOWN_MAKESPAN_RATIO = 1.001
 """Ratio of the known makespan that is passed in to the one that the bound must not exceed."""
@@ -26,7 +26,7 @@ COSTS = (
 
 
 def compute_any_boxes_bound_s(
-    triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float, makespan_s: float
+    triangles: Floats, printers: Sequence[TargetPrinter], cost: CostModel, wall_mm: float, makespan_s: float
 ) -> float:
     work_s = sum_least_work_s(triangles, printers, cost, wall_mm)
     return bound_shared_work_s(work_s, printers, cost, makespan_s)
@@ -71,8 +71,8 @@ def is_deep(box: np.ndarray, low: np.ndarray, high: np.ndarray, wall_mm: float) 
     return bool((box[0] >= low + wall_mm).all() and (box[1] <= high - wall_mm).all())
 
 
-def make_room(size_mm: float, factor: float = 1.0) -> PrinterRoom:
-    return PrinterRoom("", ((size_mm,) * 3,), factor)
+def make_printer(size_mm: float, factor: float = 1.0) -> TargetPrinter:
+    return TargetPrinter("", ((size_mm,) * 3,), factor)
 
 
 @settings(max_examples=12, deadline=None)
@@ -90,7 +90,7 @@ def test_no_partition_of_a_curved_solid_undercuts_the_bound(
     makespan_s = max(
         price_content_s(solid, box, cost) * factor for box, factor in zip(boxes, factors, strict=True)
     )
-    printers = [make_room(longest_mm, float(factor)) for factor in factors]
+    printers = [make_printer(longest_mm, float(factor)) for factor in factors]
     for wall_mm in (1.0, math.inf):
         bound_s = compute_any_boxes_bound_s(
             vertices[faces], printers, cost, wall_mm, KNOWN_MAKESPAN_RATIO * makespan_s
@@ -119,7 +119,7 @@ def test_no_hollow_partition_of_a_block_undercuts_the_bound(
     times_s = [price_content_s(solid, box, COSTS[0]) for box in boxes]
     vertices, faces = solid.arrays()
     longest_mm = max(float(np.ptp(box, axis=0).max()) for box in boxes)
-    printers = [make_room(longest_mm)] * len(boxes)
+    printers = [make_printer(longest_mm)] * len(boxes)
     bound_s = compute_any_boxes_bound_s(
         vertices[faces], printers, COSTS[0], wall_mm, KNOWN_MAKESPAN_RATIO * max(times_s)
     )
@@ -130,20 +130,20 @@ def test_necessary_cuts_and_a_solid_interior_raise_the_bound(cost: CostModel) ->
     solid = Solid.box((0, 0, 0), (400, 400, 400))
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
-    small_rooms, large_rooms = [make_room(205.0)] * 8, [make_room(500.0)] * 8
-    hollow_bound_s = compute_any_boxes_bound_s(triangles, small_rooms, cost, 10.0, 1e6)
-    solid_bound_s = compute_any_boxes_bound_s(triangles, small_rooms, cost, math.inf, 1e6)
-    uncut_bound_s = compute_any_boxes_bound_s(triangles, large_rooms, cost, math.inf, 1e6)
+    small_printers, large_printers = [make_printer(205.0)] * 8, [make_printer(500.0)] * 8
+    hollow_bound_s = compute_any_boxes_bound_s(triangles, small_printers, cost, 10.0, 1e6)
+    solid_bound_s = compute_any_boxes_bound_s(triangles, small_printers, cost, math.inf, 1e6)
+    uncut_bound_s = compute_any_boxes_bound_s(triangles, large_printers, cost, math.inf, 1e6)
     assert hollow_bound_s < solid_bound_s and uncut_bound_s < solid_bound_s
     makespan_s = price_content_s(solid, np.array([[0.0] * 3, [200.0] * 3]), cost)
     assert 0.85 * makespan_s < solid_bound_s <= makespan_s  # eight cubes are the best partition into boxes
-    assert compute_any_boxes_bound_s(triangles, small_rooms, cost, math.inf, 10.0) == 10.0
+    assert compute_any_boxes_bound_s(triangles, small_printers, cost, math.inf, 10.0) == 10.0
 
 
 def test_faster_printers_lower_the_bound_by_their_throughput(cost: CostModel) -> None:
     vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
-    equal_bound_s = compute_any_boxes_bound_s(vertices[faces], [make_room(205.0)] * 8, cost, math.inf, 1e6)
+    equal_bound_s = compute_any_boxes_bound_s(vertices[faces], [make_printer(205.0)] * 8, cost, math.inf, 1e6)
     fast_bound_s = compute_any_boxes_bound_s(
-        vertices[faces], [make_room(205.0, 0.5)] * 8, cost, math.inf, 5e5
+        vertices[faces], [make_printer(205.0, 0.5)] * 8, cost, math.inf, 5e5
     )
     assert fast_bound_s == pytest.approx(0.5 * equal_bound_s)

@@ -44,7 +44,7 @@ from decompose.geometry import Model, Solid
 from decompose.options import ConnectorOptions, Engine, Options
 from decompose.pieces import find_joints, list_box_planes
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Decomposition, connect_parts
 
 
@@ -53,10 +53,10 @@ def table() -> Decomposition:
     """Cut a table for four printers."""
     legs = [Solid.box((x, y, 0), (x + 20, y + 20, 90)) for x in (0, 100) for y in (0, 100)]
     solid = Solid.union([Solid.box((0, 0, 80), (120, 120, 100)), *legs])
-    rooms = [PrinterRoom(name, ((80.0, 130.0, 130.0),)) for name in "abcd"]
+    printers = [TargetPrinter(name, ((80.0, 130.0, 130.0),)) for name in "abcd"]
     options = Options(engine=Engine.GUILLOTINE, granularity=8, prove=False)
     return decompose_model(
-        Model(solid, (), 1.0), rooms, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
+        Model(solid, (), 1.0), printers, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     ).with_assembly()
 
 

@@ -15,7 +15,7 @@ from decompose.export import write_parts
 from decompose.geometry import Model, Solid, round_triangles, separate_touching, write_stl
 from decompose.options import Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 GAP_MM = 1e-4
 
@@ -72,8 +72,8 @@ def test_separated_surfaces_do_not_cross() -> None:
 
 def test_model_with_a_touching_edge_is_cut_and_written(cost: CostModel, tmp_path: Path) -> None:
     model = Model(make_touching_blocks(100.0), (), 1.0)
-    rooms = [PrinterRoom(f"um-{i}", ((250.0, 250.0, 220.0),)) for i in range(4)]
-    result = decompose_model(model, rooms, Options(Engine.GUILLOTINE, 4, prove=False), cost)
+    printers = [TargetPrinter(f"um-{i}", ((250.0, 250.0, 220.0),)) for i in range(4)]
+    result = decompose_model(model, printers, Options(Engine.GUILLOTINE, 4, prove=False), cost)
     written = write_parts(result, tmp_path)
     for part in written.parts:
         mesh: Any = trimesh.load(tmp_path / part.file, force="mesh")

@@ -28,10 +28,10 @@ from decompose.grid import (
 )
 from decompose.grid.grid import place_planes
 from decompose.print_time import CostModel, Recipe, price_axis_poses_s
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 Triangles = np.ndarray
-HUGE_ROOM = PrinterRoom("huge", ((1e4, 1e4, 1e4),))
+HUGE_PRINTER = TargetPrinter("huge", ((1e4, 1e4, 1e4),))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def recipe_cost() -> CostModel:
 
 @pytest.fixture(scope="module")
 def tables(grid: Grid, recipe_cost: CostModel) -> BoxTables:
-    return price_boxes(grid, [HUGE_ROOM], recipe_cost)
+    return price_boxes(grid, [HUGE_PRINTER], recipe_cost)
 
 
 @st.composite
@@ -95,8 +95,8 @@ def test_separate_rods_in_one_cell_are_counted_separately(
     comb = comb.rotate(rotation)
     vertices, faces = comb.arrays()
     grid = build_grid(vertices[faces], 3, GridRules(0.0, True, 0.7, 0.75))
-    room = PrinterRoom("", ((data.draw(st.sampled_from((1e4, 70.0))),) * 3,))
-    tables = price_boxes(grid, [room], recipe_cost)
+    printer = TargetPrinter("", ((data.draw(st.sampled_from((1e4, 70.0))),) * 3,))
+    tables = price_boxes(grid, [printer], recipe_cost)
     box = data.draw(draw_box(grid.shape))
     index = index_box(box, grid.shape)  # type: ignore[arg-type]
     if tables.trimmed[index] == index and np.isfinite(tables.seconds[index]):
@@ -178,6 +178,6 @@ def test_tables_are_the_same_when_threads_share_the_work(
     grid: Grid, tables: BoxTables, recipe_cost: CostModel
 ) -> None:
     with ThreadPoolExecutor(1) as executor:
-        shared_tables = price_boxes(grid, [HUGE_ROOM], recipe_cost, executor)
+        shared_tables = price_boxes(grid, [HUGE_PRINTER], recipe_cost, executor)
     for name in ("seconds", "trimmed", "pieces", "cut_mm2"):
         np.testing.assert_array_equal(getattr(shared_tables, name), getattr(tables, name))

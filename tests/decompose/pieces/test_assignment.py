@@ -14,7 +14,7 @@ from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.pieces import assign_bottleneck
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 
 @given(
@@ -56,7 +56,7 @@ def test_first_of_equal_printers_are_used() -> None:
 
 
 def test_quickest_printer_takes_the_longest_part(
-    ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
+    ring_with_bar: Solid, fleet: list[TargetPrinter], cost: CostModel
 ) -> None:
     printers = [replace(fleet[0], name=str(i), time_factor=1.5 - 0.2 * i) for i in range(3)]
     options = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)

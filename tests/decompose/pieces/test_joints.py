@@ -19,7 +19,7 @@ from decompose.options import BestOptions, Engine, Options
 from decompose.pieces import JointFace, Piece, cut_box, find_cut_faces, find_faults, find_joints
 from decompose.pieces.joints import _unite_triangles
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 LIMIT_MM = 1e3
 
@@ -173,7 +173,7 @@ def test_long_thin_joint_does_not_hold() -> None:
 
 def test_partition_with_a_thin_joint_is_rejected(cost: CostModel) -> None:
     """Use a model whose cheapest cut is between the two blocks."""
-    printers = [PrinterRoom(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
+    printers = [TargetPrinter(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
     options = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
     weak_result = decompose_model(Model(make_finned_blocks(), (), 1.0), printers, options, cost)
     assert min(j.width_mm for j in weak_result.joints) < 1.0
@@ -209,7 +209,7 @@ def test_partition_with_a_weak_joint_is_rejected(
             make_block((100, 58, 58), (220, 62, 62)),
         ]
     )
-    printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
+    printers = [TargetPrinter(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
     options = Options(Engine.GUILLOTINE, "vcoarse", min_glue_mm2=min_glue_mm2, prove=False)
     result = decompose_model(Model(solid, (), 1.0), printers, options, cost)
     assert result.faults == ()
@@ -226,7 +226,7 @@ def test_partition_with_a_weak_joint_is_rejected(
 @pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.BEST])
 def test_piece_on_a_thin_joint_is_refused(engine: Engine, cost: CostModel) -> None:
     rod = Model(make_block((0, 0, 0), (500, 4, 4)), (), 1.0)
-    printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
+    printers = [TargetPrinter(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
     options = Options(engine, best=BestOptions(0.0), prove=False)
     with pytest.raises(NoFit, match=r"is held by 16.0 mm2 of glue.*--min-glue"):
         decompose_model(rod, printers, options, cost)

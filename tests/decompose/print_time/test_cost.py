@@ -26,7 +26,7 @@ from decompose.print_time import (
 )
 from decompose.print_time.pose_prices import find_pose_axes, price_poses_s
 from decompose.print_time.recipe import FEATURES
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 ZERO_COST = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
 
@@ -252,10 +252,10 @@ def test_features_are_returned_in_the_order_of_the_poses(ring_with_bar: Solid, c
 
 
 def test_part_may_be_turned_about_the_vertical_only() -> None:
-    room = PrinterRoom("p", ((200.0, 100.0, 50.0),))
-    assert room.fits(200.0, 100.0, 50.0)
-    assert room.fits(100.0, 200.0, 50.0)
-    assert not room.fits(100.0, 50.0, 200.0)
+    printer = TargetPrinter("p", ((200.0, 100.0, 50.0),))
+    assert printer.fits(200.0, 100.0, 50.0)
+    assert printer.fits(100.0, 200.0, 50.0)
+    assert not printer.fits(100.0, 50.0, 200.0)
     assert sorted(find_pose_axes(3)) == [0, 1, 2]
     assert find_pose_axes(3)[2] == 1
 

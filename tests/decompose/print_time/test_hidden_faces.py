@@ -14,7 +14,7 @@ from decompose.grid.box_index import find_box
 from decompose.pieces import find_cut_faces
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, find_best_pose, measure_pose
 from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 RECIPE = Recipe(skin_layers=4.0, bed_layers_saved=2.0, top_layers_saved=1.0)
 COST, PLAIN_COST = (
@@ -72,10 +72,10 @@ def test_foot_beside_a_cut_face_on_the_bed_is_visible():
 def test_hidden_faces_make_a_part_lie_on_its_cut():
     """Check that of two equal ends, the cut one is at the bottom."""
     vertices, faces = Solid.box((0.0, 0.0, 0.0), (80.0, 80.0, 10.0)).arrays()
-    flat_rooms = [PrinterRoom("flat", ((90.0, 90.0, 15.0),))]
+    flat_printers = [TargetPrinter("flat", ((90.0, 90.0, 15.0),))]
     for plane, up_z in ((BOTTOM_PLANE, 1.0), ((0.0, 0.0, 1.0, 10.0), -1.0)):
         pose = find_best_pose(
-            vertices, faces, find_cut_faces(vertices, faces, np.array([plane])), flat_rooms, COST
+            vertices, faces, find_cut_faces(vertices, faces, np.array([plane])), flat_printers, COST
         )
         assert pose is not None
         assert pose.to_model[:3, 2] == pytest.approx((0.0, 0.0, up_z))
@@ -104,7 +104,7 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
     cost = replace(COST, hidden_top_share=top_share, hidden_side_share=side_share, **angles)
     vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
-    tables = price_boxes(grid, [PrinterRoom("huge", ((1e4, 1e4, 1e4),))], cost)
+    tables = price_boxes(grid, [TargetPrinter("huge", ((1e4, 1e4, 1e4),))], cost)
     cheaper_count = 0
     for index in np.flatnonzero(tables.trimmed == np.arange(len(tables.trimmed)))[::9]:
         lo, hi = grid.find_bounds_mm(find_box(int(index), grid.shape))

@@ -22,7 +22,7 @@ from decompose.geometry import Model, Solid
 from decompose.grid import count_cuts
 from decompose.options import BestOptions, Engine, Options, ParalleloboxOptions
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Effort, Problem, Work
 from decompose.problem.effort import WORK_NS
 from decompose.results import Decomposition
@@ -62,7 +62,7 @@ def are_equal(a: list[Any], b: list[Any]) -> bool:
 BudgetRunner = Callable[..., Decomposition]
 
 
-PRINTERS = tuple(PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(4))
+PRINTERS = tuple(TargetPrinter(str(i), ((200.0, 200.0, 200.0),)) for i in range(4))
 
 
 @pytest.fixture(scope="module")

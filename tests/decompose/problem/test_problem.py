@@ -15,10 +15,10 @@ from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options, ParalleloboxOptions
 from decompose.pieces import Piece
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 
-ROOM = ((100.0, 100.0, 100.0),)
+BOXES_MM = ((100.0, 100.0, 100.0),)
 OPTIONS = Options(
     Engine.GUILLOTINE,
     granularity=5,
@@ -28,15 +28,15 @@ OPTIONS = Options(
 )
 
 
-def make_fleet(*factors: float) -> list[PrinterRoom]:
-    return [PrinterRoom(str(i), ROOM, factor) for i, factor in enumerate(factors)]
+def make_fleet(*factors: float) -> list[TargetPrinter]:
+    return [TargetPrinter(str(i), BOXES_MM, factor) for i, factor in enumerate(factors)]
 
 
-def make_block(size_mm: float, printer: PrinterRoom | None = None) -> Piece:
+def make_block(size_mm: float, printer: TargetPrinter | None = None) -> Piece:
     return Piece(Solid.box((0, 0, 0), (size_mm,) * 3), np.zeros((0, 4)), np.zeros((0, 2, 3)), printer)
 
 
-def make_problem(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) -> Problem:
+def make_problem(cost: CostModel, printers: Sequence[TargetPrinter], **options: object) -> Problem:
     model = Model(Solid.box((0, 0, 0), (90, 90, 90)), (), 1.0)
     return Problem(model, tuple(printers), cost, replace(OPTIONS, **options))  # type: ignore[arg-type]
 

@@ -17,12 +17,12 @@ from decompose.grid import Box, Grid, GridRules, build_grid
 from decompose.options import Options
 from decompose.pieces import cut_cells
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Decomposition, Part, check_stl
 from decompose.results.check import check_missing, check_result
 
 SIZE_MM = (60.0, 40.0, 20.0)
-PRINTERS = [PrinterRoom(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(3)]
+PRINTERS = [TargetPrinter(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(3)]
 
 
 @pytest.fixture(scope="module")
@@ -155,8 +155,8 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
     vertices, faces = block.solid.arrays()
     grid = build_grid(vertices[faces], 10, GridRules(15.0, False, 0.7, 0.75))
-    rooms = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
-    base_result = decompose_model(block, rooms, Options(granularity=10, min_wall_mm=15.0), cost)
+    printers = [TargetPrinter("p", ((500.0, 500.0, 500.0),))]
+    base_result = decompose_model(block, printers, Options(granularity=10, min_wall_mm=15.0), cost)
     shell = block.solid.subtract(Solid.box(*grid.find_bounds_mm((4, 4, 4, 6, 6, 6))))
     thin_walled_solid = block.solid.subtract(Solid.box(*grid.find_bounds_mm((1, 4, 4, 6, 6, 6))))
 
@@ -185,8 +185,8 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     """Use a cube whose corners and face centres are far from a hollow under one of its faces."""
     cube = Model(Solid.box((0, 0, 0), (200, 200, 200)), (), 1.0)
     vertices, faces = cube.solid.arrays()
-    rooms = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
-    base_result = decompose_model(cube, rooms, Options(granularity=6, min_wall_mm=10.0), cost)
+    printers = [TargetPrinter("p", ((500.0, 500.0, 500.0),))]
+    base_result = decompose_model(cube, printers, Options(granularity=6, min_wall_mm=10.0), cost)
     plain_grid = build_grid(vertices[faces], 3, GridRules(10.0, False, 0.7, 0.75))
     x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top_mm - 20.0, top_mm, 201.0])
     cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))

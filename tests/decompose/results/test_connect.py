@@ -22,7 +22,7 @@ from decompose.geometry import Model, Solid, write_stl
 from decompose.options import ConnectorOptions, Engine, Interior, Options
 from decompose.pieces import Piece, Seam, find_joints, list_box_planes
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Decomposition, Part, check_stl, connect, connect_parts, decomposition
 from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
@@ -136,7 +136,7 @@ def test_pins_of_equal_depth_or_equal_distance_fit_wrongly(drilled_parts: Drille
 @pytest.fixture(scope="module")
 def halves() -> Decomposition:
     model = Model(Solid.box((0, 0, 0), (80, 40, 30)), (), 1.0)
-    printers = [PrinterRoom(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(2)]
+    printers = [TargetPrinter(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(2)]
     options = Options(Engine.GUILLOTINE, granularity=6, prove=False, connectors=ALL_CONNECTORS)
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     return decompose_model(model, printers, options, cost).with_assembly()
@@ -211,7 +211,7 @@ def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition)
     """Cut a drilled part again after a fault, when its neighbour is already printed."""
     result = connect_parts(halves)
     printed_solid = result.parts[0].printed_solid
-    printers = [PrinterRoom(f"p{i}", ((30.0, 40.0, 50.0),)) for i in range(2)]
+    printers = [TargetPrinter(f"p{i}", ((30.0, 40.0, 50.0),)) for i in range(2)]
     options = replace(halves.options, interior=Interior.KEEP)
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     second_result = decompose_model(Model(printed_solid, (), 1.0), printers, options, cost).with_assembly()

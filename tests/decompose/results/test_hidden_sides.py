@@ -13,7 +13,7 @@ from decompose.geometry import Model, Solid
 from decompose.options import Options
 from decompose.pieces import cut_box
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.results import Part
 from decompose.results.hidden_sides import mark_hidden_sides
 
@@ -70,7 +70,7 @@ def test_small_side_does_not_count():
 
 def test_sides_of_a_result_lie_on_the_printed_parts():
     """Check that each printed part lies behind all its hidden sides, and has a face on each of them."""
-    printers = [PrinterRoom(f"um{i}", ((50.0, 50.0, 50.0),)) for i in range(8)]
+    printers = [TargetPrinter(f"um{i}", ((50.0, 50.0, 50.0),)) for i in range(8)]
     recipe = Recipe(hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
     model = Model(Solid.box((0.0, 0.0, 0.0), (90.0, 60.0, 40.0)).rotate(POSE_ROTATIONS[2]), (), 1.0)
     result = decompose_model(

@@ -44,8 +44,8 @@ def test_only_printers_with_a_heated_bed_have_a_driver_profile(resources):
 def test_usable_volume_of_a_model_is_reduced_by_the_shrinkage(resources):
     section = PrinterSection(name="a", model="ultimaker2_plus", port="/dev/ttyACM0")
     settings = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_abs"), resources)
-    room = find_usable_volumes(section, settings.brim_width_mm)
-    for (x, y, z), box in zip(list_model_sizes(room, settings), room, strict=True):
+    volumes = find_usable_volumes(section, settings.brim_width_mm)
+    for (x, y, z), box in zip(list_model_sizes(volumes, settings), volumes, strict=True):
         assert (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z) == pytest.approx(
             box.size_mm
         )

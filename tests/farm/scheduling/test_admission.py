@@ -1,6 +1,6 @@
 """Admission of the first job in the queue, and its printers."""
 
-from books.scheduling_examples import TALL_ROOM, make_printer, make_situation
+from books.scheduling_examples import TALL_BOXES, make_printer, make_situation
 from farm.model import Bed, Hold, HoldCode, Job, JobOptions, Link, ModelSize, OwnGcode
 from farm.scheduling import admission
 from farm.scheduling.admission import (
@@ -54,7 +54,7 @@ def test_first_job_uses_all_idle_and_clear_printers():
 
 
 def test_largest_printers_are_chosen_if_fewer_are_requested():
-    fleet = [make_printer("a"), make_printer("b", room=TALL_ROOM)]
+    fleet = [make_printer("a"), make_printer("b", boxes=TALL_BOXES)]
     assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
 
 
@@ -172,7 +172,7 @@ def test_model_is_quick_only_if_small_and_without_options():
         assert not is_quick(make_queued_job(1, options=options, **SMALL_MODEL), fleet)
     assert is_quick(
         make_queued_job(1, size=ModelSize(extents_mm=(10.0, 150.0, 240.0), faces=12)),
-        [make_printer("a", TALL_ROOM)],
+        [make_printer("a", TALL_BOXES)],
     )
 
 

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.scheduling_examples import LOW_ROOM, TALL_ROOM, make_box, make_plate, make_printer, make_situation
+from books.scheduling_examples import (
+    LOW_BOXES,
+    TALL_BOXES,
+    make_box,
+    make_plate,
+    make_printer,
+    make_situation,
+)
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling import assignment, plate_matching
 from farm.scheduling.matching import Requirements
@@ -60,7 +67,7 @@ printers = st.lists(
         link=st.sampled_from(Link),
         booked=st.booleans(),
         attention_reason=st.sampled_from([None, "its nozzle is cold"]),
-        room=st.sampled_from([LOW_ROOM, TALL_ROOM]),
+        boxes=st.sampled_from([LOW_BOXES, TALL_BOXES]),
     ),
     unique_by=lambda p: p.name,
 )
@@ -147,7 +154,7 @@ def test_hold_names_the_reason_for_waiting():
 
 
 def test_plate_is_moved_only_to_a_printer_with_a_sufficient_volume():
-    small_printer = make_printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
+    small_printer = make_printer("b", boxes=((-50.0, -50.0, 50.0, 50.0, 205.0),))
     small_bed_requirements = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
     assignments, holds = assign_with_holds(
         [make_plate("1/01", "a", requirements=small_bed_requirements)],
@@ -243,7 +250,7 @@ ready_printers = st.lists(
     st.builds(
         make_printer,
         st.sampled_from("abcdefgh"),
-        room=st.sampled_from([LOW_ROOM, TALL_ROOM]),
+        boxes=st.sampled_from([LOW_BOXES, TALL_BOXES]),
         grams=st.sampled_from([None, 3.0, 500.0]),
         unattended=st.booleans(),
     ),

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from books.scheduling_examples import (
-    LOW_ROOM,
-    TALL_ROOM,
+    LOW_BOXES,
+    TALL_BOXES,
     make_box,
     make_plate,
     make_printer,
@@ -32,7 +32,7 @@ fleets = st.lists(
     st.builds(
         make_printer,
         st.sampled_from("abcd"),
-        room=st.sampled_from([LOW_ROOM, TALL_ROOM]),
+        boxes=st.sampled_from([LOW_BOXES, TALL_BOXES]),
         booked=st.booleans(),
         free_s=st.none() | st.floats(MONDAY_S, MONDAY_S + 10 * HOUR_S),
         bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
@@ -165,7 +165,10 @@ def test_bound_considers_plates_that_fit_only_some_printers():
         make_plate(f"1/{i}", "b", requirements=item, expected_s=2 * HOUR_S) for i, item in plate_requirements
     ]
     forecast = make_forecast(
-        plates, [make_printer("a", room=LOW_ROOM), make_printer("b", room=TALL_ROOM)], make_rules(), 0.0
+        plates,
+        [make_printer("a", boxes=LOW_BOXES), make_printer("b", boxes=TALL_BOXES)],
+        make_rules(),
+        0.0,
     )
     assert forecast.lower_bound_s == pytest.approx(3 * HOUR_S)
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from books.scheduling_examples import (
-    LOW_ROOM,
-    TALL_ROOM,
+    LOW_BOXES,
+    TALL_BOXES,
     UTC,
     make_box,
     make_plate,
@@ -47,7 +47,7 @@ fleets = st.lists(
     st.builds(
         make_printer,
         st.sampled_from("abcd"),
-        room=st.sampled_from([LOW_ROOM, TALL_ROOM]),
+        boxes=st.sampled_from([LOW_BOXES, TALL_BOXES]),
         bed=st.sampled_from([Bed.CLEAR, Bed.CLEAR, Bed.NOT_CLEAR]),
         heating=st.booleans(),
         grams=st.none() | st.floats(0, 200),
@@ -199,12 +199,20 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
 def test_planned_printer_is_never_a_spare():
     tall_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))
     assignments, _ = assign_with_holds(
-        [tall_plate], [make_printer("a"), make_printer("b", room=TALL_ROOM)], make_rules(), FRIDAY_S, spares=1
+        [tall_plate],
+        [make_printer("a"), make_printer("b", boxes=TALL_BOXES)],
+        make_rules(),
+        FRIDAY_S,
+        spares=1,
     )
     assert assignments[0].printer == "b"
-    broken_printer = make_printer("b", room=TALL_ROOM, attention_reason="heater")
+    broken_printer = make_printer("b", boxes=TALL_BOXES, attention_reason="heater")
     assignments, _ = assign_with_holds(
-        [tall_plate], [broken_printer, make_printer("c", room=TALL_ROOM)], make_rules(), FRIDAY_S, spares=1
+        [tall_plate],
+        [broken_printer, make_printer("c", boxes=TALL_BOXES)],
+        make_rules(),
+        FRIDAY_S,
+        spares=1,
     )
     assert assignments[0].printer == "c"
 
@@ -298,7 +306,7 @@ def test_plate_ends_with_a_margin_before_quiet_hours():
 
 def test_hold_of_a_large_plate_names_when_its_printers_are_free():
     tall_printers = [
-        make_printer(n, room=TALL_ROOM, booked=True, free_s=FRIDAY_S + 10.2 * HOUR_S)
+        make_printer(n, boxes=TALL_BOXES, booked=True, free_s=FRIDAY_S + 10.2 * HOUR_S)
         for n in ("um2x-02", "um2x-03")
     ]
     hold = assign_with_holds(
@@ -324,7 +332,7 @@ def test_plate_moves_to_an_equivalent_printer():
     tall_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, make_box(231.0)))
     assignments, _ = assign_with_holds(
         [low_plate, tall_plate],
-        [make_printer("a"), make_printer("b", room=TALL_ROOM)],
+        [make_printer("a"), make_printer("b", boxes=TALL_BOXES)],
         make_rules(),
         FRIDAY_S,
     )
@@ -332,7 +340,7 @@ def test_plate_moves_to_an_equivalent_printer():
 
 
 def test_spares_are_kept_for_plates_that_failed():
-    fleet = [make_printer("a"), make_printer("b"), make_printer("c", room=TALL_ROOM)]
+    fleet = [make_printer("a"), make_printer("b"), make_printer("c", boxes=TALL_BOXES)]
     waiting_plates = [make_plate(f"1/0{i}", "a") for i in range(3)]
     assignments, holds = assign_with_holds(waiting_plates, fleet, make_rules(), FRIDAY_S, spares=1)
     assert {a.printer for a in assignments} == {"a", "b"}

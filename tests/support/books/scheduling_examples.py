@@ -10,8 +10,8 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import StartRules
 from farm.week_windows import parse_window
 
-LOW_ROOM = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
-TALL_ROOM = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
+LOW_BOXES = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
+TALL_BOXES = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
 UTC = ZoneInfo("UTC")
 
 
@@ -23,7 +23,7 @@ def make_rules(attended=(), quiet=(), **changes):
     return StartRules(make_hours(*attended), make_hours(*quiet), **changes)
 
 
-def make_printer(name, room=LOW_ROOM, material="generic_pla", colour=None, nozzle_mm=0.4, **changes):
+def make_printer(name, boxes=LOW_BOXES, material="generic_pla", colour=None, nozzle_mm=0.4, **changes):
     facts = {
         "bed": Bed.CLEAR,
         "filament": FilamentState.PARKED,
@@ -32,7 +32,7 @@ def make_printer(name, room=LOW_ROOM, material="generic_pla", colour=None, nozzl
         "attention_reason": None,
     }
     return FleetPrinter(
-        name=name, capabilities=Capabilities(room, material, colour, nozzle_mm), **{**facts, **changes}
+        name=name, capabilities=Capabilities(boxes, material, colour, nozzle_mm), **{**facts, **changes}
     )
 
 

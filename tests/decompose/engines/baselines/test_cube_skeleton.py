@@ -30,17 +30,17 @@ from decompose.grid import CLEAR_MM, Cell, GridRules, build_grid, fill_grid, fin
 from decompose.options import Engine, Interior, Options
 from decompose.pieces import Piece, list_box_planes
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 
-ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
+PRINTER = TargetPrinter("plus", ((206.9, 190.9, 205.0),))
 OPTIONS = Options(Engine.CUBE_SKELETON, fit_first_layer=False, prove=False)
 
 shapes = st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 4))
 
 
-def make_printers(count: int) -> list[PrinterRoom]:
-    return [replace(ROOM, name=str(i)) for i in range(count)]
+def make_printers(count: int) -> list[TargetPrinter]:
+    return [replace(PRINTER, name=str(i)) for i in range(count)]
 
 
 def make_ball(radius_mm: float) -> Model:
@@ -196,8 +196,8 @@ def test_cubes_are_compared_by_the_times_of_their_pieces(
 
     equal_pieces, unequal_pieces = make_cubes(55.0, 55.0), make_cubes(60.0, 30.0)
     slow_printer, quick_printer = (
-        replace(ROOM, name="slow", time_factor=1.5),
-        replace(ROOM, name="quick", time_factor=0.5),
+        replace(PRINTER, name="slow", time_factor=1.5),
+        replace(PRINTER, name="quick", time_factor=0.5),
     )
     for result in ([equal_pieces, unequal_pieces], [unequal_pieces, equal_pieces]):
         cuts = iter(result)
@@ -213,7 +213,7 @@ def test_engine_returns_checked_parts(interior: Interior, cost: CostModel) -> No
     result = decompose_model(model, make_printers(20), options, cost)
     assert 8 <= len(result.parts) <= 20
     for part in result.parts:
-        assert ROOM.fits(*(np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6))
+        assert PRINTER.fits(*(np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6))
     printed_mm3 = sum(p.solid.volume_mm3 for p in result.parts)
     assert (0.3 if interior is Interior.LEAVE else 0.5) < printed_mm3 / model.solid.volume_mm3 < 0.9
     if interior is Interior.LEAVE:

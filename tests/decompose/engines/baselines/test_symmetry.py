@@ -18,7 +18,7 @@ from decompose.grid import CLEAR_MM
 from decompose.options import Engine, Options
 from decompose.pieces import Piece, find_cut_faces
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem.fitting import (
     count_blocks,
     count_parts,
@@ -26,7 +26,7 @@ from decompose.problem.fitting import (
     split_connected,
 )
 
-ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
+PRINTER = TargetPrinter("plus", ((206.9, 190.9, 205.0),))
 OPTIONS = Options(Engine.SYMMETRY, seed=3, fit_first_layer=False, prove=False)
 FAITHFUL_OPTIONS = replace(OPTIONS, faithful=True)
 
@@ -40,8 +40,8 @@ def rough_ball() -> Model:
 directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
 
 
-def make_printers(count: int) -> list[PrinterRoom]:
-    return [replace(ROOM, name=str(i)) for i in range(count)]
+def make_printers(count: int) -> list[TargetPrinter]:
+    return [replace(PRINTER, name=str(i)) for i in range(count)]
 
 
 @settings(max_examples=30, deadline=None)
@@ -66,18 +66,20 @@ def test_solid_is_cut_by_an_oblique_plane(
     assert uncut_mm2 == pytest.approx(ring_with_bar.area_mm2, rel=1e-7)
 
 
-def test_number_of_parts_required_by_the_room_is_computed() -> None:
+def test_number_of_parts_required_by_the_build_volume_is_computed() -> None:
     size_mm = np.array([450.0, 100.0, 300.0])
-    assert count_blocks(size_mm, [ROOM]) == (3, 1, 2)
-    tall_room = PrinterRoom("tall", ((206.9, 190.9, 305.0),))
-    assert sorted(count_blocks(size_mm, [tall_room])) == [1, 1, 3] or count_blocks(size_mm, [tall_room]) == (
+    assert count_blocks(size_mm, [PRINTER]) == (3, 1, 2)
+    tall_printer = TargetPrinter("tall", ((206.9, 190.9, 305.0),))
+    assert sorted(count_blocks(size_mm, [tall_printer])) == [1, 1, 3] or count_blocks(
+        size_mm, [tall_printer]
+    ) == (
         2,
         1,
         2,
     )
-    assert count_blocks(size_mm, [ROOM, tall_room]) == (3, 1, 2)
-    assert count_parts(Solid.box((0, 0, 0), (190.9, 205.0, 206.9)), [ROOM]) == 1
-    assert count_parts(Solid.box((0, 0, 0), (191.0, 205.1, 206.9)), [ROOM]) == 2
+    assert count_blocks(size_mm, [PRINTER, tall_printer]) == (3, 1, 2)
+    assert count_parts(Solid.box((0, 0, 0), (190.9, 205.0, 206.9)), [PRINTER]) == 1
+    assert count_parts(Solid.box((0, 0, 0), (191.0, 205.1, 206.9)), [PRINTER]) == 2
 
 
 def test_films_on_a_cut_are_ignored() -> None:
@@ -126,11 +128,11 @@ def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost:
     assert [p.solid.volume_mm3 for p in second_result.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
-def test_model_larger_than_the_room_is_cut(rough_ball: Model, cost: CostModel) -> None:
+def test_model_larger_than_the_build_volume_is_cut(rough_ball: Model, cost: CostModel) -> None:
     result = decompose_model(rough_ball, make_printers(9), OPTIONS, cost)
     assert 8 <= len(result.parts) <= 9
     for part in result.parts:
-        assert ROOM.fits(*(np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6))
+        assert PRINTER.fits(*(np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6))
 
 
 def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost: CostModel) -> None:

@@ -1,4 +1,4 @@
-"""Search for printers with unequal rooms and speeds."""
+"""Search for printers with unequal build volumes and speeds."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 from decompose.results import Decomposition
 
-LOW_ROOM = ((100.0, 100.0, 100.0),)
-HIGH_ROOM = ((100.0, 100.0, 160.0),)
+LOW_BOXES_MM = ((100.0, 100.0, 100.0),)
+HIGH_BOXES_MM = ((100.0, 100.0, 160.0),)
 OPTIONS = Options(Engine.GUILLOTINE, granularity=6, prove=False, fit_first_layer=False)
 
 
-def compute_ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, float]:
+def compute_ends_s(result: Decomposition, printers: Sequence[TargetPrinter]) -> dict[str, float]:
     """Compute when each part ends on its printer."""
     factors = {printer.name: printer.time_factor for printer in printers}
     return {part.printer: part.price_s * factors[part.printer] for part in result.parts}
 
 
-def compute_common_room_makespan_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> float:
-    """Compute the makespan of a search that assumes the common room and equal speeds."""
+def compute_makespan_of_equal_printers_s(
+    model: Model, printers: Sequence[TargetPrinter], cost: CostModel
+) -> float:
+    """Compute the makespan of a search that assumes the common build volume and equal speeds."""
     equal_printers = tuple(replace(printer, time_factor=1.0) for printer in printers)
     problem = Problem(model, equal_printers, cost, OPTIONS)
     poses = problem.find_poses(list(cut_for_uniform_printers(problem).pieces))
@@ -49,7 +51,7 @@ def tower() -> Model:
 
 
 def test_part_may_use_the_full_height_of_its_printer(tower: Model, cost: CostModel) -> None:
-    printers = [PrinterRoom("low", LOW_ROOM), PrinterRoom("high", HIGH_ROOM)]
+    printers = [TargetPrinter("low", LOW_BOXES_MM), TargetPrinter("high", HIGH_BOXES_MM)]
     result = decompose_model(tower, printers, OPTIONS, cost)
     heights_mm = {part.printer: np.ptp(part.build_printing_mesh()[0], axis=0)[2] for part in result.parts}
     assert heights_mm["low"] <= 100.0
@@ -62,36 +64,40 @@ def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -
     """Check that the error asks for two more of the high printers."""
     model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
     options = replace(OPTIONS, granularity=8)
-    low_rooms = [PrinterRoom(f"low-{i}", LOW_ROOM) for i in range(3)]
-    high_rooms = [PrinterRoom(f"high-{i}", HIGH_ROOM) for i in range(3)]
+    low_printers = [TargetPrinter(f"low-{i}", LOW_BOXES_MM) for i in range(3)]
+    high_printers = [TargetPrinter(f"high-{i}", HIGH_BOXES_MM) for i in range(3)]
     message = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
     with pytest.raises(NoFit, match=message) as error:
-        decompose_model(model, [*low_rooms, high_rooms[0]], options, cost)
+        decompose_model(model, [*low_printers, high_printers[0]], options, cost)
     assert error.value.printers_needed == 6
-    assert len(decompose_model(model, [*low_rooms, *high_rooms], options, cost).parts) == 6
+    assert len(decompose_model(model, [*low_printers, *high_printers], options, cost).parts) == 6
     with pytest.raises(NoFit, match="there are 5: free 1 more"):
-        decompose_model(model, [*low_rooms, *high_rooms[:2]], options, cost)
+        decompose_model(model, [*low_printers, *high_printers[:2]], options, cost)
 
 
 def test_fast_printer_gets_more_work(ring_with_bar: Solid, cost: CostModel) -> None:
     printers = [
-        *(PrinterRoom(f"fine-{i}", HIGH_ROOM) for i in range(3)),
-        PrinterRoom("wide", HIGH_ROOM, 0.45),
+        *(TargetPrinter(f"fine-{i}", HIGH_BOXES_MM) for i in range(3)),
+        TargetPrinter("wide", HIGH_BOXES_MM, 0.45),
     ]
     model = Model(ring_with_bar, (), 1.0)
     result = decompose_model(model, printers, OPTIONS, cost)
     ends_s = compute_ends_s(result, printers)
     assert result.makespan_s == max(ends_s.values())
-    assert result.makespan_s < 0.9 * compute_common_room_makespan_s(model, printers, cost)
+    assert result.makespan_s < 0.9 * compute_makespan_of_equal_printers_s(model, printers, cost)
     longest_part = max(result.parts, key=lambda part: part.price_s)
     assert longest_part.printer == "wide"
     assert result.lower_bound_s <= result.grid_makespan_s
 
 
-def test_bound_holds_for_the_quickest_printer_with_the_largest_room(
+def test_bound_holds_for_the_quickest_printer_with_the_largest_volume(
     ring_with_bar: Solid, cost: CostModel
 ) -> None:
-    printers = [PrinterRoom("a", LOW_ROOM, 1.2), PrinterRoom("b", LOW_ROOM), PrinterRoom("c", HIGH_ROOM, 0.7)]
+    printers = [
+        TargetPrinter("a", LOW_BOXES_MM, 1.2),
+        TargetPrinter("b", LOW_BOXES_MM),
+        TargetPrinter("c", HIGH_BOXES_MM, 0.7),
+    ]
     result = decompose_model(Model(ring_with_bar, (), 1.0), printers, replace(OPTIONS, prove=True), cost)
     best_printers = [replace(printers[2], name=name) for name in "abc"]
     best_result = decompose_model(Model(ring_with_bar, (), 1.0), best_printers, OPTIONS, cost)

@@ -16,16 +16,16 @@ from decompose.grid import Box, count_cuts, index_box
 from decompose.options import Engine, Options
 from decompose.pieces import Piece
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Effort, Problem
 
-ROOMS = tuple(PrinterRoom(str(i), ((220.0, 220.0, 200.0),)) for i in range(7))
+PRINTERS = tuple(TargetPrinter(str(i), ((220.0, 220.0, 200.0),)) for i in range(7))
 
 
 @pytest.fixture
 def task(ball: Model, cost: CostModel) -> Problem:
     options = Options(Engine.GUILLOTINE, 7, fit_first_layer=False, prove=False)
-    return Problem(ball, ROOMS, cost, options, thorough=True)
+    return Problem(ball, PRINTERS, cost, options, thorough=True)
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def test_looser_partitions_are_complete_without_more_work(
             cover_count[a:d, b:e, c:f] += 1
         assert cover_count.max() == 1
         assert cover_count[search.grid.needed].all()
-        assert sum(len(search.cut[box]) for box in partition) <= len(ROOMS)
+        assert sum(len(search.cut[box]) for box in partition) <= len(PRINTERS)
     assert min(compute_work_s(search, partition) for partition in results) <= compute_work_s(
         search, best_partition
     )
@@ -112,7 +112,7 @@ def test_corrected_piece_counts_need_few_solves(
     grid = task.build_grid(task.model)
     tables = task.price_boxes(grid)
     solver = Partitioner(tables)
-    assert solver.find_min_makespan(len(ROOMS), 1.0) is not None
+    assert solver.find_min_makespan(len(PRINTERS), 1.0) is not None
     search = ExactSearch(task, grid, tables, 1.0)
     search.run()
     assert search.solver.sums <= solver.sums + 10 * max_solves * count_cuts(tables.shape)

@@ -18,9 +18,9 @@ from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.partitioner import OtherClass
 from decompose.engines.guillotine.recursion import AREA_UNIT_MM2, UNREACHABLE
 from decompose.grid import Box, BoxTables, find_box, index_box
-from decompose.grid.boxes import list_rooms
+from decompose.grid.boxes import list_build_volumes
 from decompose.pieces import assign_bottleneck
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 SortKey = tuple[int, int, int]  # parts, seconds, units of cut area
 Parts = tuple[int, ...]  # of each class of printers
@@ -376,9 +376,9 @@ def test_rotated_or_mirrored_model_takes_the_same_time(
     assert times_s[0] is None or times_s[0] == pytest.approx(times_s[1], abs=2e-3)
 
 
-def test_every_room_limits_the_parts() -> None:
-    rooms = list_rooms(
-        [PrinterRoom("a", ((1.0, 2.0, 3.0),)), PrinterRoom("b", ((4.0, 5.0, 6.0), (7.0, 1.0, 1.0)))]
+def test_every_build_volume_limits_the_parts() -> None:
+    volumes = list_build_volumes(
+        [TargetPrinter("a", ((1.0, 2.0, 3.0),)), TargetPrinter("b", ((4.0, 5.0, 6.0), (7.0, 1.0, 1.0)))]
     )
-    assert rooms.shape == (2, 2, 3)
-    assert (rooms[0, 1] == -1.0).all()
+    assert volumes.shape == (2, 2, 3)
+    assert (volumes[0, 1] == -1.0).all()

@@ -8,15 +8,15 @@ import pytest
 from decompose.engines.guillotine import Partitioner
 from decompose.grid import GridRules, build_grid, price_boxes
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
-ROOM = PrinterRoom("cube", ((60.0, 60.0, 60.0),))
+PRINTER = TargetPrinter("cube", ((60.0, 60.0, 60.0),))
 PRINTERS = 12
 
 
 def compute_makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
     grid = build_grid(triangles, 6, GridRules(0.0, True, cost.overhang_cos, cost.skin_cos))
-    solver = Partitioner(price_boxes(grid, [ROOM], cost))
+    solver = Partitioner(price_boxes(grid, [PRINTER], cost))
     result = solver.find_min_makespan(PRINTERS, 0.0, tolerance_s=0.01)
     assert result is not None
     return result

@@ -18,18 +18,18 @@ from decompose.grid import CLEAR_MM, Box, NeededCells, find_flat_coordinates
 from decompose.options import Engine, Interior, Options
 from decompose.pieces import Piece, cut_cells
 from decompose.print_time import CostModel, Pose
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import Effort, Problem, Work
 
-ROOM = ((220.0, 220.0, 200.0),)
+BOXES_MM = ((220.0, 220.0, 200.0),)
 
 
 def make_problem(
     solid: Solid, cost: CostModel, printers: int, cells: int, interior: Interior = Interior.KEEP
 ) -> Problem:
     options = Options(Engine.GUILLOTINE, cells, interior, min_wall_mm=3.0, fit_first_layer=False)
-    rooms = tuple(PrinterRoom(f"p{i}", ROOM) for i in range(printers))
-    return Problem(Model(solid, (), 1.0), rooms, cost, options)
+    target_printers = tuple(TargetPrinter(f"p{i}", BOXES_MM) for i in range(printers))
+    return Problem(Model(solid, (), 1.0), target_printers, cost, options)
 
 
 def compute_longest_s(problem: Problem, pieces: list[Piece]) -> float:
@@ -218,7 +218,7 @@ def test_new_pose_is_computed_once_and_recorded(
 
 def test_slower_of_two_printers_gets_less_work(cone: Solid, cost: CostModel) -> None:
     task = make_problem(cone, cost, 2, cells=2)
-    slow_printer, quick_printer = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
+    slow_printer, quick_printer = TargetPrinter("slow", BOXES_MM, 1.2), TargetPrinter("quick", BOXES_MM, 0.9)
     task = replace(task, printers=(slow_printer, quick_printer))
     grid = task.build_grid(task.model)
     nx, ny, nz = grid.shape

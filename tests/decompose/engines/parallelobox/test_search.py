@@ -30,7 +30,7 @@ from decompose.grid import BoxTables, Cell, Grid, GridRules, build_grid, index_b
 from decompose.grid.box_index import find_interval_ends
 from decompose.options import Engine, Options, ParalleloboxOptions, Score
 from decompose.print_time import CostModel
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from decompose.problem import problem as problem_module
 
 Shape = tuple[int, int, int]
@@ -127,13 +127,13 @@ def test_both_readings_of_the_score_are_used(score: Score, expected_cells: list[
 
 
 @pytest.fixture(scope="module")
-def printers(plus_room: PrinterRoom) -> list[PrinterRoom]:
-    return [plus_room] * 14
+def printers(plus_printer: TargetPrinter) -> list[TargetPrinter]:
+    return [plus_printer] * 14
 
 
 @pytest.fixture(scope="module")
-def plus_room() -> PrinterRoom:
-    return PrinterRoom("plus", ((206.9, 190.9, 205.0),))
+def plus_printer() -> TargetPrinter:
+    return TargetPrinter("plus", ((206.9, 190.9, 205.0),))
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +148,7 @@ def ball_grid(ball: Model, cost: CostModel) -> Grid:
 
 
 @pytest.fixture(scope="module")
-def ball_tables(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> BoxTables:
+def ball_tables(ball_grid: Grid, printers: list[TargetPrinter], cost: CostModel) -> BoxTables:
     return price_boxes(ball_grid, printers, cost)
 
 
@@ -270,9 +270,9 @@ COARSE_OPTIONS = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
     ],
 )
 def test_engine_returns_checked_parts(
-    options: Options, rotated_model: Model, plus_room: PrinterRoom, cost: CostModel
+    options: Options, rotated_model: Model, plus_printer: TargetPrinter, cost: CostModel
 ) -> None:
-    printers = [replace(plus_room, name=str(i)) for i in range(9)]
+    printers = [replace(plus_printer, name=str(i)) for i in range(9)]
     assert align_model(rotated_model, 1, cost.overhang_cos).mirror is not None
     result = decompose_model(rotated_model, printers, options, cost)
     assert result.engine is Engine.PARALLELOBOX
@@ -285,7 +285,7 @@ def test_engine_returns_checked_parts(
     assert np.max([p.solid.bounds_mm[1] for p in result.parts], axis=0) == pytest.approx(hi, abs=1e-6)
     for part in result.parts:  # the printing pose still fits
         width_mm, depth_mm, height_mm = np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6
-        assert plus_room.fits(width_mm, depth_mm, height_mm)
+        assert plus_printer.fits(width_mm, depth_mm, height_mm)
         assert part.build_printing_mesh()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
     if options.faithful:  # no part crosses the plane of symmetry, which was x = 0 before the rotation
         direction = make_rotation(0.4, (0.0, 0.0, 1.0))[:, 0]
@@ -298,7 +298,7 @@ def test_engine_returns_checked_parts(
 
 
 def test_option_faithful_uses_the_settings_of_the_paper(
-    rotated_model: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    rotated_model: Model, plus_printer: TargetPrinter, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Check the grid, the tries, the symmetry, the overhang tolerance and the speed of the paper.
 
@@ -317,7 +317,7 @@ def test_option_faithful_uses_the_settings_of_the_paper(
 
     monkeypatch.setattr(problem_module, "build_grid", record_grid)
     monkeypatch.setattr(search, "draw_seed_sets", record_draw)
-    printers = [replace(plus_room, name=str(i)) for i in range(9)]
+    printers = [replace(plus_printer, name=str(i)) for i in range(9)]
     options = replace(
         COARSE_OPTIONS,
         faithful=True,
@@ -347,10 +347,10 @@ def test_option_faithful_uses_the_settings_of_the_paper(
 @settings(max_examples=1, deadline=None)
 @given(seed=st.integers(0, 10**6), printers=st.integers(9, 14))
 def test_result_is_never_worse_than_the_faithful_one(
-    rotated_model: Model, plus_room: PrinterRoom, cost: CostModel, seed: int, printers: int
+    rotated_model: Model, plus_printer: TargetPrinter, cost: CostModel, seed: int, printers: int
 ) -> None:
     """Compare both on a rotated model with a plane of symmetry that is large enough for a finer grid."""
-    fleet = [replace(plus_room, name=str(i)) for i in range(printers)]
+    fleet = [replace(plus_printer, name=str(i)) for i in range(printers)]
     options = Options(Engine.PARALLELOBOX, seed=seed, fit_first_layer=False, prove=False)
     faithful_result = decompose_model(rotated_model, fleet, replace(options, faithful=True), cost)
     default_result = decompose_model(rotated_model, fleet, options, cost)
@@ -380,6 +380,6 @@ def test_model_is_rotated_to_reduce_its_overhangs(cost: CostModel) -> None:
     assert (second_result.rotation == np.eye(3)).all()  # an upright block is not rotated
 
 
-def test_too_few_printers_are_reported(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
+def test_too_few_printers_are_reported(ball: Model, plus_printer: TargetPrinter, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"no attempt of parallelobox covers .* --engine guillotine"):
-        decompose_model(ball, [plus_room, replace(plus_room, name="b")], COARSE_OPTIONS, cost)
+        decompose_model(ball, [plus_printer, replace(plus_printer, name="b")], COARSE_OPTIONS, cost)

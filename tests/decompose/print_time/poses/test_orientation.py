@@ -19,10 +19,10 @@ from decompose.geometry import Model, Solid
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Pose, Recipe, find_best_pose, measure_pose
 from decompose.print_time.poses.orientation import build_hull, list_directions
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 
 COST = CostModel.from_recipe(Recipe())
-ROOM = PrinterRoom("p", ((200.0, 190.0, 200.0),))
+PRINTER = TargetPrinter("p", ((200.0, 190.0, 200.0),))
 ROTATION = Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_matrix()
 EDGE_ROTATION = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
 NO_CUTS = np.zeros(0, dtype=np.bool_)
@@ -33,13 +33,15 @@ def rotate_solid(solid: Solid, rotation: npt.NDArray[np.float64] = ROTATION) -> 
     return Solid.from_arrays(vertices @ rotation.T, faces)
 
 
-def find_pose(solid: Solid, room: PrinterRoom = ROOM, is_cut: npt.NDArray[np.bool_] = NO_CUTS) -> Pose:
+def find_pose(
+    solid: Solid, printer: TargetPrinter = PRINTER, is_cut: npt.NDArray[np.bool_] = NO_CUTS
+) -> Pose:
     vertices, faces = solid.arrays()
     pose = find_best_pose(
-        vertices, faces, is_cut if len(is_cut) else np.zeros(len(faces), np.bool_), [room], COST
+        vertices, faces, is_cut if len(is_cut) else np.zeros(len(faces), np.bool_), [printer], COST
     )
     assert pose is not None
-    assert room.fits(*pose.size_mm)
+    assert printer.fits(*pose.size_mm)
     return pose
 
 
@@ -106,8 +108,8 @@ def test_thin_part_is_laid_down_or_gets_a_brim(size_mm: tuple[float, ...]) -> No
     lying_pose = find_pose(solid)
     assert lying_pose.stands
     assert lying_pose.size_mm[2] == pytest.approx(min(size_mm))
-    narrow_room = PrinterRoom("narrow", ((110.0, 20.0, 200.0),))
-    upright_pose = find_pose(solid, narrow_room)
+    narrow_printer = TargetPrinter("narrow", ((110.0, 20.0, 200.0),))
+    upright_pose = find_pose(solid, narrow_printer)
     assert upright_pose.size_mm[2] >= 100.0
     assert upright_pose.brim_width_mm == pytest.approx(COST.brim_mm, abs=0.1)
 
@@ -137,9 +139,9 @@ def mark_inner_faces(solid: Solid) -> npt.NDArray[np.bool_]:
 def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
     solid = make_spool()
     is_cut = mark_inner_faces(solid)
-    low_room = PrinterRoom("p", ((51.0, 51.0, 61.0),))
-    assert find_pose(solid, low_room, is_cut).touched_mm2 > 0.0
-    free_pose = find_pose(solid, ROOM, is_cut)
+    low_printer = TargetPrinter("p", ((51.0, 51.0, 61.0),))
+    assert find_pose(solid, low_printer, is_cut).touched_mm2 > 0.0
+    free_pose = find_pose(solid, PRINTER, is_cut)
     assert free_pose.touched_mm2 <= 1.0
     assert abs(find_up_axis(free_pose)[2]) < 0.9
 
@@ -148,7 +150,7 @@ def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
     """Check that support touches at most the area of the small slab on the large one."""
     solid = make_spool()
     is_cut = mark_inner_faces(solid)
-    pose = find_pose(solid, PrinterRoom("p", ((51.0, 51.0, 61.0),)), is_cut)
+    pose = find_pose(solid, TargetPrinter("p", ((51.0, 51.0, 61.0),)), is_cut)
     assert find_up_axis(pose) == pytest.approx([0.0, 0.0, -1.0])
     assert pose.touched_mm2 == pytest.approx(2 * (30 * 30 - 10 * 10), rel=0.05)
 
@@ -167,13 +169,13 @@ def test_first_layer_is_narrowed_at_a_cut_face() -> None:
 
 
 def test_long_bar_lies_diagonally_on_the_bed() -> None:
-    pose = find_pose(Solid.box((0, 0, 0), (230, 6, 6)), PrinterRoom("p", ((190.0, 190.0, 50.0),)))
+    pose = find_pose(Solid.box((0, 0, 0), (230, 6, 6)), TargetPrinter("p", ((190.0, 190.0, 50.0),)))
     assert pose.size_mm[2] == pytest.approx(6.0)
 
 
 def test_part_without_a_fitting_pose_is_reported() -> None:
     vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
-    assert find_best_pose(vertices, faces, np.zeros(len(faces), np.bool_), [ROOM], COST) is None
+    assert find_best_pose(vertices, faces, np.zeros(len(faces), np.bool_), [PRINTER], COST) is None
 
 
 def test_flat_sides_are_candidates_in_any_orientation() -> None:
@@ -203,7 +205,7 @@ def test_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: 
     """Check that corners at the bed are at 0 after rounding to single precision."""
     solid = rotate_solid(Solid.box((0, 0, 0), (61.7, 47.3, 13.1)))
     model = Model(Solid.from_arrays(solid.arrays()[0].astype(np.float32), solid.arrays()[1]), (), 1.0)
-    result = write_decomposition(decompose_model(model, [ROOM], Options(granularity=3), COST), tmp_path)
+    result = write_decomposition(decompose_model(model, [PRINTER], Options(granularity=3), COST), tmp_path)
     (part,) = result.parts
     mesh = trimesh.load_mesh(tmp_path / part.file)
     assert mesh.is_watertight

@@ -15,7 +15,7 @@ from decompose.errors import GeometryError
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.print_time import CostModel, Recipe
-from decompose.printers import PrinterRoom
+from decompose.printers import TargetPrinter
 from farm.errors import FarmError
 from farm.planning.local import sliced_parts
 from farm.planning.local.decompose_file import decompose_to_folder
@@ -72,10 +72,10 @@ class Slicer:
 
 @pytest.fixture(scope="module")
 def decomposition():
-    rooms = [PrinterRoom(name, ((200.0, 200.0, 200.0),)) for name in "ab"]
+    printers = [TargetPrinter(name, ((200.0, 200.0, 200.0),)) for name in "ab"]
     model = Model(Solid.box((0, 0, 0), (120, 30, 20)), (), 1.0)
     options = Options(Engine.GUILLOTINE, 4, prove=False)
-    return decompose_model(model, rooms, options, CostModel.from_recipe(Recipe()))
+    return decompose_model(model, printers, options, CostModel.from_recipe(Recipe()))
 
 
 @pytest.mark.parametrize(

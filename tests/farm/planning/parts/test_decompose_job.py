@@ -137,10 +137,10 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
 
 
 def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypatch):
-    used_rooms = []
+    used_printers = []
 
-    def record_call(model, rooms, options, cost, executor):
-        used_rooms.extend(rooms)
+    def record_call(model, printers, options, cost, executor):
+        used_printers.extend(printers)
         raise NoFit("seen enough")
 
     monkeypatch.setattr("farm.planning.parts.decompose_job.decompose_model", record_call)
@@ -155,14 +155,14 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
     with pytest.raises(FarmError, match="seen enough"):
         decompose_job(task)
     # All printers are used, including those with other nozzles.
-    assert [room.name for room in used_rooms] == [
+    assert [printer.name for printer in used_printers] == [
         "p0",
         "p1",
         "p2",
         "p3",
     ]
     default_factor, narrow_nozzle_factor, wide_nozzle_factor, slow_printer_factor = (
-        room.time_factor for room in used_rooms
+        printer.time_factor for printer in used_printers
     )
     assert (default_factor, slow_printer_factor) == (1.0, 1.1)
     assert wide_nozzle_factor < 0.8 and narrow_nozzle_factor > 1.5

@@ -6,7 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.scheduling_examples import LOW_ROOM, make_box, make_plate, make_printer, make_rules, make_situation
+from books.scheduling_examples import (
+    LOW_BOXES,
+    make_box,
+    make_plate,
+    make_printer,
+    make_rules,
+    make_situation,
+)
 from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
 from farm.model import Bed, HoldCode, TimeFactors
 from farm.planning.replanning import policy
@@ -21,7 +28,7 @@ PLUS, UM2 = "ultimaker2_plus", "ultimaker2"
 def make_family_printer(name, family, nozzle_mm=0.4, **changes):
     return replace(
         make_printer(name, **changes),
-        capabilities=Capabilities(LOW_ROOM, "generic_pla", None, nozzle_mm, family),
+        capabilities=Capabilities(LOW_BOXES, "generic_pla", None, nozzle_mm, family),
     )
 
 
