@@ -31,7 +31,7 @@ import numpy as np
 import trimesh
 
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
-from bench.prices.parts import ENDLESS_BED, make_recipe
+from bench.prices.parts import ENDLESS_BED, make_print_time_settings
 from bench.search.decomposition_rows import (
     AS_IS,
     BEST_POSE,
@@ -97,8 +97,8 @@ class Run:
 
 def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     """Decompose a model in its own process; return the report, with wall time and peak memory."""
-    recipe = make_recipe(run.quality)
-    cost = CostModel.from_recipe(recipe)
+    time_settings = make_print_time_settings(run.quality)
+    cost = CostModel.from_settings(time_settings)
     settings = resolve_settings(run.settings_request, find_resources())
     boxes_mm = list_model_sizes(list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm), settings)
     printers = [TargetPrinter(str(i), boxes_mm) for i in range(run.printers)]
@@ -129,7 +129,7 @@ def relevel(run: Run, cut_file: Path, folder: Path, sliced_s: list[float]) -> di
     previous_result = pickle.loads(cut_file.read_bytes())
     start_s = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
-    cost = CostModel.from_recipe(make_recipe(run.quality))
+    cost = CostModel.from_settings(make_print_time_settings(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             result = relevel_planes(model, previous_result, sliced_s, cost, executor)
@@ -213,7 +213,7 @@ def slice_whole_model(run: Run, pose_name: str, results: Path, cache: Path) -> f
         return seconds
     vertices, faces = load_model(run.path, longest_side_mm=run.side_mm).solid.arrays()
     if pose_name == BEST_POSE:
-        cost = CostModel.from_recipe(make_recipe(run.quality))
+        cost = CostModel.from_settings(make_print_time_settings(run.quality))
         pose = find_best_pose(
             vertices, faces, np.zeros(len(faces), np.bool_), (), cost, run.quality == "glue"
         )

@@ -26,7 +26,7 @@ import shapely
 
 from bench.connectors.joint_slices import slice_part
 from bench.models.shapes import SHAPES
-from bench.prices.parts import make_recipe
+from bench.prices.parts import make_print_time_settings
 from decompose.connectors import find_pairs
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, load_model
@@ -102,7 +102,7 @@ def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
     target_printers = [TargetPrinter(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
     options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL_CONNECTORS)
     return decompose_model(
-        model, target_printers, options, CostModel.from_recipe(make_recipe("glue"))
+        model, target_printers, options, CostModel.from_settings(make_print_time_settings("glue"))
     ).with_assembly()
 
 

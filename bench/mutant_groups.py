@@ -55,7 +55,7 @@ GROUPS = {
         26,
     ),
     "cost": Group(
-        tuple(f"decompose/print_time/{name}.py" for name in ("cost", "pose_prices", "recipe")),
+        tuple(f"decompose/print_time/{name}.py" for name in ("cost", "pose_prices", "time_settings")),
         ("tests/decompose/print_time/test_cost.py",),
         14,
     ),

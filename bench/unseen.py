@@ -29,7 +29,7 @@ from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid
 from decompose.options import BUDGET_S, BestOptions, Options
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 from farm.compute import Deferred, TaskFiles
 
@@ -189,7 +189,7 @@ def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float
     with ThreadPoolExecutor() as executor:
         try:
             result = decompose_model(
-                model, target_printers, options, CostModel.from_recipe(Recipe()), executor
+                model, target_printers, options, CostModel.from_settings(PrintTimeSettings()), executor
             )
         except DecomposeError as error:
             reason = str(error)

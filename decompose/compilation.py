@@ -21,7 +21,7 @@ from decompose.export import write_decomposition
 from decompose.geometry import load_model, write_stl
 from decompose.jit import CODE_FOLDER, INSTALLED_FOLDER, is_compiled, mark_compiled
 from decompose.options import BestOptions, Engine, Options, ParalleloboxOptions
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 
 _PRINTER = TargetPrinter("", ((90.0, 90.0, 60.0),))
@@ -64,7 +64,7 @@ def _cut_small_models() -> None:
         sheet = np.array([[[0, 0, 0], [15, 0, 0], [0, 15, 0]]])
         write_stl(path, np.concatenate([ring.triangles[5:], sheet]).astype(np.float32))
         model = load_model(path)
-        cost = CostModel.from_recipe(Recipe())
+        cost = CostModel.from_settings(PrintTimeSettings())
         for options in _ENGINES:
             printers = [replace(_PRINTER, name=name) for name in "abcdefghij"]
             decomposition = decompose_model(model, printers, options, cost)

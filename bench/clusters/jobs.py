@@ -28,13 +28,19 @@ from farm.planning.job_planner import JobPlanner
 from farm.planning.parts.drawings import split_steps
 from farm.planning.parts.search_rounds import SearchRounds
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, PlanRequest
-from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_some_steps, warm_up_planning
+from farm.planning.tasks import (
+    decompose_job,
+    draw_job_parts,
+    draw_overview,
+    draw_step_range,
+    warm_up_planning,
+)
 
 MODEL = "ultimaker2_plus"
 MODEL_KIND, MODEL_SEED = "organic", 1
 SIDE_MM = 200.0  # longest side of the model for 20 printers; parts are small, so slices take only seconds
 BUDGET_S = 5.0
-PARALLEL_TASKS = {"slice_part", "draw_overview", "draw_some_steps", "draw_job", "try_grid"}
+PARALLEL_TASKS = {"slice_part", "draw_overview", "draw_step_range", "draw_job_parts", "try_grid"}
 """Tasks of which several run at the same time."""
 
 
@@ -161,7 +167,7 @@ async def _measure_search(
         work.mkdir(parents=True)
         model = state.files / job.model_file
         task = DecomposeTask(
-            1, model, job.options, fleet.printers, 1, work, budget_s=budget_s, side_by_side=True
+            1, model, job.options, fleet.printers, 1, work, budget_s=budget_s, may_pause=True
         )
         pool = TimingPool(local_pool)
         start_s = time.monotonic()
@@ -206,22 +212,22 @@ def measure_drawing(part_count: int, folder: Path) -> dict[str, Any]:
     model = state.files / job.model_file
     task = DecomposeTask(1, model, job.options, fleet.printers, 1, work, budget_s=BUDGET_S)
     decomposition = decompose_job(task)
-    assert isinstance(decomposition, DecomposedJob)  # a search pauses only with `side_by_side`
+    assert isinstance(decomposition, DecomposedJob)  # a search pauses only with `may_pause`
     record, overview = decomposition.drawing_record, work / "overview.png"
     ranges = split_steps(decomposition.steps)
     files = [work / f"steps-{begin}.pickle" for begin, _ in ranges]
     time_call(draw_overview, record, overview)  # the first call loads the modules
-    _, single_drawer_s = time_call(draw_job, task, record)
+    _, single_drawer_s = time_call(draw_job_parts, task, record)
     tasks = {
         "draw_overview": [time_call(draw_overview, record, overview)[1]],
-        "draw_some_steps": [
-            time_call(draw_some_steps, record, begin, end, file)[1]
+        "draw_step_range": [
+            time_call(draw_step_range, record, begin, end, file)[1]
             for (begin, end), file in zip(ranges, files, strict=True)
         ],
-        "draw_job": [time_call(draw_job, task, record, overview, tuple(files))[1]],
+        "draw_job_parts": [time_call(draw_job_parts, task, record, overview, tuple(files))[1]],
     }
     shutil.rmtree(state.root)
-    critical_s = max(*tasks["draw_overview"], *tasks["draw_some_steps"]) + sum(tasks["draw_job"])
+    critical_s = max(*tasks["draw_overview"], *tasks["draw_step_range"]) + sum(tasks["draw_job_parts"])
     return {
         "parts": len(decomposition.parts),
         "single_drawer_s": single_drawer_s,

@@ -74,7 +74,7 @@ deferred_sleep = Deferred("time:sleep", _list_no_files)
 
 
 Stages = list[dict[str, list[float]]]
-PICTURES, PAGE = ("draw_overview", "draw_some_steps"), "draw_job"
+PICTURES, PAGE = ("draw_overview", "draw_step_range"), "draw_job_parts"
 DRAWINGS = (*PICTURES, PAGE)
 get_seconds = itemgetter(1)
 

@@ -57,7 +57,7 @@ def list_rows(books: Books) -> Iterator[Row]:
             plate = books.plates[attempt.plate]
             if attempt.started_s is None or attempt.ended_s is None:
                 continue
-            reached_s = attempt.ended_s - attempt.started_s - plate.prelude_s
+            reached_s = attempt.ended_s - attempt.started_s - plate.overhead_s
             if not shows_speed(plate.sliced_s, reached_s, attempt.starved_s):
                 continue
             ratios.append(reached_s / plate.sliced_s)

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.models.shapes import make_rod
-from bench.prices.parts import ENDLESS_BED, make_recipe, resolve_named_settings
+from bench.prices.parts import ENDLESS_BED, make_print_time_settings, resolve_named_settings
 from decompose.geometry import Solid, round_triangles, write_stl
 from decompose.print_time import CostModel, measure_pose
 from slicing.plate import PlateRequest, slice_plate
@@ -118,7 +118,7 @@ def measure(shape: str, settings: str) -> Row:
     vertices, faces = SHAPES[shape]().arrays()
     lo, hi = vertices.min(axis=0), vertices.max(axis=0)
     placed_mm = vertices - [*(lo + hi)[:2] / 2.0, lo[2]]
-    cost = CostModel.from_recipe(make_recipe(settings))
+    cost = CostModel.from_settings(make_print_time_settings(settings))
     pose = measure_pose(placed_mm, faces, np.zeros(len(faces), np.bool_), np.eye(3), cost, False)
     with tempfile.TemporaryDirectory() as folder:
         stl = Path(folder) / "shape.stl"

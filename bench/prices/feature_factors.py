@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.prices.features import cut_piece
-from bench.prices.parts import PRINTER, make_recipe
+from bench.prices.parts import PRINTER, make_print_time_settings
 from bench.unseen import KINDS
 from decompose.geometry import write_stl
 from decompose.print_time import CostModel
@@ -100,7 +100,7 @@ class Errors:
 
 def list_parts(seeds: Sequence[int], side_mm: float, cache: Path) -> Iterator[PartTimes]:
     """Yield the times of all parts; parts that are not in the cache are cut, sliced and simulated."""
-    cost = CostModel.from_recipe(make_recipe("glue"))
+    cost = CostModel.from_settings(make_print_time_settings("glue"))
     for seed in seeds:
         for kind in KINDS:
             for corner in ("low", "high"):

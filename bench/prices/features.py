@@ -22,7 +22,7 @@ import numpy as np
 
 from bench.prices.contours import SHAPES
 from bench.prices.move_times import compute_times_by_kind_s
-from bench.prices.parts import PRINTER, make_recipe
+from bench.prices.parts import PRINTER, make_print_time_settings
 from bench.unseen import KINDS, draw_model
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import write_stl
@@ -30,13 +30,13 @@ from decompose.print_time import (
     GROUPS,
     CostModel,
     Pose,
-    Recipe,
+    PrintTimeSettings,
     build_group_cost,
     find_best_pose,
     measure_pose,
 )
 from drivers.printers import SLICING_PROFILES
-from farm.planning.parts.pricing import build_recipe
+from farm.planning.parts.pricing import build_print_time_settings
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.engine import EngineLimits, run_engine
 from slicing.errors import SlicingError
@@ -86,7 +86,7 @@ def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache:
     for name, shape in SHAPES.items() if shapes else ():
         vertices, faces = shape().arrays()
         yield place_on_bed(name, vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3))
-    cost = CostModel.from_recipe(make_recipe("glue"))
+    cost = CostModel.from_settings(make_print_time_settings("glue"))
     for seed in seeds:
         for kind in KINDS:
             for corner in pieces:
@@ -134,8 +134,8 @@ def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
     settings = resolve_settings(request, find_resources())
     # Parts are sliced alone, so none of their sides is hidden.
     plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)
-    recipe = build_recipe(plain_settings, prelude_s=0.0)
-    pose = price_part(posed_part, CostModel.from_recipe(recipe), quality == "glue")
+    time_settings = build_print_time_settings(plain_settings, overhead_s=0.0)
+    pose = price_part(posed_part, CostModel.from_settings(time_settings), quality == "glue")
     cache_file = cache / f"{posed_part.name}-{quality}.json"
     if not cache_file.exists():
         try:
@@ -151,19 +151,21 @@ def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
         quality,
         pose.price_s,
         slice_record.pop("sliced"),
-        price_features_s(posed_part, pose, recipe),
+        price_features_s(posed_part, pose, time_settings),
         sum_groups_s(slice_record),
     )
 
 
-def price_features_s(posed_part: PosedPart, pose: Pose, recipe: Recipe) -> dict[str, float]:
+def price_features_s(posed_part: PosedPart, pose: Pose, time_settings: PrintTimeSettings) -> dict[str, float]:
     """Price each group of terms separately; ``slow`` is the time added by the minimum time of a layer."""
-    unlimited_recipe = replace(
-        recipe, min_layer_s=0.0, brim_mm=recipe.brim_mm if pose.brim_width_mm is None else pose.brim_width_mm
+    unlimited_settings = replace(
+        time_settings,
+        min_layer_s=0.0,
+        brim_mm=time_settings.brim_mm if pose.brim_width_mm is None else pose.brim_width_mm,
     )
     prices_s = {}
     for group in GROUPS:
-        cost = build_group_cost(unlimited_recipe, group)
+        cost = build_group_cost(unlimited_settings, group)
         prices_s[group] = price_part(posed_part, cost, fits_first_layer=False).price_s
     return prices_s | {"slow": pose.price_s - sum(prices_s.values())}
 

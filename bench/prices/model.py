@@ -33,7 +33,7 @@ from bench.prices.parts import (
     Row,
     list_models,
     list_unseen_models,
-    make_recipe,
+    make_print_time_settings,
     make_table,
     read_rows,
     write_rows,
@@ -63,9 +63,11 @@ class Dataset:
         self.printed = np.array([row.printed for row in rows])
         self.sliced_s = np.array([row.sliced_s for row in rows])
         self.kinds = {kind: np.array([getattr(row, kind) for row in rows]) for kind in KINDS}
-        recipes = {name: make_recipe(name) for name in SETTINGS}
-        features = [_list_features(row, recipes[row.settings].brim_mm) for row in rows]
-        terms_by_setting = {name: compute_time_terms(recipe) for name, recipe in recipes.items()}
+        time_settings_by_name = {name: make_print_time_settings(name) for name in SETTINGS}
+        features = [_list_features(row, time_settings_by_name[row.settings].brim_mm) for row in rows]
+        terms_by_setting = {
+            name: compute_time_terms(time_settings) for name, time_settings in time_settings_by_name.items()
+        }
         seconds = [
             {term: vector * f for term, vector in terms_by_setting[row.settings].items()}
             for row, f in zip(rows, features, strict=True)
@@ -73,7 +75,10 @@ class Dataset:
         self.terms = {term: np.array([s[term].sum() for s in seconds]) for term in FACTORS}
         # Seconds to which the minimum time of a layer applies.
         self.body_terms_s = {term: np.array([s[term][:2].sum() for s in seconds]) for term in FACTORS}
-        costs = {name: CostModel.from_recipe(recipe) for name, recipe in recipes.items()}
+        costs = {
+            name: CostModel.from_settings(time_settings)
+            for name, time_settings in time_settings_by_name.items()
+        }
         self.min_s = np.array([costs[row.settings].min_s_mm * row.height_mm for row in rows])
 
     def fit(self, rows: npt.NDArray[np.bool_]) -> dict[str, float]:
@@ -119,7 +124,7 @@ def _fit(matrix: Floats, target: Floats) -> Floats:
 
 
 def _list_features(row: Row, brim_mm: float) -> Floats:
-    """Return the features in the order of `print_time.recipe.FEATURES`."""
+    """Return the features in the order of `print_time.time_settings.FEATURES`."""
     brim_ring_mm2 = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
     additive = [getattr(row, name) for name in ADDITIVE_FEATURES]
     skin_rim_mm = math.sqrt(row.skin_mm2)

@@ -44,7 +44,7 @@ from decompose.print_time import (
 from decompose.printers import TargetPrinter
 from decompose.results import Part
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
-from farm.planning.parts.pricing import build_recipe
+from farm.planning.parts.pricing import build_print_time_settings
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
@@ -218,7 +218,7 @@ def main() -> int:
     settings = resolve_settings(REQUEST, find_resources())
     # Parts are sliced without their hidden sides.
     plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)
-    cost = CostModel.from_recipe(build_recipe(plain_settings, prelude_s=0.0))
+    cost = CostModel.from_settings(build_print_time_settings(plain_settings, overhead_s=0.0))
     printer = TargetPrinter(
         "0", tuple(b.size_mm for b in list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm))
     )

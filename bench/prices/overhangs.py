@@ -21,7 +21,7 @@ import trimesh
 
 from bench.prices.parts import ENDLESS_BED, PRINTER, compute_extrusion_times_s
 from drivers.printers import SLICING_PROFILES
-from farm.planning.parts.pricing import build_recipe
+from farm.planning.parts.pricing import build_print_time_settings
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
@@ -72,7 +72,7 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
         "yaw_deg": yaw_deg,
         "bare_deg": bare_deg,
         "supported_deg": supported_deg,
-        "cost_deg": build_recipe(settings, prelude_s=0.0).supported_deg,
+        "cost_deg": build_print_time_settings(settings, overhead_s=0.0).supported_deg,
     }
 
 

@@ -24,10 +24,16 @@ from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid, load_model, round_triangles, write_stl
 from decompose.options import Options
-from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, sum_pose_features
+from decompose.print_time import (
+    POSE_ROTATIONS,
+    CostModel,
+    PrintTimeSettings,
+    measure_columns,
+    sum_pose_features,
+)
 from decompose.printers import TargetPrinter
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
-from farm.planning.parts.pricing import build_recipe
+from farm.planning.parts.pricing import build_print_time_settings
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
@@ -124,9 +130,9 @@ def resolve_named_settings(name: str) -> EngineSettings:
     return resolve_settings(request, find_resources())
 
 
-def make_recipe(name: str) -> Recipe:
-    """Make the cost model's recipe for one of SETTINGS."""
-    return build_recipe(resolve_named_settings(name), prelude_s=0.0)
+def make_print_time_settings(name: str) -> PrintTimeSettings:
+    """Make the cost model's settings for one of SETTINGS."""
+    return build_print_time_settings(resolve_named_settings(name), overhead_s=0.0)
 
 
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
@@ -191,9 +197,10 @@ def list_unseen_models(seed: int) -> Iterator[tuple[str, Model]]:
 
 def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[PosedPart]:
     """Yield some parts of each model for each number of printers; some parts also in another axis pose."""
-    cost = CostModel.from_recipe(make_recipe("glue"))
+    cost = CostModel.from_settings(make_print_time_settings("glue"))
     box_sizes_mm = tuple(
-        box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], make_recipe("glue").brim_mm)
+        box.size_mm
+        for box in list_usable_volumes(PROFILES[PRINTER], make_print_time_settings("glue").brim_mm)
     )
     for name, model in models:
         for count in PRINTER_COUNTS:
@@ -235,7 +242,7 @@ def measure(posed_part: PosedPart, settings_name: str, folder: Path, cache: Path
     kinds = compute_extrusion_times_s(output.read_text(encoding="utf-8"))
     stl.unlink()
     output.unlink()
-    cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
+    cost = CostModel.from_settings(build_print_time_settings(settings, overhead_s=0.0))
     (features,), (extents,) = sum_pose_features(*posed_part.arrays, POSE_ROTATIONS[4:5], cost)
     no_marks = np.zeros(len(posed_part.corners), dtype=np.bool_)
     support = measure_columns(posed_part.corners.astype(np.float64), no_marks, cost.overhang_cos)

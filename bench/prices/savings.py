@@ -28,7 +28,7 @@ from decompose.printers import TargetPrinter
 from decompose.results import Part
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.compute import Deferred, TaskFiles
-from farm.planning.parts.pricing import build_recipe
+from farm.planning.parts.pricing import build_print_time_settings
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.hidden_walls import HiddenSide
 from slicing.plate import PlateRequest, slice_plate
@@ -83,18 +83,18 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
                 overrides={} if gradual else UNIFORM_INFILL,
             )
             settings = resolve_settings(request, find_resources())
-            recipe = build_recipe(settings, prelude_s=0.0)
+            time_settings = build_print_time_settings(settings, overhead_s=0.0)
             if not has_hidden_faces:
-                recipe = replace(
-                    recipe,
+                time_settings = replace(
+                    time_settings,
                     bed_layers_saved=0.0,
                     top_layers_saved=0.0,
                     hidden_outer_wall_mm_s=0.0,
                     hidden_inner_wall_mm_s=0.0,
                 )
-            cost = CostModel.from_recipe(recipe)
+            cost = CostModel.from_settings(time_settings)
             box_sizes_mm = tuple(
-                box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm)
+                box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], time_settings.brim_mm)
             )
             target_printers = [TargetPrinter(str(number), box_sizes_mm) for number in range(args.printers)]
             fit_layer = args.quality == "glue"

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.prices.parts import make_recipe
+from bench.prices.parts import make_print_time_settings
 from bench.search.peak_memory import read_peak_mb
 from decompose.bound import bound_makespan
 from decompose.engines.guillotine import Partitioner, compute_makespan_curve
@@ -44,11 +44,11 @@ def main() -> None:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    recipe = make_recipe("paper")
-    box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
+    time_settings = make_print_time_settings("paper")
+    box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], time_settings.brim_mm))
     printers = tuple(TargetPrinter(str(i), box_sizes_mm) for i in range(options.printers))
     model = load_model(options.model, longest_side_mm=options.side)
-    problem = Problem(model, printers, CostModel.from_recipe(recipe), Options())
+    problem = Problem(model, printers, CostModel.from_settings(time_settings), Options())
     times_s: dict[str, dict[str, float]] = {}
 
     def measure_stage(stage: str, compute: Callable[[], Any]) -> Any:

@@ -24,7 +24,7 @@ from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid
 from decompose.options import BUDGET_S, BestOptions, Options
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 
 
@@ -95,7 +95,9 @@ def run_case(name: str, case: Case, budget_s: float) -> Outcome:
     parts, makespan_s, effort_s, refusal = None, None, None, ""
     with ThreadPoolExecutor(os.cpu_count()) as executor:
         try:
-            result = decompose(model, printers, options, CostModel.from_recipe(Recipe()), executor)
+            result = decompose(
+                model, printers, options, CostModel.from_settings(PrintTimeSettings()), executor
+            )
             parts, makespan_s = len(result.parts), result.makespan_s
             effort_s = sum(attempt.effort_s for attempt in result.attempts)
         except DecomposeError as error:

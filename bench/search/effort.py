@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from bench.prices.parts import make_recipe
+from bench.prices.parts import make_print_time_settings
 from decompose.decompose import ENGINES
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, load_model
@@ -72,9 +72,9 @@ def main() -> None:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    recipe = make_recipe("paper")
-    cost = CostModel.from_recipe(recipe)
-    box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], recipe.brim_mm))
+    time_settings = make_print_time_settings("paper")
+    cost = CostModel.from_settings(time_settings)
+    box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], time_settings.brim_mm))
     small_model = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     for engine in options.engines:  # compiles, or loads compiled code
         target_printers = tuple(TargetPrinter(str(i), box_sizes_mm) for i in range(4))

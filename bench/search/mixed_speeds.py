@@ -21,7 +21,7 @@ from bench.unseen import USABLE_VOLUMES_MM
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, load_model
 from decompose.options import BUDGET_S, BestOptions, Options
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 
 
@@ -40,7 +40,7 @@ def find_makespan_s(model: Model, time_factors: list[float], budget_s: float, ex
     target_printers = [
         TargetPrinter(str(i), USABLE_VOLUMES_MM, factor) for i, factor in enumerate(time_factors)
     ]
-    options, cost = Options(best=BestOptions(budget_s)), CostModel.from_recipe(Recipe())
+    options, cost = Options(best=BestOptions(budget_s)), CostModel.from_settings(PrintTimeSettings())
     return decompose_model(model, target_printers, options, cost, executor).makespan_s
 
 

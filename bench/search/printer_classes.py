@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.prices.parts import make_recipe
+from bench.prices.parts import make_print_time_settings
 from decompose.engines.guillotine import cut_by_guillotine
 from decompose.engines.guillotine.exact_search import cut_for_uniform_printers
 from decompose.errors import NoFit
@@ -109,9 +109,9 @@ def main() -> None:
     parser.add_argument("--cells", default="auto", help="value of farm decompose --granularity")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    recipe = make_recipe("paper")
-    cost = CostModel.from_recipe(recipe)
-    printers = make_fleet(options.plus, options.extended, options.wide, options.spread, recipe.brim_mm)
+    time_settings = make_print_time_settings("paper")
+    cost = CostModel.from_settings(time_settings)
+    printers = make_fleet(options.plus, options.extended, options.wide, options.spread, time_settings.brim_mm)
     decompose_options = Options(Engine.GUILLOTINE, granularity=options.cells, prove=False)
     rows = []
     with ThreadPoolExecutor(os.cpu_count()) as executor:

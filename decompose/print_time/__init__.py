@@ -17,12 +17,12 @@ from decompose.print_time.poses import (
     find_steady_pose,
     measure_pose,
 )
-from decompose.print_time.recipe import (
+from decompose.print_time.time_settings import (
     ADDITIVE_FEATURES,
     FACTORS,
     FEATURES,
     SUPPORT,
-    Recipe,
+    PrintTimeSettings,
     compute_time_terms,
 )
 
@@ -41,7 +41,7 @@ __all__ = [
     "PartMesh",
     "Pose",
     "Prices",
-    "Recipe",
+    "PrintTimeSettings",
     "build_group_cost",
     "compute_price_s",
     "compute_steady_limit_s",

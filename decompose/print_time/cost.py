@@ -20,8 +20,8 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 from decompose.print_time.contours import Contours
-from decompose.print_time.recipe import FACTORS, FEATURES, Recipe, compute_time_terms
 from decompose.print_time.thin_walls import ThinWalls
+from decompose.print_time.time_settings import FACTORS, FEATURES, PrintTimeSettings, compute_time_terms
 
 Prices = np.void
 """A record of `CostModel.build_prices`: compiled code reads its fields by name."""
@@ -94,34 +94,34 @@ class CostModel:
         return math.sin(math.radians(self.supported_deg))
 
     @classmethod
-    def from_recipe(cls, recipe: Recipe, factors: Mapping[str, float] = FACTORS) -> CostModel:
+    def from_settings(cls, settings: PrintTimeSettings, factors: Mapping[str, float] = FACTORS) -> CostModel:
         """Build the cost of print settings: their terms, each times its factor.
 
         Parameters
         ----------
-        recipe
+        settings
             Settings of the slicer.
         factors
             Factor of each term.
         """
         vector = sum(
-            (factors[name] * term for name, term in compute_time_terms(recipe).items()),
+            (factors[name] * term for name, term in compute_time_terms(settings).items()),
             np.zeros(len(FEATURES)),
         )
         seconds = dict(zip(FEATURES, vector.tolist(), strict=True))
         return cls(
-            fixed_s=recipe.prelude_s,
+            fixed_s=settings.overhead_s,
             volume_s_mm3=seconds["volume_mm3"],
             lateral_s_mm2=max(0.0, seconds["lateral_mm2"]),
             skin_s_mm2=max(0.0, seconds["skin_mm2"]),
             slope_s_mm2=seconds["slope_mm2"],
             overhang_s_mm3=seconds["column_mm3"],
             brim_s_mm2=seconds["brim_mm2"],
-            min_s_mm=recipe.min_layer_s / recipe.layer_height_mm,
-            brim_mm=recipe.brim_mm,
-            supported_deg=recipe.supported_deg,
-            shrinkage=recipe.shrinkage,
-            skin_cos=recipe.skin_cos,
+            min_s_mm=settings.min_layer_s / settings.layer_height_mm,
+            brim_mm=settings.brim_mm,
+            supported_deg=settings.supported_deg,
+            shrinkage=settings.shrinkage,
+            skin_cos=settings.skin_cos,
             inset_s_mm=max(0.0, -seconds["height_mm"]),
             skin_rim_s_mm=max(0.0, -seconds["skin_rim_mm"]),
             support_s_mm3=seconds["support_mm3"],
@@ -139,17 +139,17 @@ class CostModel:
             gap_s_mm2=seconds["gap_mm2"],
             full_s_mm2=seconds["full_mm2"],
             overlap_s_mm3=seconds["overlap_mm3"],
-            line_mm=recipe.line_width_mm,
-            layer_mm=recipe.layer_height_mm,
-            outer_walls_mm=2.0 * recipe.outer_line_width_mm,
-            walls_mm=2.0 * recipe.walls_mm,
-            skins_mm=2.0 * recipe.skin_layers * recipe.layer_height_mm,
-            ring_cos=recipe.ring_cos,
-            hidden_bed_share=recipe.hidden_bed_share,
-            hidden_top_share=recipe.hidden_top_share,
-            hidden_bed_mm=recipe.bed_layers_saved * recipe.layer_height_mm,
-            hidden_top_mm=recipe.top_layers_saved * recipe.layer_height_mm,
-            hidden_side_share=_compute_saved_share(recipe.hidden_wall_s_mm2, seconds["lateral_mm2"]),
+            line_mm=settings.line_width_mm,
+            layer_mm=settings.layer_height_mm,
+            outer_walls_mm=2.0 * settings.outer_line_width_mm,
+            walls_mm=2.0 * settings.walls_mm,
+            skins_mm=2.0 * settings.skin_layers * settings.layer_height_mm,
+            ring_cos=settings.ring_cos,
+            hidden_bed_share=settings.hidden_bed_share,
+            hidden_top_share=settings.hidden_top_share,
+            hidden_bed_mm=settings.bed_layers_saved * settings.layer_height_mm,
+            hidden_top_mm=settings.top_layers_saved * settings.layer_height_mm,
+            hidden_side_share=_compute_saved_share(settings.hidden_wall_s_mm2, seconds["lateral_mm2"]),
         )
 
     def price_support_s(

@@ -10,7 +10,7 @@ import numpy as np
 from decompose.arrays import Floats, Ints
 from decompose.print_time.cost import CostModel
 from decompose.print_time.pose_prices import sum_pose_features
-from decompose.print_time.recipe import ADDITIVE_FEATURES, FACTORS, Recipe
+from decompose.print_time.time_settings import ADDITIVE_FEATURES, FACTORS, PrintTimeSettings
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "walls": ("walls",),
@@ -32,7 +32,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 """Terms of `compute_time_terms`, by the feature of the print that they belong to."""
 
 
-def estimate_feature_shares(vertices: Floats, faces: Ints, recipe: Recipe) -> dict[str, float]:
+def estimate_feature_shares(vertices: Floats, faces: Ints, settings: PrintTimeSettings) -> dict[str, float]:
     """Estimate the share of each of `GROUPS` in the price of a model; the shares sum to 1.
 
     Supports are not counted, because cuts avoid them.
@@ -41,36 +41,36 @@ def estimate_feature_shares(vertices: Floats, faces: Ints, recipe: Recipe) -> di
     ----------
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh, outward.
-    recipe
+    settings
         Settings of the slicer.
     """
-    recipe_per_unit = replace(recipe, prelude_s=0.0, min_layer_s=0.0)
+    settings_per_unit = replace(settings, overhead_s=0.0, min_layer_s=0.0)
     (features,), _ = sum_pose_features(
         vertices,
         faces,
         np.eye(3)[None],
-        CostModel.from_recipe(recipe_per_unit),
+        CostModel.from_settings(settings_per_unit),
         is_cut=np.zeros(len(faces), np.bool_),
     )
     features[ADDITIVE_FEATURES.index("column_mm3")] = 0.0
     extents_mm = np.ptp(vertices, axis=0)
     seconds = {
-        group: max(0.0, build_group_cost(recipe_per_unit, group).price_s(features, extents_mm))
+        group: max(0.0, build_group_cost(settings_per_unit, group).price_s(features, extents_mm))
         for group in GROUPS
     }
     total_s = sum(seconds.values())
     return {group: value_s / total_s for group, value_s in seconds.items()}
 
 
-def build_group_cost(recipe: Recipe, group: str) -> CostModel:
+def build_group_cost(settings: PrintTimeSettings, group: str) -> CostModel:
     """Build the cost model of the terms of one of `GROUPS`.
 
     Parameters
     ----------
-    recipe
+    settings
         Settings of the slicer.
     group
         Name of the group.
     """
     factors = {name: factor if name in GROUPS[group] else 0.0 for name, factor in FACTORS.items()}
-    return CostModel.from_recipe(recipe, factors)
+    return CostModel.from_settings(settings, factors)

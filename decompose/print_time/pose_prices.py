@@ -12,8 +12,8 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.jit import jit
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel
 from decompose.print_time.hidden_faces import find_hidden_faces
-from decompose.print_time.recipe import ADDITIVE_FEATURES
 from decompose.print_time.surfaces import Surfaces, measure_surfaces, sum_volume_mm3
+from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
 LATERAL = ADDITIVE_FEATURES.index("lateral_mm2")
 SKIN = ADDITIVE_FEATURES.index("skin_mm2")

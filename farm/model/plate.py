@@ -177,7 +177,7 @@ class Plate(Entity):
         return {k: v for k, v in fields.items() if k != "hold"} if isinstance(fields, dict) else fields
 
     @property
-    def prelude_s(self) -> float:
+    def overhead_s(self) -> float:
         """Expected time apart from the layers: heat-up, start and end code, in seconds."""
         return self.expected_s - self.sliced_s * self.time_factor
 
@@ -189,8 +189,8 @@ class Plate(Entity):
     @property
     def first_layer_s(self) -> float:
         """Expected time until the first layer is done, which prints at half speed, in seconds."""
-        return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
+        return self.overhead_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
     def compute_expected_s(self, time_factors: TimeFactors) -> float:
         """Return the expected time on a printer with these time factors, in seconds."""
-        return self.prelude_s + self.sliced_s * time_factors.compute_factor(self.feature_shares)
+        return self.overhead_s + self.sliced_s * time_factors.compute_factor(self.feature_shares)

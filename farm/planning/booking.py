@@ -11,7 +11,7 @@ from drivers.printers import PROFILES
 from farm.model import Job, Part, Plate, TimeFactors
 from farm.planning.part_records import DecomposedPart, SlicedPart
 from farm.planning.plan import Plan, SlicedJob
-from farm.planning.plate_times import compute_prelude_seconds
+from farm.planning.plate_times import compute_overhead_s
 from farm.state.storage import store_file
 
 MAX_WARNINGS = 3
@@ -133,7 +133,7 @@ def _estimate_serial_s(sliced_job: SlicedJob) -> float:
     Slicing the whole model would take minutes, and no printer could print the result.
     """
     first = sliced_job.parts[0]
-    prelude_s = compute_prelude_seconds(first.printer, first.task.settings)
-    price_s = sum(part.part.price_s - prelude_s for part in sliced_job.parts)
+    overhead_s = compute_overhead_s(first.printer, first.task.settings)
+    price_s = sum(part.part.price_s - overhead_s for part in sliced_job.parts)
     sliced_s = sum(float(part.result.sliced_s) for part in sliced_job.parts)
-    return prelude_s + (sliced_job.decomposed.serial_price_s - prelude_s) * sliced_s / price_s
+    return overhead_s + (sliced_job.decomposed.serial_price_s - overhead_s) * sliced_s / price_s

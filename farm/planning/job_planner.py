@@ -67,7 +67,7 @@ class JobPlanner:
             within_s=request.within_s,
             assembly_ratio=request.assembly_ratio,
             budget_s=self._budget_s,
-            side_by_side=True,
+            may_pause=True,
         )
         self._running = {
             number: plan_task for number, plan_task in self._running.items() if not plan_task.done()

@@ -110,7 +110,7 @@ class DecomposeTask:
         Ratio of reported to expected times of assembly.
     budget_s
         Budget of the search for parts; None for the decomposition's default.
-    side_by_side
+    may_pause
         True to return a `PausedJob` before a round of several attempts of the search.
     """
 
@@ -124,7 +124,7 @@ class DecomposeTask:
     within_s: float | None = None
     assembly_ratio: float = 1.0
     budget_s: float | None = None
-    side_by_side: bool = False
+    may_pause: bool = False
 
     def find_time_factors(self, printer: str) -> TimeFactors:
         """Return the time factors of a printer."""
@@ -159,7 +159,7 @@ class DecomposedJob:
     serial_price_s
         Price of the whole model in one piece, including the heat-up.
     drawing_record
-        File for `draw_job` (farm.planning.parts.job_drawing).
+        File for `draw_job_parts` (farm.planning.parts.job_drawing).
     cut_record
         File for `relevel_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
     assembly_s

@@ -42,8 +42,8 @@ def compute_plate_seconds(
     )
 
 
-def compute_prelude_seconds(section: PrinterSection, settings: EngineSettings) -> float:
-    """Return the seconds of a plate on a printer apart from its layers."""
+def compute_overhead_s(section: PrinterSection, settings: EngineSettings) -> float:
+    """Return the time of a plate on a printer apart from its layers, in seconds."""
     return compute_plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
 
 

@@ -42,14 +42,14 @@ def list_overview_files(drawing_record: Path, out: Path) -> TaskFiles:
 
 
 def list_step_files(drawing_record: Path, _first: int, _end: int, out: Path) -> TaskFiles:
-    """List the files of `draw_some_steps`: the record of the parts, and the pictures."""
+    """List the files of `draw_step_range`: the record of the parts, and the pictures."""
     return TaskFiles(reads=(drawing_record,), writes=(out,))
 
 
 def list_draw_files(
     task: DecomposeTask, drawing_record: Path, overview: Path | None = None, steps: Sequence[Path] = ()
 ) -> TaskFiles:
-    """List the files of `draw_job`: the record of the parts, earlier pictures, and the plan's folder."""
+    """List the files of `draw_job_parts`: the record of the parts, earlier pictures and the plan's folder."""
     pictures = steps if overview is None else (overview, *steps)
     return TaskFiles(reads=(drawing_record, *pictures), folders=(task.folder,))
 
@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from farm.planning.inspection.inspect_submission import inspect_submission
     from farm.planning.inspection.own_gcode import plan_gcode
     from farm.planning.parts.decompose_job import decompose_job, warm_up_planning
-    from farm.planning.parts.job_drawing import draw_job, draw_overview, draw_some_steps
+    from farm.planning.parts.job_drawing import draw_job_parts, draw_overview, draw_step_range
     from farm.planning.parts.paused_job import continue_job, try_grid
     from farm.planning.parts.relevel_parts import relevel_parts
     from farm.planning.parts.slice_part import slice_part
@@ -86,9 +86,9 @@ else:
     inspect_submission = Deferred("farm.planning.inspection.inspect_submission:inspect_submission")
     continue_job = Deferred("farm.planning.parts.paused_job:continue_job", list_continue_files)
     decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
-    draw_job = Deferred("farm.planning.parts.job_drawing:draw_job", list_draw_files)
+    draw_job_parts = Deferred("farm.planning.parts.job_drawing:draw_job_parts", list_draw_files)
     draw_overview = Deferred("farm.planning.parts.job_drawing:draw_overview", list_overview_files)
-    draw_some_steps = Deferred("farm.planning.parts.job_drawing:draw_some_steps", list_step_files)
+    draw_step_range = Deferred("farm.planning.parts.job_drawing:draw_step_range", list_step_files)
     relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
     warm_up_planning = Deferred("farm.planning.parts.decompose_job:warm_up_planning")
     plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")
@@ -100,9 +100,9 @@ __all__ = [
     "continue_job",
     "cut_part",
     "decompose_job",
-    "draw_job",
+    "draw_job_parts",
     "draw_overview",
-    "draw_some_steps",
+    "draw_step_range",
     "inspect_submission",
     "plan_gcode",
     "relevel_parts",

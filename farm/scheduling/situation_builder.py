@@ -60,7 +60,7 @@ def _describe_printer(
         job=None if attempt is None else attempt.job,
         heats_until_s=None
         if attempt is None
-        else _find_start_s(attempt) + books.plates[attempt.plate].prelude_s,
+        else _find_start_s(attempt) + books.plates[attempt.plate].overhead_s,
         grams=_compute_free_grams(books, entry, attempt),
         reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factors=entry.time_factors,
@@ -310,7 +310,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             priority=job.priority,
             rank=job.moved_rank,
             grams=plate.grams,
-            heating_s=plate.prelude_s,
+            heating_s=plate.overhead_s,
             time_factor=plate.time_factor,
             feature_shares=plate.feature_shares,
             first_layer_s=plate.first_layer_s,

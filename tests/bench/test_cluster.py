@@ -8,13 +8,13 @@ from bench.clusters.replay import find_critical_path, sum_path
 
 STAGES = [
     {"decompose_job": [30.0]},
-    {"slice_part": [2.0, 5.0, 1.0], "draw_job": [10.0]},
+    {"slice_part": [2.0, 5.0, 1.0], "draw_job_parts": [10.0]},
     {"relevel_parts": [15.0]},
     {
         "slice_part": [3.0, 4.0],
         "draw_overview": [3.0],
-        "draw_some_steps": [5.0, 6.0],
-        "draw_job": [2.0],
+        "draw_step_range": [5.0, 6.0],
+        "draw_job_parts": [2.0],
     },
 ]
 
@@ -24,7 +24,7 @@ def test_tasks_are_grouped_by_the_stages_that_follow_each_other():
         "decompose_job",
         "slice_part",
         "slice_part",
-        "draw_job",
+        "draw_job_parts",
         "slice_part",
         "relevel_parts",
         "slice_part",
@@ -34,7 +34,7 @@ def test_tasks_are_grouped_by_the_stages_that_follow_each_other():
     ]
     assert list_stages(tasks[::-1]) == [
         {"decompose_job": [10.0]},
-        {"slice_part": [11.0, 12.0, 14.0], "draw_job": [13.0]},
+        {"slice_part": [11.0, 12.0, 14.0], "draw_job_parts": [13.0]},
         {"relevel_parts": [15.0]},
         {"slice_part": [16.0]},
     ]
@@ -47,8 +47,8 @@ def test_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
         ("slice_part", 5.0),
         ("relevel_parts", 15.0),
         ("slice_part", 3.0),
-        ("draw_some_steps", 6.0),
-        ("draw_job", 2.0),
+        ("draw_step_range", 6.0),
+        ("draw_job_parts", 2.0),
     ]
     stages_without_drawings = [
         {kind: times for kind, times in stage.items() if "draw" not in kind} for stage in STAGES
@@ -58,7 +58,7 @@ def test_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
 
 def test_drawings_by_one_worker_lengthen_the_path():
     path = find_critical_path(STAGES, single_drawer=True)
-    assert path[-1] == ("draw_job", 3.0 + 5.0 + 6.0 + 2.0)
+    assert path[-1] == ("draw_job_parts", 3.0 + 5.0 + 6.0 + 2.0)
     assert sum_path(path) == sum_path(find_critical_path(STAGES)) + 8.0
 
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from decompose.geometry import Model, Solid
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 
 PLUS_BOXES = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
@@ -16,7 +16,7 @@ EXTENDED_BOXES = tuple((x, y, 305.0) for x, y, _ in PLUS_BOXES)
 
 @pytest.fixture(scope="session")
 def cost() -> CostModel:
-    return CostModel.from_recipe(Recipe())
+    return CostModel.from_settings(PrintTimeSettings())
 
 
 @pytest.fixture

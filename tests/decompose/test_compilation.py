@@ -19,7 +19,7 @@ from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
 from decompose.geometry import load_model
 from decompose.options import BestOptions, Engine, Interior, Options
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 
 
@@ -47,7 +47,7 @@ for name, mesh, options in (
 ):
     mesh.export(folder / f"{name}.stl")
     model = load_model(folder / f"{name}.stl")
-    result = decompose_model(model, printers, options, CostModel.from_recipe(Recipe()))
+    result = decompose_model(model, printers, options, CostModel.from_settings(PrintTimeSettings()))
     write_decomposition(result, folder / name)
 print(sorted(set(list_signatures()) - old_signatures))
 """

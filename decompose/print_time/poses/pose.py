@@ -16,8 +16,8 @@ from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import LATERAL, SKIN, price_short_layers_s, sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
-from decompose.print_time.recipe import ADDITIVE_FEATURES
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
+from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
 COLUMN = ADDITIVE_FEATURES.index("column_mm3")
 HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole, as a share of that of a square hole

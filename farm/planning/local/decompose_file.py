@@ -35,7 +35,7 @@ from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.sliced_parts import PartSlicer, relevel_by_slices, write_sliced_parts
 from farm.planning.parts.bed_places import Bed
-from farm.planning.parts.pricing import build_recipe, select_connectors
+from farm.planning.parts.pricing import build_print_time_settings, select_connectors
 from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
 from slicing.cache import trim_cache
 from slicing.settings import (
@@ -130,7 +130,9 @@ def decompose_to_folder(
         scale, longest_side_mm = request.scale, request.longest_side_mm
         memory_bytes = read_process_bytes()
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm, memory_bytes=memory_bytes)
-        cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
+        cost = CostModel.from_settings(
+            replace(build_print_time_settings(settings, overhead_s=0.0), brim_mm=request.brim_mm)
+        )
         decomposition = _decompose(
             model, list_model_sizes(usable_volumes, settings), request, options, cost, executor
         )

@@ -19,7 +19,7 @@ from decompose.geometry import Model, Solid
 from decompose.jit import is_compiled
 from decompose.options import BestOptions, Engine, Options
 from decompose.paused_search import PausedSearch
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 from decompose.progress import listen_to_progress
@@ -45,7 +45,7 @@ def warm_up_planning(report: Callable[[str], object]) -> None:
         report("compiling the planning code, which takes minutes; `farm setup` does it in advance")
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     printers = [TargetPrinter(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
-    decompose_model(box, printers, Options(prove=False), CostModel.from_recipe(Recipe()))
+    decompose_model(box, printers, Options(prove=False), CostModel.from_settings(PrintTimeSettings()))
 
 
 def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
@@ -54,7 +54,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
     Returns
     -------
     DecomposedJob | PausedJob
-        A paused job is returned only with `DecomposeTask.side_by_side`.
+        A paused job is returned only with `DecomposeTask.may_pause`.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
     printers, cost = build_target_printers(task.printers, time_factors, quality, resources, task.rounds)
     options = build_decompose_options(task.options, task.printers)
     if task.budget_s is not None:
-        may_pause = task.side_by_side and not task.options.dry_run
+        may_pause = task.may_pause and not task.options.dry_run
         options = replace(options, best=BestOptions(task.budget_s, may_pause))
     progress = ProgressFile(task.folder)
     progress.report(0.0, time.monotonic())

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from farm.compute import DRAWING_LIMIT, PoolShare
 from farm.planning.plan import DecomposedJob, DecomposeTask
-from farm.planning.tasks import draw_job, draw_overview, draw_some_steps
+from farm.planning.tasks import draw_job_parts, draw_overview, draw_step_range
 
 MAX_RANGES = 4  # maximum number of ranges, because each computes the views of all earlier steps again
 MIN_STEPS = 5  # minimum number of steps of a range, on average
@@ -25,7 +25,7 @@ class Drawings:
     def start(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
         """Start drawing parts, unless their drawing has started."""
         if task.folder not in self._running:
-            drawing = draw_side_by_side(self._workers, task, decomposed_job)
+            drawing = draw_parts_in_parallel(self._workers, task, decomposed_job)
             self._running[task.folder] = asyncio.ensure_future(drawing)
 
     async def finish(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
@@ -42,24 +42,26 @@ class Drawings:
         await asyncio.gather(*drawings, return_exceptions=True)
 
 
-async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
+async def draw_parts_in_parallel(
+    workers: PoolShare, task: DecomposeTask, decomposed_job: DecomposedJob
+) -> None:
     """Draw a job's parts into the folder of its task; several workers share the pictures of many steps.
 
     Raises
     ------
     FarmError
-        See `draw_job`.
+        See `draw_job_parts`.
     """
     record, folder = decomposed_job.drawing_record, task.folder
     ranges = split_steps(decomposed_job.steps)
     if not ranges:
-        await workers.run(draw_job, task, record, limit=DRAWING_LIMIT)
+        await workers.run(draw_job_parts, task, record, limit=DRAWING_LIMIT)
         return
     overview = folder / "overview.png"
     files = [folder / f"steps-{first}.pickle" for first, _ in ranges]
     shares = [asyncio.ensure_future(workers.run(draw_overview, record, overview, limit=DRAWING_LIMIT))]
     for (first, end), file in zip(ranges, files, strict=True):
-        share = workers.run(draw_some_steps, record, first, end, file, limit=DRAWING_LIMIT)
+        share = workers.run(draw_step_range, record, first, end, file, limit=DRAWING_LIMIT)
         shares.append(asyncio.ensure_future(share))
     try:
         await asyncio.gather(*shares)
@@ -67,7 +69,7 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_
         for drawing in shares:
             drawing.cancel()
         await asyncio.gather(*shares, return_exceptions=True)  # waits until their workers have ended
-    await workers.run(draw_job, task, record, overview, tuple(files), limit=DRAWING_LIMIT)
+    await workers.run(draw_job_parts, task, record, overview, tuple(files), limit=DRAWING_LIMIT)
 
 
 def split_steps(steps: int) -> list[tuple[int, int]]:

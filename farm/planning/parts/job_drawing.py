@@ -17,26 +17,26 @@ DRAWING_RECORD = "drawing-record.pickle"
 
 
 def write_drawing_record(decomposition: Decomposition, folder: Path) -> Path:
-    """Write the data of stored parts that `draw_job` needs; return the file."""
+    """Write the data of stored parts that `draw_job_parts` needs; return the file."""
     path = folder / DRAWING_RECORD
     path.write_bytes(pickle.dumps(decomposition, protocol=pickle.HIGHEST_PROTOCOL))
     return path
 
 
 def draw_overview(drawing_record: Path, out: Path) -> None:
-    """Draw an exploded view of all parts as PNG; see `draw_job`."""
+    """Draw an exploded view of all parts as PNG; see `draw_job_parts`."""
     with translate_errors():
         draw_assembly(_read_record(drawing_record).parts, out)
 
 
-def draw_some_steps(drawing_record: Path, first: int, end: int, out: Path) -> None:
-    """Draw a range of the steps of the assembly into a file; see `draw_job`."""
+def draw_step_range(drawing_record: Path, first: int, end: int, out: Path) -> None:
+    """Draw a range of the steps of the assembly into a file; see `draw_job_parts`."""
     with translate_errors():
         pictures = draw_steps(_read_record(drawing_record), first, end)
     out.write_bytes(pickle.dumps(pictures, protocol=pickle.HIGHEST_PROTOCOL))
 
 
-def draw_job(
+def draw_job_parts(
     task: DecomposeTask, drawing_record: Path, overview: Path | None = None, steps: Sequence[Path] = ()
 ) -> None:
     """Draw a job's parts into the folder of its task.
@@ -48,7 +48,7 @@ def draw_job(
     overview
         File written by `draw_overview`; None to draw it.
     steps
-        Files written by `draw_some_steps`, with all steps in order; empty to draw them.
+        Files written by `draw_step_range`, with all steps in order; empty to draw them.
     """
     pictures = [picture for path in steps for picture in pickle.loads(path.read_bytes())]
     with translate_errors():

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions, Options
-from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe, estimate_feature_shares
+from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, PrintTimeSettings, estimate_feature_shares
 from decompose.printers import TargetPrinter
 from farm.config import PrinterSection
 from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Shares, TimeFactors
-from farm.planning.plate_times import compute_prelude_seconds
+from farm.planning.plate_times import compute_overhead_s
 from farm.planning.printer_settings import find_usable_volumes, list_model_sizes, resolve_printer_settings
 from slicing.hidden_walls import removes_inner_walls
 from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
@@ -74,8 +74,10 @@ def estimate_time_factors(
     factors = {section.name: time_factors.get(section.name, NOMINAL_TIME_FACTORS) for section in printers}
     shares: Shares | None = None
     if any(factor.by_feature is not None for factor in factors.values()):
-        recipe = build_recipe(resolve_printer_settings(printers[0], quality, resources), prelude_s=0.0)
-        share = estimate_feature_shares(*solid.arrays(), recipe)
+        time_settings = build_print_time_settings(
+            resolve_printer_settings(printers[0], quality, resources), overhead_s=0.0
+        )
+        share = estimate_feature_shares(*solid.arrays(), time_settings)
         supports = share["supports"] + share["brim"]
         shares = share["walls"], share["infill"], share["skins"], supports, share["travel"]
     return {name: factor.compute_factor(shares) for name, factor in factors.items()}
@@ -110,17 +112,17 @@ def select_connectors(connectors: ConnectorOptions, quality: str) -> ConnectorOp
     return ConnectorOptions() if quality in ("paper", "paper-hidden") else connectors
 
 
-def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
-    """Build the recipe of a print: the settings that determine its time.
+def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> PrintTimeSettings:
+    """Build the settings that determine the time of a print.
 
     Parameters
     ----------
-    prelude_s
+    overhead_s
         Seconds of a plate apart from its layers: heat-up, start and end code.
     """
     extruder, global_settings = settings.extruder, settings.global_
     is_connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
-    return Recipe(
+    return PrintTimeSettings(
         layer_height_mm=settings.layer_height_mm,
         line_width_mm=settings.line_width_mm,
         outer_line_width_mm=settings.line_width_0_mm,
@@ -151,7 +153,7 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         acceleration_mm_s2=float(global_settings["machine_acceleration"]),
         min_layer_s=float(extruder["cool_min_layer_time"]),
         shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
-        prelude_s=prelude_s,
+        overhead_s=overhead_s,
     )
 
 
@@ -172,7 +174,7 @@ def _compute_retraction_s(extruder: Mapping[str, str]) -> float:
 
 def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel:
     """Return the cost model of a printer, including heat-up, start and end code."""
-    return CostModel.from_recipe(build_recipe(settings, compute_prelude_seconds(section, settings)))
+    return CostModel.from_settings(build_print_time_settings(settings, compute_overhead_s(section, settings)))
 
 
 def compute_time_ratio(cost: CostModel, reference: CostModel) -> float:

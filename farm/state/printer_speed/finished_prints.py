@@ -83,4 +83,4 @@ def _compute_actual_s(books: Books, attempt: Print) -> float | None:
     """Compute the seconds that the layers of an ended print took; None if it never started."""
     if attempt.started_s is None or attempt.ended_s is None:
         return None
-    return attempt.ended_s - attempt.started_s - books.plates[attempt.plate].prelude_s
+    return attempt.ended_s - attempt.started_s - books.plates[attempt.plate].overhead_s

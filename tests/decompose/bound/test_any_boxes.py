@@ -14,14 +14,20 @@ from decompose.arrays import Floats
 from decompose.bound import any_boxes, bound_shared_work_s, sum_least_work_s
 from decompose.geometry import Solid
 from decompose.pieces import find_cut_faces, list_box_planes
-from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_pose, price_axis_poses_s
+from decompose.print_time import (
+    POSE_ROTATIONS,
+    CostModel,
+    PrintTimeSettings,
+    measure_pose,
+    price_axis_poses_s,
+)
 from decompose.printers import TargetPrinter
 
 KNOWN_MAKESPAN_RATIO = 1.001
 """Ratio of the known makespan that is passed in to the one that the bound must not exceed."""
 COSTS = (
-    CostModel.from_recipe(Recipe()),
-    CostModel.from_recipe(Recipe(prelude_s=60.0, bed_layers_saved=2.0, top_layers_saved=1.0)),
+    CostModel.from_settings(PrintTimeSettings()),
+    CostModel.from_settings(PrintTimeSettings(overhead_s=60.0, bed_layers_saved=2.0, top_layers_saved=1.0)),
 )
 
 

@@ -16,7 +16,7 @@ from decompose.bound.makespan import TOLERANCE, Bound
 from decompose.engines.guillotine import Partitioner
 from decompose.geometry import Solid
 from decompose.grid import Box, BoxTables, index_box
-from decompose.print_time import CostModel, Recipe, price_axis_poses_s
+from decompose.print_time import CostModel, PrintTimeSettings, price_axis_poses_s
 
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
@@ -142,7 +142,7 @@ def test_slabs_of_a_block_never_end_before_the_bound(
     width_mm: float, depth_mm: float, height_mm: float, slabs: int
 ) -> None:
     """Include slabs so small that their skin is rim only and their walls are inset only."""
-    cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
+    cost = CostModel.from_settings(PrintTimeSettings(overhead_s=60.0))
     slab_s = price_axis_poses_s(*Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm / slabs)).arrays(), cost)
     block = Solid.box((0, 0, 0), (width_mm, depth_mm, height_mm))
     assert slab_s.min() >= compute_surface_bound_s(block.area_mm2, block.volume_mm3, slabs, cost)

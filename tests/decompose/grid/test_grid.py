@@ -27,7 +27,7 @@ from decompose.grid import (
     price_boxes,
 )
 from decompose.grid.grid import place_planes
-from decompose.print_time import CostModel, Recipe, price_axis_poses_s
+from decompose.print_time import CostModel, PrintTimeSettings, price_axis_poses_s
 from decompose.printers import TargetPrinter
 
 Triangles = np.ndarray
@@ -40,14 +40,14 @@ def grid(triangles: Triangles) -> Grid:
 
 
 @pytest.fixture(scope="module")
-def recipe_cost() -> CostModel:
+def default_cost() -> CostModel:
     supported_deg = math.degrees(math.asin(0.7))
-    return replace(CostModel.from_recipe(Recipe()), supported_deg=supported_deg, skin_cos=0.75)
+    return replace(CostModel.from_settings(PrintTimeSettings()), supported_deg=supported_deg, skin_cos=0.75)
 
 
 @pytest.fixture(scope="module")
-def tables(grid: Grid, recipe_cost: CostModel) -> BoxTables:
-    return price_boxes(grid, [HUGE_PRINTER], recipe_cost)
+def tables(grid: Grid, default_cost: CostModel) -> BoxTables:
+    return price_boxes(grid, [HUGE_PRINTER], default_cost)
 
 
 @st.composite
@@ -59,7 +59,7 @@ def draw_box(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_sums_over_a_box_equal_those_of_the_cut_solid(
-    data: st.DataObject, grid: Grid, tables: BoxTables, recipe_cost: CostModel, ring_with_bar: Solid
+    data: st.DataObject, grid: Grid, tables: BoxTables, default_cost: CostModel, ring_with_bar: Solid
 ) -> None:
     box = data.draw(draw_box(grid.shape))
     x0, y0, z0, x1, y1, z1 = box
@@ -75,7 +75,7 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     assert np.allclose(extents[:, 3:].max(axis=0), clipped_solid.bounds_mm[1], atol=1e-9)
     # The table contains the price of the solid in its best pose, which depends on all other terms.
     if tables.trimmed[index] == index:
-        times_s = price_axis_poses_s(*clipped_solid.arrays(), recipe_cost)
+        times_s = price_axis_poses_s(*clipped_solid.arrays(), default_cost)
         assert tables.seconds[index] == pytest.approx(times_s.min(), rel=1e-6)
         assert tables.pieces[index] <= len(clipped_solid.list_pieces())
 
@@ -83,7 +83,7 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_separate_rods_in_one_cell_are_counted_separately(
-    data: st.DataObject, recipe_cost: CostModel
+    data: st.DataObject, default_cost: CostModel
 ) -> None:
     """Use nine rods on a plate, several of which share a cell; without the plate, each rod is a piece."""
     rods = [
@@ -96,7 +96,7 @@ def test_separate_rods_in_one_cell_are_counted_separately(
     vertices, faces = comb.arrays()
     grid = build_grid(vertices[faces], 3, GridRules(0.0, True, 0.7, 0.75))
     printer = TargetPrinter("", ((data.draw(st.sampled_from((1e4, 70.0))),) * 3,))
-    tables = price_boxes(grid, [printer], recipe_cost)
+    tables = price_boxes(grid, [printer], default_cost)
     box = data.draw(draw_box(grid.shape))
     index = index_box(box, grid.shape)  # type: ignore[arg-type]
     if tables.trimmed[index] == index and np.isfinite(tables.seconds[index]):
@@ -175,9 +175,9 @@ def test_flat_model_has_about_as_many_boxes_as_a_cube(size_mm: tuple[float, floa
 
 
 def test_tables_are_the_same_when_threads_share_the_work(
-    grid: Grid, tables: BoxTables, recipe_cost: CostModel
+    grid: Grid, tables: BoxTables, default_cost: CostModel
 ) -> None:
     with ThreadPoolExecutor(1) as executor:
-        shared_tables = price_boxes(grid, [HUGE_PRINTER], recipe_cost, executor)
+        shared_tables = price_boxes(grid, [HUGE_PRINTER], default_cost, executor)
     for name in ("seconds", "trimmed", "pieces", "cut_mm2"):
         np.testing.assert_array_equal(getattr(shared_tables, name), getattr(tables, name))

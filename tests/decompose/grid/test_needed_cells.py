@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from decompose.grid import Grid, GridRules, NeededCells, build_grid, refine_cells
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 
 SIDES_MM = np.array([300.0, 260.0, 280.0])
 
@@ -48,7 +48,7 @@ def refine_needed_cells(grid: Grid, cells: NeededCells) -> np.ndarray:
 @settings(max_examples=25, deadline=None)
 def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_mm: float) -> None:
     """Compare with the exact depth of corners in a block; corners are enough because a block is convex."""
-    cost = CostModel.from_recipe(Recipe())
+    cost = CostModel.from_settings(PrintTimeSettings())
     triangles = make_block(rotation)
     grid = make_grid(triangles, cost, count, wall_mm)
     cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, max_cells=200_000)

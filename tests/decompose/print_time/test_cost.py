@@ -18,14 +18,14 @@ from decompose.print_time import (
     MAX_INSET_SHARE,
     POSE_ROTATIONS,
     CostModel,
-    Recipe,
+    PrintTimeSettings,
     compute_price_s,
     compute_time_terms,
     price_axis_poses_s,
     sum_pose_features,
 )
 from decompose.print_time.pose_prices import find_pose_axes, price_poses_s
-from decompose.print_time.recipe import FEATURES
+from decompose.print_time.time_settings import FEATURES
 from decompose.printers import TargetPrinter
 
 ZERO_COST = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
@@ -54,7 +54,7 @@ def test_price_of_a_cube_equals_a_manual_calculation() -> None:
 
 
 def test_needle_takes_the_minimum_time_of_its_layers() -> None:
-    cost = CostModel.from_recipe(Recipe(min_layer_s=5.0))
+    cost = CostModel.from_settings(PrintTimeSettings(min_layer_s=5.0))
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
     unlimited_cost = replace(cost, min_s_mm=0.0)
     upright_rotation = POSE_ROTATIONS[4:5]
@@ -70,31 +70,35 @@ def test_needle_takes_the_minimum_time_of_its_layers() -> None:
 
 def test_walls_inside_the_outline_are_shorter() -> None:
     """Use a block of 40 mm, whose two wall loops are squares of 39.6 and 38.8 mm."""
-    recipe = Recipe(layer_height_mm=0.2, line_width_mm=0.4, outer_line_width_mm=0.4)
-    walls = compute_time_terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
+    settings = PrintTimeSettings(layer_height_mm=0.2, line_width_mm=0.4, outer_line_width_mm=0.4)
+    walls = compute_time_terms(settings)["walls"][
+        [FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]
+    ]
     assert walls @ (4.0 * 40.0 * 10.0, 10.0) == pytest.approx(50.0 * 4.0 * (39.6 / 40.0 + 38.8 / 50.0))
 
 
 def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
-    recipe = Recipe(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, slow_layers=2)
+    settings = PrintTimeSettings(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, slow_layers=2)
     bed_layers_s_mm, upper_layers_s_mm = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
-    assert recipe.skin_s_mm == pytest.approx((bed_layers_s_mm + upper_layers_s_mm) / 2.0)
+    assert settings.skin_s_mm == pytest.approx((bed_layers_s_mm + upper_layers_s_mm) / 2.0)
 
 
 def test_uppermost_layer_of_a_top_has_its_own_speed() -> None:
-    recipe = Recipe(skin_layers=4.0, skin_mm_s=50.0, brim_mm_s=50.0, roof_layers=1, roof_mm_s=25.0)
-    assert recipe.skin_s_mm == pytest.approx((4.0 / 50.0 + 3.0 / 50.0 + 1.0 / 25.0) / 2.0)
-    hidden_recipe = replace(recipe, bed_layers_saved=2.0, top_layers_saved=1.0)
-    assert hidden_recipe.hidden_bed_share * recipe.skin_s_mm == pytest.approx(2.0 / 50.0)
+    settings = PrintTimeSettings(
+        skin_layers=4.0, skin_mm_s=50.0, brim_mm_s=50.0, roof_layers=1, roof_mm_s=25.0
+    )
+    assert settings.skin_s_mm == pytest.approx((4.0 / 50.0 + 3.0 / 50.0 + 1.0 / 25.0) / 2.0)
+    hidden_settings = replace(settings, bed_layers_saved=2.0, top_layers_saved=1.0)
+    assert hidden_settings.hidden_bed_share * settings.skin_s_mm == pytest.approx(2.0 / 50.0)
     # A hidden top saves one layer and the roof.
-    assert hidden_recipe.hidden_top_share * recipe.skin_s_mm == pytest.approx(2.0 / 50.0)
-    assert recipe.hidden_top_share * recipe.skin_s_mm == pytest.approx(1.0 / 50.0)
-    assert replace(recipe, skin_layers=0.0).hidden_top_share == 0.0
+    assert hidden_settings.hidden_top_share * settings.skin_s_mm == pytest.approx(2.0 / 50.0)
+    assert settings.hidden_top_share * settings.skin_s_mm == pytest.approx(1.0 / 50.0)
+    assert replace(settings, skin_layers=0.0).hidden_top_share == 0.0
 
 
 def test_ends_of_skin_lines_take_the_same_time_above_a_speed_limit() -> None:
     slopes_s = [
-        compute_time_terms(Recipe(skin_mm_s=speed_mm_s))["slope ends"].max()
+        compute_time_terms(PrintTimeSettings(skin_mm_s=speed_mm_s))["slope ends"].max()
         for speed_mm_s in (15.0, 30.0, 50.0)
     ]
     assert slopes_s[1:] == pytest.approx([2.0 * slopes_s[0]] * 2)
@@ -103,12 +107,17 @@ def test_ends_of_skin_lines_take_the_same_time_above_a_speed_limit() -> None:
 @pytest.mark.parametrize(("steps", "extra_mm"), [(0, 0.0), (1, 2.0 * 0.125), (2, 2.0 * (0.1875 + 0.0625))])
 def test_infill_gets_sparser_below_the_tops(steps, extra_mm):
     """Use lines 4 mm apart, whose number is halved by each step of 2 mm in height."""
-    recipe = Recipe(infill_line_distance_mm=4.0, infill_steps=steps, infill_step_mm=2.0, skin_layers=0.0)
-    even_recipe = replace(recipe, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
-    infill_terms, even_terms = compute_time_terms(recipe)["infill"], compute_time_terms(even_recipe)["infill"]
+    settings = PrintTimeSettings(
+        infill_line_distance_mm=4.0, infill_steps=steps, infill_step_mm=2.0, skin_layers=0.0
+    )
+    even_settings = replace(settings, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
+    infill_terms, even_terms = (
+        compute_time_terms(settings)["infill"],
+        compute_time_terms(even_settings)["infill"],
+    )
     skin = FEATURES.index("skin_mm2")
     assert infill_terms[:skin] == pytest.approx(even_terms[:skin])
-    tops_s = extra_mm / (recipe.layer_height_mm * recipe.infill_mm_s)
+    tops_s = extra_mm / (settings.layer_height_mm * settings.infill_mm_s)
     assert 2.0 * (infill_terms - even_terms)[skin] == pytest.approx(tops_s)
 
 
@@ -140,8 +149,8 @@ def test_slopes_up_to_45_degrees_need_no_support() -> None:
 
 
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
-    recipe = Recipe(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
-    cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
+    settings = PrintTimeSettings(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
+    cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=settings.skin_cos)
     # At this slope (height over width), a step of 4 layers is exactly as wide as the walls.
     max_slope = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)
     for run_mm, has_skin in ((10.0 / max_slope - 0.1, False), (10.0 / max_slope + 0.1, True)):
@@ -176,8 +185,8 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
 )
 def test_changed_setting_scales_its_time_term(change: dict[str, float], term: str, ratio: float) -> None:
     old_terms, new_terms = (
-        compute_time_terms(Recipe())[term],
-        compute_time_terms(replace(Recipe(), **change))[term],
+        compute_time_terms(PrintTimeSettings())[term],
+        compute_time_terms(replace(PrintTimeSettings(), **change))[term],
     )
     # The skin's share of the infill volume depends on the layer height.
     compared_features = slice(0, 2) if term == "infill" else slice(None)
@@ -185,13 +194,15 @@ def test_changed_setting_scales_its_time_term(change: dict[str, float], term: st
 
 
 def test_brim_time_follows_from_line_width_and_speed() -> None:
-    slow_recipe = Recipe(outer_line_width_mm=0.5, brim_mm_s=10.0)
-    assert CostModel.from_recipe(slow_recipe, dict.fromkeys(FACTORS, 1.0)).brim_s_mm2 == pytest.approx(0.2)
+    slow_settings = PrintTimeSettings(outer_line_width_mm=0.5, brim_mm_s=10.0)
+    assert CostModel.from_settings(slow_settings, dict.fromkeys(FACTORS, 1.0)).brim_s_mm2 == pytest.approx(
+        0.2
+    )
 
 
 def test_every_term_has_a_factor() -> None:
-    assert set(compute_time_terms(Recipe())) == set(FACTORS)
-    assert all(len(vector) == len(FEATURES) for vector in compute_time_terms(Recipe()).values())
+    assert set(compute_time_terms(PrintTimeSettings())) == set(FACTORS)
+    assert all(len(vector) == len(FEATURES) for vector in compute_time_terms(PrintTimeSettings()).values())
 
 
 @settings(max_examples=25, deadline=None)
@@ -262,7 +273,7 @@ def test_part_may_be_turned_about_the_vertical_only() -> None:
 
 def test_compiled_code_reads_prices_by_name() -> None:
     """Check that an added or moved field does not change any price."""
-    cost = CostModel.from_recipe(Recipe())
+    cost = CostModel.from_settings(PrintTimeSettings())
     additive, extents = (9e4, 2e4, 5e3, 300.0, 1e4), (60.0, 50.0, 40.0)
     values = {"another": 7.0} | dict(reversed(asdict(cost).items()))
     dtype = np.dtype([(name, np.float64) for name in values])
@@ -272,7 +283,7 @@ def test_compiled_code_reads_prices_by_name() -> None:
 
 def test_inner_walls_of_each_body_are_shorter() -> None:
     """Use four posts, each of which shortens the inner walls equally, up to a share of all walls."""
-    cost = CostModel.from_recipe(Recipe(min_layer_s=0.0))
+    cost = CostModel.from_settings(PrintTimeSettings(min_layer_s=0.0))
     lateral_mm2, height_mm = 4.0 * 4.0 * 30.0 * 50.0, 50.0
     assert cost.price_insets_s(lateral_mm2, height_mm, 0.0) == 0.0
     assert cost.price_insets_s(lateral_mm2, height_mm, 3.0 * height_mm) == pytest.approx(

@@ -5,13 +5,15 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.print_time import GROUPS, Recipe, estimate_feature_shares
+from decompose.print_time import GROUPS, PrintTimeSettings, estimate_feature_shares
 
 SIDES_MM = st.floats(5.0, 400.0)
 
 
 def estimate_shares(mesh, **changes):
-    return estimate_feature_shares(mesh.vertices.view(float), mesh.faces.astype(int), Recipe(**changes))
+    return estimate_feature_shares(
+        mesh.vertices.view(float), mesh.faces.astype(int), PrintTimeSettings(**changes)
+    )
 
 
 @given(SIDES_MM, SIDES_MM, SIDES_MM)

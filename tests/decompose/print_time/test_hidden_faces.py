@@ -12,14 +12,16 @@ from decompose.geometry import Solid
 from decompose.grid import GridRules, build_grid, price_boxes
 from decompose.grid.box_index import find_box
 from decompose.pieces import find_cut_faces
-from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, find_best_pose, measure_pose
+from decompose.print_time import POSE_ROTATIONS, CostModel, PrintTimeSettings, find_best_pose, measure_pose
 from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
 from decompose.printers import TargetPrinter
 
-RECIPE = Recipe(skin_layers=4.0, bed_layers_saved=2.0, top_layers_saved=1.0)
+SETTINGS = PrintTimeSettings(skin_layers=4.0, bed_layers_saved=2.0, top_layers_saved=1.0)
 COST, PLAIN_COST = (
-    CostModel.from_recipe(RECIPE),
-    CostModel.from_recipe(replace(RECIPE, **dict.fromkeys(("bed_layers_saved", "top_layers_saved"), 0.0))),
+    CostModel.from_settings(SETTINGS),
+    CostModel.from_settings(
+        replace(SETTINGS, **dict.fromkeys(("bed_layers_saved", "top_layers_saved"), 0.0))
+    ),
 )
 BLOCK = Solid.box((0.0, 0.0, 0.0), (40.0, 30.0, 20.0))
 BOTTOM_PLANE, TOP_PLANE, SIDE_PLANE = (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 20.0), (1.0, 0.0, 0.0, 40.0)
@@ -83,8 +85,8 @@ def test_hidden_faces_make_a_part_lie_on_its_cut():
 
 def test_walls_along_upright_cut_faces_are_cheaper():
     """Compare with the length of the walls divided by both speeds: 600 mm2 of side in layers of 0.25 mm."""
-    fast_recipe = replace(RECIPE, hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
-    cost = CostModel.from_recipe(fast_recipe)
+    fast_settings = replace(SETTINGS, hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
+    cost = CostModel.from_settings(fast_settings)
     saved_s = 600.0 / 0.25 * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
     plain_s, fast_s = (measure_block(SIDE_PLANE, cost=c).price_s for c in (COST, cost))
     assert plain_s - fast_s == pytest.approx(saved_s, rel=1e-6)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.print_time import CostModel, Recipe, measure_pose
+from decompose.print_time import CostModel, PrintTimeSettings, measure_pose
 from decompose.print_time.pose_prices import SLABS, _sum_by_slab, price_short_layers_s
 
-COST = CostModel.from_recipe(Recipe())
+COST = CostModel.from_settings(PrintTimeSettings())
 
 
 def make_pyramid(side_mm: float, height_mm: float, top_mm: float) -> trimesh.Trimesh:
@@ -44,7 +44,7 @@ def test_equal_layers_need_no_extra_time() -> None:
 
 def test_short_layers_of_a_tip_are_slowed_down() -> None:
     """Compare with the sum of the times of all layers' lines."""
-    side_mm, height_mm, top_mm, layer_mm = 40.0, 120.0, 2.0, Recipe().layer_height_mm
+    side_mm, height_mm, top_mm, layer_mm = 40.0, 120.0, 2.0, PrintTimeSettings().layer_height_mm
     tip = make_pyramid(side_mm, height_mm, top_mm)
     heights_mm = np.arange(layer_mm / 2.0, height_mm, layer_mm)
     sides_mm = side_mm + (top_mm - side_mm) * heights_mm / height_mm
@@ -53,12 +53,12 @@ def test_short_layers_of_a_tip_are_slowed_down() -> None:
         + 4.0 * sides_mm * COST.lateral_s_mm2
         - np.minimum(COST.inset_s_mm, 0.1 * 4.0 * sides_mm * COST.lateral_s_mm2)
     )
-    min_s = np.minimum(Recipe().min_layer_s, 4.0 * lines_s)
+    min_s = np.minimum(PrintTimeSettings().min_layer_s, 4.0 * lines_s)
     expected_s = np.maximum(0.0, min_s - lines_s).sum()
     assert expected_s > 100.0
     assert price_short_layers_s(tip.triangles, COST) == pytest.approx(expected_s, rel=0.03)
     pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), COST)
-    cost_without_min_layer = CostModel.from_recipe(Recipe(min_layer_s=0.0))
+    cost_without_min_layer = CostModel.from_settings(PrintTimeSettings(min_layer_s=0.0))
     unlimited_pose = measure_pose(
         tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), cost_without_min_layer
     )
@@ -68,7 +68,7 @@ def test_short_layers_of_a_tip_are_slowed_down() -> None:
 @pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])
 def test_face_at_exactly_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
     """Price the support that CuraEngine prints under a face at this angle because of rounding."""
-    cost = CostModel.from_recipe(Recipe(layer_height_mm=layer_mm, support_angle_deg=angle_deg))
+    cost = CostModel.from_settings(PrintTimeSettings(layer_height_mm=layer_mm, support_angle_deg=angle_deg))
     assert (
         math.sin(math.radians(angle_deg - 1.6)) < cost.overhang_cos < math.sin(math.radians(angle_deg - 0.15))
     )

@@ -12,7 +12,7 @@ from decompose.decompose import decompose_model
 from decompose.geometry import Model, Solid
 from decompose.options import Options
 from decompose.pieces import cut_box
-from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe
+from decompose.print_time import POSE_ROTATIONS, CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 from decompose.results import Part
 from decompose.results.hidden_sides import mark_hidden_sides
@@ -71,10 +71,13 @@ def test_small_side_does_not_count():
 def test_sides_of_a_result_lie_on_the_printed_parts():
     """Check that each printed part lies behind all its hidden sides, and has a face on each of them."""
     printers = [TargetPrinter(f"um{i}", ((50.0, 50.0, 50.0),)) for i in range(8)]
-    recipe = Recipe(hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
+    settings = PrintTimeSettings(hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
     model = Model(Solid.box((0.0, 0.0, 0.0), (90.0, 60.0, 40.0)).rotate(POSE_ROTATIONS[2]), (), 1.0)
     result = decompose_model(
-        model, printers, replace(Options(granularity=6), min_wall_mm=5.0), CostModel.from_recipe(recipe)
+        model,
+        printers,
+        replace(Options(granularity=6), min_wall_mm=5.0),
+        CostModel.from_settings(settings),
     )
     count = 0
     for part in result.parts:

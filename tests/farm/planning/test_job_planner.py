@@ -187,19 +187,19 @@ def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
     workers = RecordingWorkers()
     result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert workers.started_calls == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job 0"]
+    assert workers.started_calls == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job_parts 0"]
     for name in (result.picture, result.assembly, result.instructions):
         assert (state.files / name).is_file()
 
 
 def test_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
-    workers = RecordingWorkers(held_calls={"draw_job 0"})
+    workers = RecordingWorkers(held_calls={"draw_job_parts 0"})
     result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert {"draw_job 0", "draw_job 1"} <= set(
+    assert {"draw_job_parts 0", "draw_job_parts 1"} <= set(
         workers.started_calls
-    ) and "draw_job 0" not in workers.ended_calls
+    ) and "draw_job_parts 0" not in workers.ended_calls
     page = (state.files / result.instructions).read_text()
     left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
     assert left_mm != pytest.approx(right_mm, rel=0.1) and f"{left_mm:.0f} x" in page
@@ -212,7 +212,7 @@ def test_parts_that_may_be_cut_again_are_drawn_only_by_idle_workers(state, bar, 
     result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert "relevel_parts 0" in workers.started_calls
-    assert [call for call in workers.started_calls if call.startswith("draw")] == ["draw_job 0"]
+    assert [call for call in workers.started_calls if call.startswith("draw")] == ["draw_job_parts 0"]
     page = (state.files / result.instructions).read_text()
     left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
     assert left_mm != pytest.approx(right_mm, rel=0.1) and f"{left_mm:.0f} x" in page
@@ -222,7 +222,7 @@ def test_plan_without_its_drawing_fails(state, bar, monkeypatch):
     def refuse_drawing(*_):
         raise FarmError("no room for a picture")
 
-    monkeypatch.setattr(drawings, "draw_job", refuse_drawing)
+    monkeypatch.setattr(drawings, "draw_job_parts", refuse_drawing)
     _, result = plan_job(state, bar)
     assert str(result) == "no room for a picture"
     assert not list(state.work.iterdir())

@@ -14,9 +14,9 @@ FACTORS = st.floats(0.8, 1.25)
 
 def test_time_factor_applies_only_to_layers():
     profile = PROFILES["ultimaker2_plus"]
-    prelude_s = compute_plate_seconds(profile, 0.0, 200.0, 60.0, 1.2)
-    assert prelude_s == compute_plate_seconds(profile, 0.0, 200.0, 60.0)
-    assert compute_plate_seconds(profile, 1000.0, 200.0, 60.0, 1.2) == pytest.approx(prelude_s + 1200.0)
+    overhead_s = compute_plate_seconds(profile, 0.0, 200.0, 60.0, 1.2)
+    assert overhead_s == compute_plate_seconds(profile, 0.0, 200.0, 60.0)
+    assert compute_plate_seconds(profile, 1000.0, 200.0, 60.0, 1.2) == pytest.approx(overhead_s + 1200.0)
 
 
 def compute_makespan(loads_s, new_printers, factors):

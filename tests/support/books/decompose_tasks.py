@@ -4,7 +4,7 @@ from farm.config import Fleet
 from farm.model import JobOptions
 from farm.planning.part_records import SliceBatch, SlicedPart
 from farm.planning.plan import DecomposeTask, SlicedJob
-from farm.planning.plate_times import compute_prelude_seconds
+from farm.planning.plate_times import compute_overhead_s
 from farm.planning.slice_batch import build_slice_tasks
 from slicing.checks import FeatureTimes
 
@@ -53,8 +53,8 @@ def join_slices(task, decomposition, tasks, slices):
 def slice_with_slow_part(task, decomposition, extra_s):
     """Return a sliced job in which each part takes the mean price, and the last one `extra_s` longer."""
     tasks = make_slice_tasks(task, decomposition)
-    prelude_s = compute_prelude_seconds(task.printers[0], tasks[0].settings)
-    seconds = [part.price_s - prelude_s for part in decomposition.parts]
+    overhead_s = compute_overhead_s(task.printers[0], tasks[0].settings)
+    seconds = [part.price_s - overhead_s for part in decomposition.parts]
     mean_s = sum(seconds) / len(seconds)
     seconds = [mean_s] * (len(seconds) - 1) + [mean_s + extra_s]
     return join_slices(task, decomposition, tasks, map(FakeSliceResult, seconds))

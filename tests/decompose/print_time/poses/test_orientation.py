@@ -17,11 +17,18 @@ from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
 from decompose.options import Options
-from decompose.print_time import POSE_ROTATIONS, CostModel, Pose, Recipe, find_best_pose, measure_pose
+from decompose.print_time import (
+    POSE_ROTATIONS,
+    CostModel,
+    Pose,
+    PrintTimeSettings,
+    find_best_pose,
+    measure_pose,
+)
 from decompose.print_time.poses.orientation import build_hull, list_directions
 from decompose.printers import TargetPrinter
 
-COST = CostModel.from_recipe(Recipe())
+COST = CostModel.from_settings(PrintTimeSettings())
 PRINTER = TargetPrinter("p", ((200.0, 190.0, 200.0),))
 ROTATION = Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_matrix()
 EDGE_ROTATION = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()

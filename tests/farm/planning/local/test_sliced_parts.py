@@ -14,7 +14,7 @@ from decompose.decompose import decompose_model
 from decompose.errors import GeometryError
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 from farm.errors import FarmError
 from farm.planning.local import sliced_parts
@@ -75,7 +75,7 @@ def decomposition():
     printers = [TargetPrinter(name, ((200.0, 200.0, 200.0),)) for name in "ab"]
     model = Model(Solid.box((0, 0, 0), (120, 30, 20)), (), 1.0)
     options = Options(Engine.GUILLOTINE, 4, prove=False)
-    return decompose_model(model, printers, options, CostModel.from_recipe(Recipe()))
+    return decompose_model(model, printers, options, CostModel.from_settings(PrintTimeSettings()))
 
 
 @pytest.mark.parametrize(

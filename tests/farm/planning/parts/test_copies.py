@@ -18,7 +18,7 @@ from farm.planning.booking import store_plan
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.copies import MAX_PLATES, choose_evenly_spaced, iterate_part_counts, multiply_plan
 from farm.planning.parts.decompose_job import decompose_job
-from farm.planning.parts.job_drawing import draw_job
+from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.plan import DecomposeTask, Plan
 from slicing.checks import FeatureTimes
 
@@ -204,7 +204,7 @@ def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     for i, path in enumerate(gcodes):
         path.write_text(f"; {i}\n")
     sliced_job = join_slices(task, decomposition, tasks, [FakeSliceResult(path) for path in gcodes])
-    draw_job(task, decomposition.drawing_record)
+    draw_job_parts(task, decomposition.drawing_record)
     booked_plan = store_plan(sliced_job, files)
     stored_files = set(files.rglob("*"))
     plan = multiply_plan(booked_plan, task)

@@ -21,7 +21,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link, PartPrintOptions, TimeFactors
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.decompose_job import DEADLINE_MARGIN, decompose_job
-from farm.planning.parts.job_drawing import draw_job
+from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.plan import TooFewPrinters
 from farm.planning.printer_settings import build_settings_request, list_bed_boxes
 from farm.state.storage.store import Store
@@ -35,7 +35,7 @@ def test_requested_engine_is_used(bar, files, tmp_path):
     report = json.loads((parallelobox_task.folder / "decomposition.json").read_text())
     assert report["engine"] == "parallelobox"
     assert report["options"]["budget_s"] == 7.0
-    draw_job(parallelobox_task, decomposition.drawing_record)
+    draw_job_parts(parallelobox_task, decomposition.drawing_record)
     page = (parallelobox_task.folder / "instructions.html").read_text()
     assert page.count("<td>in the middle</td>") + page.count(", from the middle</td>") == 2
 

@@ -14,7 +14,7 @@ from farm.errors import FarmError
 from farm.planning.parts import drawings
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.drawings import Drawings, split_steps
-from farm.planning.parts.job_drawing import draw_job
+from farm.planning.parts.job_drawing import draw_job_parts
 
 FILES = ("assembly.png", "assembly.glb", "instructions.html")
 
@@ -62,14 +62,14 @@ def test_pictures_by_several_workers_equal_those_by_one(cut_bar, tmp_path, monke
     task, result = cut_bar
     assert result.steps >= 2
     monkeypatch.setattr(drawings, "MIN_STEPS", 1)
-    draw_job(task, result.drawing_record)
+    draw_job_parts(task, result.drawing_record)
     pictures = {name: (task.folder / name).read_bytes() for name in FILES}
     for name in FILES:
         (task.folder / name).unlink()
     pool = RecordingPool()
     draw_parts(pool, task, result)
     shares = min(result.steps, drawings.MAX_RANGES)
-    assert pool.names == ["draw_overview", *["draw_some_steps"] * shares, "draw_job"]
+    assert pool.names == ["draw_overview", *["draw_step_range"] * shares, "draw_job_parts"]
     assert {name: (task.folder / name).read_bytes() for name in FILES} == pictures
 
 
@@ -77,7 +77,7 @@ def test_few_steps_are_drawn_by_one_worker(cut_bar):
     task, result = cut_bar
     pool = RecordingPool()
     draw_parts(pool, task, result)
-    assert pool.names == ["draw_job"]
+    assert pool.names == ["draw_job_parts"]
 
 
 def test_share_that_fails_ends_the_others(cut_bar):

@@ -17,8 +17,12 @@ from decompose.print_time.pose_prices import price_poses_s
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.model import JobOptions, TimeFactors
-from farm.planning.parts.pricing import build_decompose_options, build_recipe, estimate_time_factors
-from farm.planning.plate_times import compute_plate_seconds, compute_prelude_seconds
+from farm.planning.parts.pricing import (
+    build_decompose_options,
+    build_print_time_settings,
+    estimate_time_factors,
+)
+from farm.planning.plate_times import compute_overhead_s, compute_plate_seconds
 from printers.slicing_printers import UM2_PLUS
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
@@ -43,7 +47,7 @@ def resolve_slice_settings():
 
 
 def test_changed_setting_reaches_the_cost(resolve_slice_settings):
-    old_cost = build_recipe(resolve_slice_settings("glue"), prelude_s=0.0)
+    old_cost = build_print_time_settings(resolve_slice_settings("glue"), overhead_s=0.0)
     assert old_cost.infill_connected
     for key, value, field in (
         ("infill_sparse_density", 20, "infill_line_distance_mm"),
@@ -54,30 +58,32 @@ def test_changed_setting_reaches_the_cost(resolve_slice_settings):
         ("adhesion_type", "skirt", "brim_mm"),
         ("wall_line_width_0", 0.4, "outer_line_width_mm"),
     ):
-        new_cost = build_recipe(resolve_slice_settings("glue", **{key: value}), prelude_s=0.0)
+        new_cost = build_print_time_settings(resolve_slice_settings("glue", **{key: value}), overhead_s=0.0)
         assert getattr(new_cost, field) != getattr(old_cost, field), key
 
 
 def test_inner_wall_of_a_hidden_side_is_priced_as_travel_where_it_is_removed(resolve_slice_settings):
     def find_speed_mm_s(quality, **overrides):
-        return build_recipe(resolve_slice_settings(quality, **overrides), 0.0).hidden_inner_wall_mm_s
+        return build_print_time_settings(
+            resolve_slice_settings(quality, **overrides), 0.0
+        ).hidden_inner_wall_mm_s
 
     assert find_speed_mm_s("glue") == 150.0
     assert find_speed_mm_s("glue", wall_line_count=3) == 60.0  # as infill
     assert find_speed_mm_s("glue-strong") == find_speed_mm_s("paper") == 50.0
 
 
-def test_prelude_is_counted_once_in_a_price(resolve_slice_settings):
+def test_overhead_is_counted_once_in_a_price(resolve_slice_settings):
     settings = resolve_slice_settings("glue")
     section = PrinterSection(name="a", model="ultimaker2_plus", port="sim://ultimaker2_plus")
-    prelude_s = compute_prelude_seconds(section, settings)
-    cost_with_prelude = CostModel.from_recipe(build_recipe(settings, prelude_s))
-    cost_of_layers = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
+    overhead_s = compute_overhead_s(section, settings)
+    cost_with_overhead = CostModel.from_settings(build_print_time_settings(settings, overhead_s))
+    cost_of_layers = CostModel.from_settings(build_print_time_settings(settings, overhead_s=0.0))
     cube = Solid.box((0, 0, 0), (20, 20, 20)).arrays()
     layers_s = price_poses_s(*cube, UPRIGHT_POSE, cost_of_layers)[0]
     plate_s = compute_plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
-    assert price_poses_s(*cube, UPRIGHT_POSE, cost_with_prelude)[0] == pytest.approx(plate_s)
-    assert replace(cost_with_prelude, fixed_s=0.0) == cost_of_layers
+    assert price_poses_s(*cube, UPRIGHT_POSE, cost_with_overhead)[0] == pytest.approx(plate_s)
+    assert replace(cost_with_overhead, fixed_s=0.0) == cost_of_layers
 
 
 def make_block():
@@ -124,7 +130,7 @@ def test_prices_match_the_times_of_the_engine(variant, resolve_slice_settings, t
     except EngineMissing as missing:
         pytest.skip(str(missing))
     settings = resolve_slice_settings(**variant)
-    cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
+    cost = CostModel.from_settings(build_print_time_settings(settings, overhead_s=0.0))
     errors = []
     for make in (make_block, make_cup, make_bridge, make_needle, make_cone):
         vertices, faces = make().arrays()

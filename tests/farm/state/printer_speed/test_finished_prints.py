@@ -10,7 +10,7 @@ from farm.state.books import Books
 from farm.state.printer_speed import MIN_PRINTS, learn_speed, list_timings
 
 HOUR_S = 3600.0
-PRELUDE_S = 200.0
+OVERHEAD_S = 200.0
 TRUE_FACTORS = (1.02, 0.98, 1.15, 1.0, 1.3)
 (TEMPLATE,) = make_plan_event(plates=1).plates
 
@@ -20,7 +20,7 @@ def make_plate(number, family="ultimaker2"):
     weights = [rng.uniform(0.05, 1.0) for _ in range(5)]
     durations_s = [HOUR_S * weight / sum(weights) for weight in weights]
     features = FeatureSeconds(**dict(zip(FeatureSeconds.model_fields, durations_s, strict=True)))
-    changes = {"sliced_s": HOUR_S, "expected_s": HOUR_S + PRELUDE_S, "features": features, "family": family}
+    changes = {"sliced_s": HOUR_S, "expected_s": HOUR_S + OVERHEAD_S, "features": features, "family": family}
     return TEMPLATE.model_copy(update={"id": f"1/{number:03d}", "prints": (f"x{number}",), **changes})
 
 
@@ -37,7 +37,7 @@ def make_print(plate: Plate, printer="a", time_ratio=1.0, **changes):
         "number": number,
         "assigned_s": number * 10 * HOUR_S,
         "started_s": number * 10 * HOUR_S,
-        "ended_s": number * 10 * HOUR_S + layers_s + PRELUDE_S,
+        "ended_s": number * 10 * HOUR_S + layers_s + OVERHEAD_S,
         "state": PrintState.DONE,
     }
     return Print(**{**fields, **changes})

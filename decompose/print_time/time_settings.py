@@ -100,7 +100,7 @@ TURN_TIME_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Recipe:
+class PrintTimeSettings:
     """Slicer settings that determine print time, in mm, mm/s and s."""
 
     layer_height_mm: float = 0.25
@@ -133,7 +133,7 @@ class Recipe:
     acceleration_mm_s2: float = 3000.0
     min_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
     shrinkage: float = 0.007  # share of its length by which the material shrinks, which makes parts warp
-    prelude_s: float = 0.0  # time of heating, homing, start and end code, once for each part
+    overhead_s: float = 0.0  # time of heating, homing, start and end code, once for each part
 
     @property
     def walls_mm(self) -> float:
@@ -241,7 +241,7 @@ class Recipe:
         return math.cos(math.atan(bare_mm / (self.walls_mm + self.line_width_mm / 2.0)))
 
 
-def compute_time_terms(recipe: Recipe) -> dict[str, Floats]:
+def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
     """Compute the seconds of each term for one unit of each of `FEATURES`.
 
     The nozzle stops and starts at each end of a line of infill or of the narrow skin of a slope. Walls cover
@@ -249,7 +249,7 @@ def compute_time_terms(recipe: Recipe) -> dict[str, Floats]:
 
     Parameters
     ----------
-    recipe
+    settings
         Settings of the slicer.
 
     Returns
@@ -257,68 +257,68 @@ def compute_time_terms(recipe: Recipe) -> dict[str, Floats]:
     dict
         Float64 vectors in the order of `FEATURES`, before `FACTORS`, by the names of the terms.
     """
-    r, layer_mm = recipe, recipe.layer_height_mm
-    inner_walls_s_mm = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
-    walls_s_mm = (1.0 / r.outer_wall_mm_s if r.wall_count > 0 else 0.0) + inner_walls_s_mm
-    support_lines_per_mm = 1.0 / r.support_line_distance_mm if r.support_line_distance_mm > 0.0 else 0.0
-    infill_s_mm3 = r.sparse_lines_per_mm / (layer_mm * r.infill_mm_s)
-    skin_s_mm2 = r.skin_s_mm / r.line_width_mm
+    s, layer_mm = settings, settings.layer_height_mm
+    inner_walls_s_mm = max(s.wall_count - 1, 0) / s.inner_wall_mm_s
+    walls_s_mm = (1.0 / s.outer_wall_mm_s if s.wall_count > 0 else 0.0) + inner_walls_s_mm
+    support_lines_per_mm = 1.0 / s.support_line_distance_mm if s.support_line_distance_mm > 0.0 else 0.0
+    infill_s_mm3 = s.sparse_lines_per_mm / (layer_mm * s.infill_mm_s)
+    skin_s_mm2 = s.skin_s_mm / s.line_width_mm
     return {
         "infill": _build_vector(
             volume_mm3=infill_s_mm3,
-            lateral_mm2=-infill_s_mm3 * r.walls_mm,
+            lateral_mm2=-infill_s_mm3 * s.walls_mm,
             # One of the two skins is a top.
-            skin_mm2=-infill_s_mm3 * r.skin_layers * layer_mm
-            + r.top_line_ratio / 2.0 / (layer_mm * r.infill_mm_s),
+            skin_mm2=-infill_s_mm3 * s.skin_layers * layer_mm
+            + s.top_line_ratio / 2.0 / (layer_mm * s.infill_mm_s),
         ),
         "walls": _build_vector(
-            lateral_mm2=walls_s_mm / layer_mm, height_mm=-LOOP_SHORTENING * r.insets_s / layer_mm
+            lateral_mm2=walls_s_mm / layer_mm, height_mm=-LOOP_SHORTENING * s.insets_s / layer_mm
         ),
         "connections": _build_vector(
-            lateral_mm2=r.connection_s_mm2, height_mm=-LOOP_SHORTENING * r.walls_mm * r.connection_s_mm2
+            lateral_mm2=s.connection_s_mm2, height_mm=-LOOP_SHORTENING * s.walls_mm * s.connection_s_mm2
         ),
         "skin": _build_vector(skin_mm2=skin_s_mm2),
-        "skin rim": _build_vector(skin_rim_mm=-skin_s_mm2 * r.walls_mm),
-        "slope ends": _build_vector(slope_mm2=r.skin_stop_s / (layer_mm * r.line_width_mm)),
-        "columns": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * r.support_mm_s)),
-        "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * r.support_mm_s)),
+        "skin rim": _build_vector(skin_rim_mm=-skin_s_mm2 * s.walls_mm),
+        "slope ends": _build_vector(slope_mm2=s.skin_stop_s / (layer_mm * s.line_width_mm)),
+        "columns": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
+        "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support sides": _build_vector(
-            support_side_mm2=1.0 / (layer_mm * r.support_mm_s) if support_lines_per_mm else 0.0
+            support_side_mm2=1.0 / (layer_mm * s.support_mm_s) if support_lines_per_mm else 0.0
         ),
-        "brim": _build_vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
-        "infill ends": _build_vector(lateral_mm2=r.infill_ends_s_mm2),
-        "travel": _build_vector(lateral_mm2=1.0 / (layer_mm * r.travel_mm_s)),
-    } | _compute_pose_terms(recipe)
+        "brim": _build_vector(brim_mm2=1.0 / (s.outer_line_width_mm * s.brim_mm_s)),
+        "infill ends": _build_vector(lateral_mm2=s.infill_ends_s_mm2),
+        "travel": _build_vector(lateral_mm2=1.0 / (layer_mm * s.travel_mm_s)),
+    } | _compute_pose_terms(settings)
 
 
-def _compute_pose_terms(recipe: Recipe) -> dict[str, Floats]:
+def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
     """Compute the seconds of the terms whose features depend on a pose, as in `compute_time_terms`."""
-    r, layer_mm = recipe, recipe.layer_height_mm
-    skin_s_mm2 = r.skin_s_mm / r.line_width_mm
-    stop_s = r.travel_mm_s / r.acceleration_mm_s2 / 2.0
+    s, layer_mm = settings, settings.layer_height_mm
+    skin_s_mm2 = s.skin_s_mm / s.line_width_mm
+    stop_s = s.travel_mm_s / s.acceleration_mm_s2 / 2.0
     return {
         "islands": _build_vector(
-            islands_mm=r.retraction_s / layer_mm,
-            towers_mm=TOWER_LAYER_S / layer_mm if r.support_line_distance_mm > 0.0 else 0.0,
+            islands_mm=s.retraction_s / layer_mm,
+            towers_mm=TOWER_LAYER_S / layer_mm if s.support_line_distance_mm > 0.0 else 0.0,
         ),
         "island paths": _build_vector(
-            islands_mm=stop_s / layer_mm, island_paths_mm2=1.0 / (layer_mm * r.travel_mm_s)
+            islands_mm=stop_s / layer_mm, island_paths_mm2=1.0 / (layer_mm * s.travel_mm_s)
         ),
         "holes": _build_vector(
-            holes_mm=HOLE_VISITS * stop_s / layer_mm, hole_paths_mm2=HOLE_VISITS / (layer_mm * r.travel_mm_s)
+            holes_mm=HOLE_VISITS * stop_s / layer_mm, hole_paths_mm2=HOLE_VISITS / (layer_mm * s.travel_mm_s)
         ),
-        "rims": _build_vector(rim_mm=-skin_s_mm2 * r.walls_mm),
+        "rims": _build_vector(rim_mm=-skin_s_mm2 * s.walls_mm),
         # On average over all directions, a line ends once for every length of pi line widths of the rim.
-        "rim ends": _build_vector(rim_ends_mm=r.skin_layers * r.skin_stop_s / (math.pi * r.line_width_mm)),
-        "rings": _build_vector(ring_mm2=r.connection_s_mm2 if r.infill_steps else 0.0),
+        "rim ends": _build_vector(rim_ends_mm=s.skin_layers * s.skin_stop_s / (math.pi * s.line_width_mm)),
+        "rings": _build_vector(ring_mm2=s.connection_s_mm2 if s.infill_steps else 0.0),
         "thin walls": _build_vector(
-            bare_mm2=-max(r.wall_count - 1, 0) / r.inner_wall_mm_s / layer_mm,
-            gap_mm2=0.5 / (layer_mm * r.skin_mm_s),
-            full_mm2=-FACTORS["connections"] * r.connection_s_mm2
-            - FACTORS["infill ends"] * r.infill_ends_s_mm2,
+            bare_mm2=-max(s.wall_count - 1, 0) / s.inner_wall_mm_s / layer_mm,
+            gap_mm2=0.5 / (layer_mm * s.skin_mm_s),
+            full_mm2=-FACTORS["connections"] * s.connection_s_mm2
+            - FACTORS["infill ends"] * s.infill_ends_s_mm2,
         ),
-        "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer_mm * r.line_width_mm * r.skin_mm_s)),
-        "steep tops": _build_vector(steep_top_mm2=r.top_line_ratio / (layer_mm * r.infill_mm_s)),
+        "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer_mm * s.line_width_mm * s.skin_mm_s)),
+        "steep tops": _build_vector(steep_top_mm2=s.top_line_ratio / (layer_mm * s.infill_mm_s)),
     }
 
 
