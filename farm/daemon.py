@@ -23,7 +23,7 @@ from drivers.clock import Clock
 from drivers.log_file import rotate_log
 from farm.agents import AgentManager
 from farm.cameras import Cameras
-from farm.compute import Pool, Workers
+from farm.compute import Pool, WorkerPool
 from farm.compute.cluster import ClusterPool, connect_cluster
 from farm.config import Fleet
 from farm.control import (
@@ -92,7 +92,7 @@ class Daemon:
         self._clock = open_farm_clock(fleet, self._state)
         self._store, self._restored_s = open_books(self._state, self._clock.now())
         compute = fleet.fleet.compute
-        self._workers: Pool = Workers(
+        self._workers: Pool = WorkerPool(
             self._state.work / "workers", compute.workers, compute.memory_gb, warm_up_planning
         )
         self._cluster: ClusterPool | None = None

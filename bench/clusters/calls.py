@@ -15,7 +15,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from farm.compute import Deferred, Limit, Workers
+from farm.compute import Deferred, Limit, WorkerPool
 from farm.compute.cluster import connect_cluster
 
 Call = Callable[..., Any]
@@ -51,7 +51,7 @@ def open_calls(args: argparse.Namespace, local_call: Call | None = None) -> Iter
         yield local_call or (lambda work, *arguments: work(*arguments))
         return
     with tempfile.TemporaryDirectory(prefix="farm-bench-") as scratch:
-        local_workers = Workers(Path(scratch) / "local", 1)
+        local_workers = WorkerPool(Path(scratch) / "local", 1)
         with open_pool(lambda: connect_cluster(local_workers, args.scheduler, args.certificates)) as call:
             yield call
 

@@ -21,7 +21,7 @@ from typing import Any
 import trimesh
 
 from bench.clusters.hosts import END_TIMEOUT_S, FARM, NICE, SAMPLE_S, SCHEDULER, WORKERS, Hosts, list_children
-from farm.compute import Deferred, Limit, Pool, TaskFiles, Workers
+from farm.compute import Deferred, Limit, Pool, TaskFiles, WorkerPool
 from farm.compute.cluster import ClusterPool, Place, cluster_pool, connect_cluster
 from farm.compute.cluster.remote_task import RemoteTask
 from farm.config import Fleet
@@ -147,7 +147,7 @@ class FaultRounds:
         Pool of this computer, on which the same job is planned for comparison.
     """
 
-    def __init__(self, hosts: Hosts, pool: ClusterPool, local_pool: Workers, rng: random.Random) -> None:
+    def __init__(self, hosts: Hosts, pool: ClusterPool, local_pool: WorkerPool, rng: random.Random) -> None:
         self._hosts, self._pool, self._local_pool, self._rng = hosts, pool, local_pool, rng
         self._initial_processes: Counter[str] = Counter()  # processes of each host before the first fault
         self._folder, self._local_plans = hosts.folder, dict[int, Any]()
@@ -322,7 +322,7 @@ async def run_faults(
     kinds = [fault for _ in range(0, rounds, len(FAULTS)) for fault in rng.sample(FAULTS, len(FAULTS))]
     hosts = Hosts(folder, seed)
     figures: list[dict[str, Any]] = []
-    local_pool = Workers(folder / "own", 1)
+    local_pool = WorkerPool(folder / "own", 1)
     task_count = -1
     try:
         hosts.start(SCHEDULER)

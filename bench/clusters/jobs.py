@@ -19,7 +19,7 @@ from typing import Any
 from bench.unseen import draw_model
 from decompose.files.names import REPORT
 from decompose.geometry import round_triangles, write_stl
-from farm.compute import CHECKING_LIMIT, Deferred, Limit, Pool, PoolShare, Workers
+from farm.compute import CHECKING_LIMIT, Deferred, Limit, Pool, PoolShare, WorkerPool
 from farm.config import Fleet
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
@@ -113,7 +113,7 @@ def measure_job(part_count: int, worker_count: int, folder: Path) -> dict[str, A
 
 async def _measure_job(part_count: int, worker_count: int, folder: Path) -> dict[str, Any]:
     state = StateFolder(folder / f"{part_count}-{worker_count}")
-    local_pool = Workers(folder / "workers", worker_count, warm_up=warm_up_planning)
+    local_pool = WorkerPool(folder / "workers", worker_count, warm_up=warm_up_planning)
     while local_pool.start_step is not None:
         await asyncio.sleep(0.1)
     try:
@@ -158,7 +158,7 @@ async def _measure_search(
     part_count: int, worker_count: int, budget_s: float, folder: Path
 ) -> dict[str, Any]:
     state = StateFolder(folder / f"{part_count}-{worker_count}-search")
-    local_pool = Workers(folder / "workers", worker_count, warm_up=warm_up_planning)
+    local_pool = WorkerPool(folder / "workers", worker_count, warm_up=warm_up_planning)
     while local_pool.start_step is not None:
         await asyncio.sleep(0.1)
     try:

@@ -18,7 +18,7 @@ from typing import Any
 import httpx
 
 from drivers.clock import Clock
-from farm.compute import Workers
+from farm.compute import WorkerPool
 from farm.config import Fleet
 from farm.control import Controller, DryRuns
 from farm.http import Person, Services, make_app
@@ -127,7 +127,7 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
     async def shut_down(now: bool) -> None:
         pass
 
-    workers = Workers(folder / "workers", 1, None)
+    workers = WorkerPool(folder / "workers", 1, None)
     app = make_app(
         Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, shut_down),
         DryRuns(controller),

@@ -26,7 +26,7 @@ from typing import Any, cast
 
 from bench.fleets.measured_daemon import make_planned_event
 from drivers.clock import Clock
-from farm.compute import Workers
+from farm.compute import WorkerPool
 from farm.config import Fleet
 from farm.control import Controller
 from farm.model import Bed, FilamentState, Job, JobOptions, PrintState
@@ -151,7 +151,7 @@ class SimulatedFarm:
         fleet = Fleet.model_validate({"fleet": {"keep": keep}, "printers": []})
         self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(NoEffects())
-        self.upkeep = Upkeep(self.controller, self.store, self.state, cast(Workers, FakeWorkers()))
+        self.upkeep = Upkeep(self.controller, self.store, self.state, cast(WorkerPool, FakeWorkers()))
         self.prune_s: list[float] = []
         self._jobs = jobs
         for name in list_printer_names(jobs):

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 from bench.fleets.measured_daemon import PLATES_PER_JOB, fill_books
 from drivers.clock import Clock
 from farm.api import KeyRequest
-from farm.compute import Workers
+from farm.compute import WorkerPool
 from farm.config import Fleet, WebSection
 from farm.control import Controller, DryRuns, KeyCommands
 from farm.http import NetworkState, Services
@@ -87,7 +87,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
         controller,
         state,
         folder / "fleet.yaml",
-        Workers(state.work / "workers", 1, None, warm_up_planning),
+        WorkerPool(state.work / "workers", 1, None, warm_up_planning),
         refuse_shutdown,
     )
     server = NetworkServer(

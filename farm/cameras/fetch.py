@@ -17,7 +17,7 @@ from threading import Thread
 
 import httpx
 
-from farm.cameras.image import MAX_IMAGE_BYTES, Image, NoImage, check_beginning, read_image
+from farm.cameras.image import MAX_IMAGE_BYTES, Image, InvalidImage, check_beginning, read_image
 from farm.cameras.image import CameraError as CameraError
 
 FETCH_TIMEOUT_S = 5.0
@@ -47,7 +47,7 @@ async def fetch_still(url: str) -> Image:
             return await _fetch_image(httpx.URL(url))
     except TimeoutError:
         raise CameraError(f"it sent no complete still within {FETCH_TIMEOUT_S:g} s") from None
-    except NoImage as error:
+    except InvalidImage as error:
         raise CameraError(str(error)) from None
     except httpx.ConnectError as error:
         text = str(error) if "certificate" in str(error).lower() else "its connection was refused"
@@ -57,7 +57,7 @@ async def fetch_still(url: str) -> Image:
 
 
 async def _fetch_image(url: httpx.URL) -> Image:
-    """Follow redirects on the same host to an image. Raises CameraError, NoImage, and httpx's errors."""
+    """Follow redirects on the same host to an image. Raises CameraError, InvalidImage, and httpx's errors."""
     user, password = url.username, url.password
     authentication: httpx.Auth | None = None
     url = url.copy_with(username=None, password=None)
@@ -130,7 +130,7 @@ def _resolve_redirect(url: httpx.URL, location: str) -> httpx.URL:
 
 
 async def _read_response(response: httpx.Response) -> Image:
-    """Read a body within the limit. Raises CameraError, NoImage, and httpx's errors."""
+    """Read a body within the limit. Raises CameraError, InvalidImage, and httpx's errors."""
     if response.status_code == 401:
         raise CameraError("it refuses user and password (401): write them as http://USER:PASSWORD@HOST/")
     if response.status_code != 200:

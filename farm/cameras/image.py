@@ -26,7 +26,7 @@ class CameraError(Exception):
     """Failure to get a still from a camera; the message gives the reason without the camera's address."""
 
 
-class NoImage(Exception):
+class InvalidImage(Exception):
     """Bytes that are not an accepted image; the message gives the reason."""
 
 
@@ -40,11 +40,13 @@ class Image:
 
 
 def check_beginning(first_bytes: bytes) -> None:
-    """Check that a body, which may be incomplete, begins like a JPEG or PNG. Raises NoImage."""
+    """Check that a body, which may be incomplete, begins like a JPEG or PNG. Raises InvalidImage."""
     for magic in (_JPEG, _PNG):
         if first_bytes[: len(magic)] == magic[: len(first_bytes)]:
             return
-    raise NoImage("it sends no JPEG or PNG: `camera` needs the address of a still, not of a page or a stream")
+    raise InvalidImage(
+        "it sends no JPEG or PNG: `camera` needs the address of a still, not of a page or a stream"
+    )
 
 
 def read_image(content: bytes) -> Image:
@@ -52,19 +54,19 @@ def read_image(content: bytes) -> Image:
 
     Raises
     ------
-    NoImage
+    InvalidImage
         If it is not a complete JPEG or PNG, or is too large.
     """
     check_beginning(content)
     if len(content) > MAX_IMAGE_BYTES:
-        raise NoImage(f"its still is larger than {MAX_IMAGE_BYTES / 1e6:g} MB: lower its resolution")
+        raise InvalidImage(f"its still is larger than {MAX_IMAGE_BYTES / 1e6:g} MB: lower its resolution")
     is_png = content.startswith(_PNG)
     try:
         size = _PNG_SIZE.unpack_from(content, _PNG_SIZE_OFFSET) if is_png else _read_jpeg_size(content)
     except struct.error:
-        raise NoImage("its still is cut off") from None
+        raise InvalidImage("its still is cut off") from None
     if not 0 < size[0] * size[1] <= MAX_PIXELS:
-        raise NoImage(
+        raise InvalidImage(
             f"its still has {size[0]} x {size[1]} pixels; {MAX_PIXELS / 1e6:g} million at most: "
             "lower its resolution"
         )
@@ -72,14 +74,14 @@ def read_image(content: bytes) -> Image:
 
 
 def _read_jpeg_size(content: bytes) -> tuple[int, int]:
-    """Read width and height of a JPEG. Raises struct.error if it is cut off, NoImage if it is invalid."""
+    """Read width and height of a JPEG. Raises struct.error if it is cut off, InvalidImage if invalid."""
     offset = 2
     for _ in range(_MAX_SEGMENTS):
         start, marker, length = _SEGMENT.unpack_from(content, offset)
         if start != _PADDING or marker == _SCAN:
-            raise NoImage("its still is not a valid JPEG")
+            raise InvalidImage("its still is not a valid JPEG")
         if marker in _FRAMES:
             height, width = _FRAME_SIZE.unpack_from(content, offset + _FRAME_SIZE_OFFSET)
             return width, height
         offset += 1 if marker == _PADDING else 2 + max(2, length)
-    raise NoImage("its still is not a valid JPEG")
+    raise InvalidImage("its still is not a valid JPEG")

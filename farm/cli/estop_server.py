@@ -32,7 +32,7 @@ _FULL_ANSWER = {
 }
 
 
-class Work(Protocol):
+class RequestProcess(Protocol):
     """Process that serves a request."""
 
     def poll(self) -> int | None: ...
@@ -63,13 +63,13 @@ class EstopServer:
     def __init__(
         self,
         listener: socket.socket,
-        begin: Callable[[socket.socket, bytes], Work],
+        begin: Callable[[socket.socket, bytes], RequestProcess],
         read_uid: Callable[[socket.socket], int],
     ) -> None:
         listener.setblocking(False)
         self._listener, self._begin, self._read_uid = listener, begin, read_uid
         self._pending: dict[socket.socket, _Pending] = {}
-        self._running: list[tuple[int, Work]] = []
+        self._running: list[tuple[int, RequestProcess]] = []
         self._next_accept_s = -math.inf
 
     def serve_once(self, now_s: float, wait_s: float) -> None:
@@ -80,7 +80,7 @@ class EstopServer:
             for connection in self._pending:
                 selector.register(connection, selectors.EVENT_READ)
             ready_sockets = [key.fileobj for key, _ in selector.select(wait_s)]
-        self._running = [(uid, work) for uid, work in self._running if work.poll() is None]
+        self._running = [(uid, process) for uid, process in self._running if process.poll() is None]
         for connection in tuple(self._pending):
             if connection in ready_sockets:
                 self._read(connection)

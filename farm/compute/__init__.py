@@ -4,7 +4,7 @@ from farm.compute.deferred import Deferred, TaskFiles
 from farm.compute.limits import CHECKING_LIMIT, DECOMPOSING_LIMIT, DRAWING_LIMIT, SLICING_LIMIT, Limit
 from farm.compute.memory import read_process_bytes
 from farm.compute.pool import Pool, PoolShare
-from farm.compute.worker_pool import Workers
+from farm.compute.worker_pool import WorkerPool
 
 __all__ = [
     "CHECKING_LIMIT",
@@ -16,6 +16,6 @@ __all__ = [
     "Pool",
     "PoolShare",
     "TaskFiles",
-    "Workers",
+    "WorkerPool",
     "read_process_bytes",
 ]

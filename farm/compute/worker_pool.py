@@ -58,7 +58,7 @@ class _WaitingTask:
     slot: asyncio.Future[Worker]
 
 
-class Workers:
+class WorkerPool:
     """Pool of worker processes on this computer; see `farm.compute.pool.Pool`.
 
     Parameters

@@ -43,7 +43,7 @@ T = TypeVar("T")
 _MAX_ATTEMPTS = 3  # number of attempts on the cluster; then the task runs here
 
 
-class Link(Protocol):
+class ClusterConnection(Protocol):
     """Connection to a cluster; see `connection.Connection`."""
 
     async def watch(self) -> None:
@@ -53,8 +53,10 @@ class Link(Protocol):
         """Run a task on one of the workers. Raises AttemptLost."""
 
 
-LinkFactory = Callable[[Callable[[tuple[ClusterWorker, ...]], None], Callable[[dict[str, Any]], None]], Link]
-"""Function that makes a link from two callbacks, for the list of workers and for messages of tasks."""
+ConnectionFactory = Callable[
+    [Callable[[tuple[ClusterWorker, ...]], None], Callable[[dict[str, Any]], None]], ClusterConnection
+]
+"""Function that makes a connection from two callbacks, for the list of workers and for messages of tasks."""
 
 
 class ClusterPool:
@@ -83,7 +85,7 @@ class ClusterPool:
         local_pool: Pool,
         scheduler: str,
         installation: Installation,
-        connect: LinkFactory,
+        connect: ConnectionFactory,
         read_clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._local_pool, self._scheduler, self._installation = local_pool, scheduler, installation
@@ -95,7 +97,7 @@ class ClusterPool:
         self._local_count = 0
         self._sent_hashes: set[str] = set()  # hashes of files that were already sent to the cluster
         self._close_event = asyncio.Event()  # set while the cluster gets no work
-        self._link = connect(self._on_workers, self._on_message)
+        self._connection = connect(self._on_workers, self._on_message)
         self._watch_task: asyncio.Task[None] | None = None
 
     @property
@@ -105,7 +107,7 @@ class ClusterPool:
 
     @property
     def start_step(self) -> str | None:
-        """Step of the start of the workers on this computer; see `Workers.start_step`."""
+        """Step of the start of the workers on this computer; see `WorkerPool.start_step`."""
         return self._local_pool.start_step
 
     @property
@@ -134,7 +136,7 @@ class ClusterPool:
 
     def start(self) -> None:
         """Connect to the cluster, and keep the connection; call it once, in the event loop."""
-        self._watch_task = asyncio.get_running_loop().create_task(self._link.watch())
+        self._watch_task = asyncio.get_running_loop().create_task(self._connection.watch())
 
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
@@ -206,7 +208,7 @@ class ClusterPool:
         kind = re.sub(r"[^a-z]+", "_", task.limit.work.lower())
         named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns durations by this prefix
         self._running[named_task.id] = (RunningTask(task.limit.work, group), named_task)
-        answer_future = asyncio.ensure_future(self._link.submit(named_task, contents))
+        answer_future = asyncio.ensure_future(self._connection.submit(named_task, contents))
         close_future = asyncio.ensure_future(self._close_event.wait())
         try:
             await asyncio.wait({answer_future, close_future}, return_when=asyncio.FIRST_COMPLETED)

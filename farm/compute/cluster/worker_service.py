@@ -12,7 +12,7 @@ from farm.compute.cluster.dask_worker import FarmWorker
 from farm.compute.cluster.installation import read_installation
 from farm.compute.cluster.security import make_security
 from farm.compute.cluster.task_executor import TaskExecutor
-from farm.compute.worker_pool import Workers
+from farm.compute.worker_pool import WorkerPool
 from farm.compute.worker_process import WarmUp
 
 log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ async def serve_tasks(options: WorkerOptions, warm_up: WarmUp | None) -> None:
     options
         Scheduler, certificates, folder and limits of the worker.
     warm_up
-        Function that every process calls first; see `Workers`.
+        Function that every process calls first; see `WorkerPool`.
 
     Raises
     ------
@@ -63,7 +63,7 @@ async def serve_tasks(options: WorkerOptions, warm_up: WarmUp | None) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stop_event.set)
     security = make_security(options.scheduler, options.certificates)
     installation = await asyncio.to_thread(read_installation)
-    pool = Workers(options.folder / "processes", options.slots, options.memory_gb, warm_up)
+    pool = WorkerPool(options.folder / "processes", options.slots, options.memory_gb, warm_up)
     executor = TaskExecutor(options.name, options.folder, pool, installation)
     try:
         while not stop_event.is_set():

@@ -73,7 +73,7 @@ def test_calls_run_on_the_cluster_with_their_files_and_errors(tmp_path, source, 
             pass
 
     monkeypatch.setattr(calls, "connect_cluster", connect)
-    monkeypatch.setattr(calls, "Workers", InlineWorkers)
+    monkeypatch.setattr(calls, "WorkerPool", InlineWorkers)
     args = parse_options("--scheduler", "tls://a:8786", "--certificates", str(tmp_path))
     with open_calls(args) as call:
         assert call(work.copy, source, tmp_path / "out")["copy"] == tmp_path / "out" / "copy.txt"

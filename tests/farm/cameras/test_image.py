@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.cameras.image import MAX_IMAGE_BYTES, NoImage, check_beginning, read_image
+from farm.cameras.image import MAX_IMAGE_BYTES, InvalidImage, check_beginning, read_image
 from hosts.fake_camera import make_jpeg, make_png
 
 
@@ -35,19 +35,19 @@ def test_jpeg_and_png_are_images():
     ],
 )
 def test_other_bytes_are_not_an_image(content, message):
-    with pytest.raises(NoImage, match=message):
+    with pytest.raises(InvalidImage, match=message):
         read_image(content)
 
 
 def test_number_of_segments_is_limited():
     segment = b"\xff\xe1" + struct.pack(">H", 2)
-    with pytest.raises(NoImage, match="not a valid JPEG"):
+    with pytest.raises(InvalidImage, match="not a valid JPEG"):
         read_image(b"\xff\xd8" + segment * 1000 + make_jpeg()[2:])
 
 
 @given(st.binary(max_size=200), st.sampled_from([b"", b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"]))
 def test_any_bytes_are_an_image_or_refused(body, magic):
-    with contextlib.suppress(NoImage):
+    with contextlib.suppress(InvalidImage):
         assert read_image(magic + body).content == magic + body
 
 

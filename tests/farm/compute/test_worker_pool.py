@@ -11,7 +11,7 @@ import trimesh
 
 from clusters import failing_work as work
 from farm.compute import DECOMPOSING_LIMIT, Limit, PoolShare
-from farm.compute.worker_pool import Workers, compute_worker_bytes
+from farm.compute.worker_pool import WorkerPool, compute_worker_bytes
 from farm.compute.worker_process import Worker
 from farm.errors import ErrorCode, FarmError
 
@@ -26,7 +26,7 @@ class Pool:
         """Run `run_scenario(workers)`, and return its result; assert that no process of the pool remains."""
 
         async def main():
-            workers = Workers(self.scratch, **{"count": 1, **options})
+            workers = WorkerPool(self.scratch, **{"count": 1, **options})
             try:
                 return await run_scenario(workers)
             finally:

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from clusters.dask_cluster import run_cluster
-from farm.compute import DECOMPOSING_LIMIT, Workers
+from farm.compute import DECOMPOSING_LIMIT, WorkerPool
 from farm.config import Fleet
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
@@ -54,7 +54,7 @@ def plan_locally(folder, bar, count):
 
     async def main():
         job = make_job(state, bar)
-        workers = Workers(folder / "workers", count)
+        workers = WorkerPool(folder / "workers", count)
         try:
             return await plan_job(state, job, workers)
         finally:
@@ -107,7 +107,7 @@ def test_cluster_makes_the_same_plan_as_this_computer(planned_job, bar, tmp_path
     assert not list(remote_state.work.iterdir()) and not list(remote_state.slices.iterdir())
 
 
-class CountingWorkers(Workers):
+class CountingWorkers(WorkerPool):
     """Workers that count the tasks that run at the same time on all of them."""
 
     running_tasks: ClassVar[Counter[str]] = Counter()

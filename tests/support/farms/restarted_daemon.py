@@ -86,7 +86,7 @@ def start_daemon(death):
 def run_daemons(deaths):
     """Start daemons one after another until one ends by itself or this process is terminated."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
-    farm.daemon.Workers = InlineWorkers
+    farm.daemon.WorkerPool = InlineWorkers
     for death in itertools.chain(deaths, itertools.repeat(None)):
         pid = start_daemon(death)
         try:

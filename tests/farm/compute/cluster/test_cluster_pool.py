@@ -8,7 +8,7 @@ import pytest
 
 from clusters import portable_work as work
 from clusters.dask_cluster import INSTALLATION, RecordingPool, run_cluster
-from farm.compute import Limit, Workers
+from farm.compute import Limit, WorkerPool
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import ClusterWorker, Place
 from farm.compute.cluster.remote_task import AttemptLost, RemoteAnswer, RemoteTask, write_files
@@ -66,7 +66,7 @@ def test_task_for_workers_that_left_goes_to_others(tmp_path, source):
     """Reassign a task that Dask keeps for the addresses of workers, which return with other addresses."""
 
     async def run_scenario(pool, scheduler):
-        pool._link._workers = (ClusterWorker("w1", "tcp://127.0.0.1:1", 1),)
+        pool._connection._workers = (ClusterWorker("w1", "tcp://127.0.0.1:1", 1),)
         async with asyncio.timeout(300):
             return await pool.run(work.copy, source, tmp_path / "out")
 
@@ -78,7 +78,7 @@ def run_in_processes(tmp_path, run_scenario, **options):
     """Run `run_scenario(pool, processes)` with a worker that runs tasks in processes."""
 
     async def main():
-        processes = Workers(tmp_path / "processes", 1, **options)
+        processes = WorkerPool(tmp_path / "processes", 1, **options)
         try:
             async with run_cluster(tmp_path / "cluster", ["w1"], pools={"w1": processes}) as (pool, _):
                 await run_scenario(pool, processes)
