@@ -7,7 +7,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.host.paths import HostPaths, end_service
-from drivers.remote import kill_agent
 
 
 class HostPipe:
@@ -50,4 +49,13 @@ class HostPipe:
         self.cut()
         end_service(self.paths)
         for printer in printers:
-            kill_agent(self.paths.find_agent_folder(printer))
+            _kill_agents(self.paths.find_agent_folder(printer))
+
+
+def _kill_agents(folder: Path) -> None:
+    """Kill the agents of a folder, also one that the service has just started and that holds no lock yet."""
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            words = path.read_bytes().split(b"\0")
+            if b"drivers.agent" in words and os.fsencode(folder) in words:
+                os.kill(int(path.parent.name), signal.SIGKILL)
