@@ -25,6 +25,7 @@ from slicing.checks import (
     output,
     read_toolpath,
     read_wall_layout,
+    remove_reset_times,
 )
 from slicing.engine import EngineLimits, Progress, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
@@ -190,8 +191,10 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
         request.engine, request.stl, settings.global_, settings.extruder, limits, progress
     )
     output.check_log(engine_output.log)
-    engine_toolpath = read_toolpath(engine_output.gcode)
-    gcode, toolpath = _change_hidden_walls(engine_output.gcode, engine_toolpath, request)
+    motion_limits = MotionLimits.from_settings(settings.global_)
+    gcode = remove_reset_times(engine_output.gcode, read_toolpath(engine_output.gcode), motion_limits)
+    engine_toolpath = read_toolpath(gcode)
+    gcode, toolpath = _change_hidden_walls(gcode, engine_toolpath, request)
     min_extrusion_c = settings.printer.limits.min_extrusion_c
     facts = output.gather_facts(toolpath, min_extrusion_c)
     removed_layers, layout = output.count_removed_layers(engine_output.log), read_wall_layout(settings)
@@ -221,7 +224,7 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
         ),
         facts,
         unprinted,
-        measure_feature_times(toolpath, MotionLimits.from_settings(settings.global_)),
+        measure_feature_times(toolpath, motion_limits),
     )
 
 

@@ -6,6 +6,7 @@ from slicing.checks.feature_times import (
     estimate_move_seconds,
     measure_feature_times,
 )
+from slicing.checks.layer_times import change_times, remove_reset_times
 from slicing.checks.outline import UnprintedWall, check_outline
 from slicing.checks.output import GcodeFacts
 from slicing.checks.timeline import add_times
@@ -20,9 +21,11 @@ __all__ = [
     "UnprintedWall",
     "WallLayout",
     "add_times",
+    "change_times",
     "check_outline",
     "estimate_move_seconds",
     "measure_feature_times",
     "read_toolpath",
     "read_wall_layout",
+    "remove_reset_times",
 ]

@@ -24,7 +24,7 @@ _BLOCK = re.compile(rb"((?:%b\n){0,1000})([^\n]*\n?)" % PLAIN_MOVE)
 _LETTERS = b"GFXYZE\r\n"
 _LETTERS_TO_SPACES = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))
 _AXES = b"XYZE"
-_TIME_PREFIX = "TIME_ELAPSED:"
+TIME_PREFIX = "TIME_ELAPSED:"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +88,9 @@ class Toolpath:
     def list_layer_ends(self) -> list[tuple[int, float]]:
         """List the number of moves before the end of each layer, and Cura's time there in seconds."""
         return [
-            (comment.move, float(comment.text[len(_TIME_PREFIX) :]))
+            (comment.move, float(comment.text[len(TIME_PREFIX) :]))
             for comment in self.comments
-            if comment.text.startswith(_TIME_PREFIX)
+            if comment.text.startswith(TIME_PREFIX)
         ]
 
     def is_feature(self, name: str) -> npt.NDArray[np.bool_]:

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slicing.checks import MotionLimits, Toolpath
+from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
 from slicing.hidden_walls.rewriting import MOVE_LINE
 from slicing.hidden_walls.sides import (
     RUN_OUT_MM,
     HiddenSide,
     Indices,
-    change_times,
     find_bed_points,
     find_level_lines,
     find_long_layers,

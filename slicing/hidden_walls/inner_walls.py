@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slicing.checks import MotionLimits, Toolpath
+from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
 from slicing.hidden_walls.infill import Backing, Stretch, stretch_infill
 from slicing.hidden_walls.rewriting import Segment, replace_moves
@@ -21,7 +21,6 @@ from slicing.hidden_walls.sides import (
     Bools,
     HiddenSide,
     Indices,
-    change_times,
     find_bed_points,
     find_level_lines,
     find_long_layers,

@@ -1,4 +1,4 @@
-"""Hidden sides of a part, the walls along them in a toolpath, and the times of changed G-code."""
+"""Hidden sides of a part, and the walls along them in a toolpath."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from slicing.checks import MotionLimits, Toolpath, estimate_move_seconds, read_toolpath, read_wall_layout
+from slicing.checks import Toolpath, read_wall_layout
 from slicing.checks.section import Floats
 from slicing.settings import EngineSettings
 
@@ -124,28 +124,3 @@ def list_side_runs(
     is_joined &= interruptions[first] == interruptions[second]
     for run in np.split(on_side, np.flatnonzero(~is_joined) + 1):
         yield np.arange(run[0], run[-1] + 1)
-
-
-def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
-    """Correct the times in the comments of changed G-code by the time that each layer saves.
-
-    `path` has the moves before the change. Cura's time of a layer changes in proportion to the planned times
-    of its moves.
-    """
-    new_path = read_toolpath(gcode)
-    planned_s, new_s = _estimate_layers_s(path, limits), _estimate_layers_s(new_path, limits)
-    ratios = np.divide(new_s, planned_s, out=np.ones_like(new_s), where=planned_s > 0.0)
-    ends_s = np.array([0.0, *(end_s for _, end_s in path.list_layer_ends())])
-    marks = [comment for comment in new_path.comments if comment.text.startswith("TIME_ELAPSED:")]
-    pieces, offset = [], 0
-    for mark, elapsed_s in zip(marks, np.cumsum(np.diff(ends_s) * ratios), strict=True):
-        pieces += [gcode[offset : mark.offset], b";TIME_ELAPSED:%.6f" % elapsed_s]
-        offset = gcode.index(b"\n", mark.offset)
-    return b"".join((*pieces, gcode[offset:]))
-
-
-def _estimate_layers_s(path: Toolpath, limits: MotionLimits) -> Floats:
-    """Estimate the seconds (layers,) of the moves of each layer."""
-    sums_s = np.append(0.0, np.cumsum(estimate_move_seconds(path, limits)))
-    bounds = [path.first_layer_move or 0, *(move for move, _ in path.list_layer_ends())]
-    return np.diff(sums_s[bounds])

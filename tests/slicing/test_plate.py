@@ -22,7 +22,8 @@ from slicing.slice_store import write_atomically
 def test_cube_with_the_settings_of_the_paper_has_the_known_time_and_filament(make_request, make_settings):
     """Check the result of the whole chain; with other settings, the print takes up to six times as long."""
     result = slice_plate(make_request(trimesh.creation.box((50, 50, 50)), settings=make_settings("paper")))
-    assert int(result.sliced_s) == 4906
+    # CuraEngine says 4906 s, of which `remove_reset_times` removes 35 s for a reset of the extruder.
+    assert int(result.sliced_s) == 4871
     assert int(result.filament_mm3) == 17911
     assert (result.layers, result.height_mm) == (200, pytest.approx(50.02))
     assert result.grams == pytest.approx(17.911 * 1.24, rel=1e-3)

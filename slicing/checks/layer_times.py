@@ -1,0 +1,90 @@
+"""Times of layers in CuraEngine's comments, corrected where they do not agree with the moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slicing.checks.feature_times import MotionLimits, estimate_move_seconds
+from slicing.checks.section import Floats
+from slicing.checks.toolpath import TIME_PREFIX, Toolpath, read_toolpath
+
+
+def remove_reset_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
+    """Remove the time that CuraEngine adds to a layer in which the position of the extruder is reset.
+
+    CuraEngine writes ``G92 E0`` after every 10 cm3 of filament, but its estimate of the time continues with
+    the old position. So it assumes that the next move pulls all of this filament back: 35 s on the
+    Ultimaker 2+ (CuraEngine issue 1164; measured with 4.13.0).
+
+    Parameters
+    ----------
+    gcode
+        CuraEngine's output.
+    path
+        Moves and comments of the same file.
+    limits
+        Limits with which it was sliced.
+    """
+    if path.first_layer_move is None:
+        return gcode
+    resets = [
+        command.move
+        for command in path.commands
+        if command.code == "G92"
+        and "E" in command.words
+        and path.first_layer_move < command.move < len(path.start)
+    ]
+    if not resets:
+        return gcode
+    assumed_start = path.start.copy()
+    assumed_start[resets, 3] = path.end[np.array(resets) - 1, 3]
+    planned_s = _estimate_layers_s(path, limits)
+    added_s = _estimate_layers_s(replace(path, start=assumed_start), limits) - planned_s
+    layers_s = _read_layers_s(path)
+    # An engine without this error does not add the time.
+    is_added = layers_s - planned_s > added_s / 2.0
+    return _replace_times(gcode, path, layers_s - np.where(is_added, added_s, 0.0))
+
+
+def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
+    """Correct the times in the comments of changed G-code by the time that each layer saves.
+
+    Cura's time of a layer changes in proportion to the planned times of its moves.
+
+    Parameters
+    ----------
+    gcode
+        Changed G-code.
+    path
+        Moves and comments before the change.
+    limits
+        Limits with which it was sliced.
+    """
+    new_path = read_toolpath(gcode)
+    planned_s, new_s = _estimate_layers_s(path, limits), _estimate_layers_s(new_path, limits)
+    ratios = np.divide(new_s, planned_s, out=np.ones_like(new_s), where=planned_s > 0.0)
+    return _replace_times(gcode, new_path, _read_layers_s(path) * ratios)
+
+
+def _read_layers_s(path: Toolpath) -> Floats:
+    """Read the seconds (layers,) of each layer from the comments."""
+    return np.diff([0.0, *(end_s for _, end_s in path.list_layer_ends())])
+
+
+def _estimate_layers_s(path: Toolpath, limits: MotionLimits) -> Floats:
+    """Estimate the seconds (layers,) of the moves of each layer."""
+    sums_s = np.append(0.0, np.cumsum(estimate_move_seconds(path, limits)))
+    bounds = [path.first_layer_move or 0, *(move for move, _ in path.list_layer_ends())]
+    return np.diff(sums_s[bounds])
+
+
+def _replace_times(gcode: bytes, path: Toolpath, layers_s: Floats) -> bytes:
+    """Replace the times in the comments of a file by the sums of the seconds (layers,) of its layers."""
+    marks = [comment for comment in path.comments if comment.text.startswith(TIME_PREFIX)]
+    pieces, offset = [], 0
+    for mark, elapsed_s in zip(marks, np.cumsum(layers_s), strict=True):
+        pieces += [gcode[offset : mark.offset], b";%b%.6f" % (TIME_PREFIX.encode(), elapsed_s)]
+        offset = gcode.index(b"\n", mark.offset)
+    return b"".join((*pieces, gcode[offset:]))
