@@ -5,12 +5,14 @@ Usage: python -m bench.prices.hidden_walls FOLDER [--parts 5] [--quality glue] [
 FOLDER was written by `farm decompose` or `bench.decompose`. Each part is sliced with all walls like those of
 a visible side, with faster walls on its hidden sides, and with one faster wall. Times are CuraEngine's, but
 those of the changed walls computed again; the prices are those of the decomposition, for one faster wall.
+The last column is the length at each end of a side that saves nothing: `RUN_END_MM` of the cost model.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,8 +21,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 
-from bench.prices.parts import PRINTER
+from bench.prices.parts import PRINTER, make_print_time_settings
+from decompose.print_time import CostModel, PartMesh
+from decompose.print_time.hidden_faces import sum_side_ends_mm
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
@@ -29,6 +34,7 @@ from farm.planning.printer_settings import build_slicing_printer
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
+ON_PLANE_MM = 0.001  # maximum distance of a vertex from the plane of its side
 KEPT_WALLS = {"wall_line_count": 2}  # as in the quality, but all walls are printed
 
 
@@ -80,8 +86,26 @@ def main() -> None:
             )
             sums_s += times_s
             error = part["estimated_s"] / times_s[-1] - 1.0
-            print(f"{part['id']}  {len(sides)} hidden sides  {format_times(times_s)}  price {error:+.1%}")
+            lost_mm = measure_lost_mm(part, args.folder, times_s[0] - times_s[-1])
+            print(
+                f"{part['id']}  {len(sides)} hidden sides  {format_times(times_s)}  price {error:+.1%}  "
+                f"ends {lost_mm:.1f} mm"
+            )
     print(f"total {format_times(sums_s)}")
+
+
+def measure_lost_mm(part: dict[str, Any], folder: Path, saved_s: float) -> float:
+    """Measure the length at the ends of hidden sides that saves nothing; nan without ends."""
+    mesh = trimesh.load_mesh(folder / part["file"])
+    is_hidden = np.zeros(len(mesh.faces), np.bool_)
+    for x, y, offset_mm in part["hidden_sides"]:
+        is_on_plane = np.abs(mesh.vertices[:, :2] @ (x, y) - offset_mm) < ON_PLANE_MM
+        is_hidden |= is_on_plane[mesh.faces].all(axis=1)
+    part_mesh = PartMesh(mesh.vertices.view(np.ndarray), mesh.faces.view(np.ndarray), is_hidden)
+    ends_mm = sum_side_ends_mm(part_mesh, np.array((0.0, 0.0, 1.0)))
+    cost = CostModel.from_settings(make_print_time_settings("glue"))
+    saved_mm2 = saved_s / (cost.hidden_side_share * cost.lateral_s_mm2)
+    return (float(mesh.area_faces[is_hidden].sum()) - saved_mm2) / ends_mm if ends_mm else math.nan
 
 
 def format_times(times_s: npt.NDArray[np.float64]) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 from decompose.print_time.contours import Contours
+from decompose.print_time.hidden_faces import RUN_END_MM
 from decompose.print_time.thin_walls import ThinWalls
 from decompose.print_time.time_settings import FACTORS, FEATURES, PrintTimeSettings, compute_time_terms
 
@@ -229,6 +230,19 @@ class CostModel:
         max_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
         body_s = min(self.inset_s_mm * height_mm, max_s)
         return min(self.inset_s_mm * (height_mm + bodies_mm), max_s) - body_s
+
+    def price_side_ends_s(self, cut_side_mm2: float, ends_mm: float) -> float:
+        """Price the walls at the ends of hidden sides, which `hidden_side_share` counts as saved.
+
+        Parameters
+        ----------
+        cut_side_mm2
+            Area of the hidden sides.
+        ends_mm
+            Height of their ends, by `sum_side_ends_mm`.
+        """
+        saved_s_mm2 = self.hidden_side_share * self.lateral_s_mm2
+        return saved_s_mm2 * min(cut_side_mm2, RUN_END_MM * ends_mm)
 
     def build_prices(self) -> Prices:
         """Build a record of the coefficients for compiled code: a float64 for each field, by its name."""

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from decompose.arrays import Bools, Floats
+import numpy as np
+
+from decompose.arrays import Bools, Floats, Ints
 from decompose.jit import jit
+from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.surfaces import Surfaces
 
 # Minimum downward component of the normal of a face that lies on the bed: within 2.6 degrees.
@@ -18,6 +21,12 @@ LEVEL_COS = 0.999
 ON_BED_MM = 0.15  # maximum height of a face that lies on the bed
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright face
 MIN_VISIBLE_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
+RUN_END_MM = 6.0
+"""Length at each end of a hidden side that saves nothing: the last 5 mm are printed like a visible wall, and
+the head stops once more. For most sliced parts it is 4 to 8 mm (`bench/prices/hidden_walls.py`)."""
+MEAN_RUN_SHARE = 0.9
+"""Share of the area of hidden sides that remains without these ends, in the mean over parts; for tables, in
+which the outlines of cut faces are not known."""
 
 
 class HiddenFaces(NamedTuple):
@@ -127,3 +136,57 @@ def measure_hidden_faces(
         elif abs(n) < MAX_UPRIGHT_COS and is_cut[i]:
             cut_side_mm2 += areas_mm2[i]
     return cut_bed_mm2, visible_bed_mm2, cut_top_mm2, visible_top_mm2, cut_side_mm2
+
+
+def sum_side_ends_mm(mesh: PartMesh, up: Floats) -> float:
+    """Sum the heights of the edges at which hidden sides end, but for edges between two of them.
+
+    Parameters
+    ----------
+    mesh
+        Mesh of the part; faces share the vertices of their common edges.
+    up
+        (3,) float64 unit vector.
+    """
+    return _sum_side_ends_mm(mesh.vertices, mesh.faces, mesh.surfaces.normals, mesh.is_cut, up, mesh.edges)
+
+
+@jit
+def _sum_side_ends_mm(
+    vertices: Floats, faces: Ints, normals: Floats, is_cut: Bools, up: Floats, edges: Ints
+) -> float:
+    """Sum the heights of the edges between a hidden side and another face.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) float64 in mm and (m, 3) int64.
+    normals
+        (m, 3) float64 unit normals of the faces.
+    is_cut
+        (m,) bool, true for faces that are cuts.
+    up
+        (3,) float64 unit vector.
+    edges
+        (k, 2) int64 pairs of half-edges, by `pair_half_edges`.
+
+    Returns
+    -------
+    float
+        Sum in mm.
+    """
+    is_side = np.zeros(len(faces), np.bool_)
+    for i in range(len(faces)):
+        n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
+        is_side[i] = is_cut[i] and abs(n) < MAX_UPRIGHT_COS
+    sum_mm = 0.0
+    for e in range(len(edges)):
+        first, second = edges[e]
+        if is_side[first // 3] == is_side[second // 3]:
+            continue
+        a, b = faces[first // 3, first % 3], faces[first // 3, (first % 3 + 1) % 3]
+        rise_mm = 0.0
+        for axis in range(3):
+            rise_mm += (vertices[b, axis] - vertices[a, axis]) * up[axis]
+        sum_mm += abs(rise_mm)
+    return sum_mm

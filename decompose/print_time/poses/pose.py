@@ -12,7 +12,7 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.contours import measure_contours
 from decompose.print_time.cost import CostModel
-from decompose.print_time.hidden_faces import find_hidden_faces
+from decompose.print_time.hidden_faces import find_hidden_faces, sum_side_ends_mm
 from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import LATERAL, SKIN, price_short_layers_s, sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
@@ -182,6 +182,7 @@ def measure_from_features(
         )
         expansion_mm = footing.choose_expansion_mm(is_joined)
     contours = measure_contours(mesh, up, cost.skin_cos, cost.ring_cos)
+    side_ends_mm = sum_side_ends_mm(mesh, up) if hidden_faces.cut_side_mm2 else 0.0
     pose_cost = cost if brim_width_mm is None else replace(cost, brim_mm=brim_width_mm)
     return Pose(
         to_model=to_model,
@@ -189,6 +190,7 @@ def measure_from_features(
         price_s=_price_pose_s(features, hi - lo, columns, pose_cost)
         + cost.price_thin_walls_s(thin_walls)
         + cost.price_contours_s(contours, float(features[SKIN]))
+        + cost.price_side_ends_s(hidden_faces.cut_side_mm2, side_ends_mm)
         + price_short_layers_s(triangles, cost),
         footing=footing,
         tilt_ratio=_compute_tilt_ratio(footing, columns, height_mm, margins_mm),

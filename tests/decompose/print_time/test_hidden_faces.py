@@ -12,7 +12,16 @@ from decompose.geometry import Solid
 from decompose.grid import GridRules, build_grid, price_boxes
 from decompose.grid.box_index import find_box
 from decompose.pieces import find_cut_faces
-from decompose.print_time import POSE_ROTATIONS, CostModel, PrintTimeSettings, find_best_pose, measure_pose
+from decompose.print_time import (
+    MEAN_RUN_SHARE,
+    POSE_ROTATIONS,
+    CostModel,
+    PartMesh,
+    PrintTimeSettings,
+    find_best_pose,
+    measure_pose,
+)
+from decompose.print_time.hidden_faces import RUN_END_MM, sum_side_ends_mm
 from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
 from decompose.printers import TargetPrinter
 
@@ -84,10 +93,10 @@ def test_hidden_faces_make_a_part_lie_on_its_cut():
 
 
 def test_walls_along_upright_cut_faces_are_cheaper():
-    """Compare with the length of the walls divided by both speeds: 600 mm2 of side in layers of 0.25 mm."""
+    """Compare with the length of the walls over both speeds: 30 mm, less 6 mm at each end, in 80 layers."""
     fast_settings = replace(SETTINGS, hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
     cost = CostModel.from_settings(fast_settings)
-    saved_s = 600.0 / 0.25 * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
+    saved_s = 80.0 * (30.0 - 2.0 * RUN_END_MM) * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
     plain_s, fast_s = (measure_block(SIDE_PLANE, cost=c).price_s for c in (COST, cost))
     assert plain_s - fast_s == pytest.approx(saved_s, rel=1e-6)
     for planes in ((), (BOTTOM_PLANE,)):
@@ -96,6 +105,27 @@ def test_walls_along_upright_cut_faces_are_cheaper():
     assert measure_block(SIDE_PLANE, rotation=lying_rotation, cost=cost).price_s == pytest.approx(
         measure_block(SIDE_PLANE, rotation=lying_rotation).price_s
     )
+
+
+def test_hidden_sides_end_only_at_visible_faces():
+    """Hide one side, two beside each other, two opposite ones, and all sides of a block 20 mm high."""
+    planes = ((1.0, 0.0, 0.0, 40.0), (0.0, 1.0, 0.0, 30.0), (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+    vertices, faces = BLOCK.arrays()
+    for sides, ends_mm in (((0,), 40.0), ((0, 1), 40.0), ((0, 2), 80.0), ((0, 1, 2, 3), 0.0), ((), 0.0)):
+        cut_planes = np.array([planes[side] for side in sides]).reshape(-1, 4)
+        mesh = PartMesh(vertices, faces, find_cut_faces(vertices, faces, cut_planes))
+        assert sum_side_ends_mm(mesh, np.array((0.0, 0.0, 1.0))) == pytest.approx(ends_mm)
+
+
+def test_short_hidden_side_saves_nothing():
+    """Compare a side of 10 mm, which is shorter than its two ends."""
+    fast_settings = replace(SETTINGS, hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
+    plate = Solid.box((0.0, 0.0, 0.0), (40.0, 10.0, 20.0))
+    fast_s, plain_s = (
+        measure_block(SIDE_PLANE, solid=plate, cost=CostModel.from_settings(settings)).price_s
+        for settings in (fast_settings, SETTINGS)
+    )
+    assert fast_s == pytest.approx(plain_s)
 
 
 @pytest.mark.parametrize("top_share", [0.0, COST.hidden_top_share])
@@ -107,6 +137,7 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
     vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
     tables = price_boxes(grid, [TargetPrinter("huge", ((1e4, 1e4, 1e4),))], cost)
+    cost = replace(cost, hidden_side_share=MEAN_RUN_SHARE * side_share)
     cheaper_count = 0
     for index in np.flatnonzero(tables.trimmed == np.arange(len(tables.trimmed)))[::9]:
         lo, hi = grid.find_bounds_mm(find_box(int(index), grid.shape))
