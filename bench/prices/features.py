@@ -132,8 +132,8 @@ def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
     """Price and slice a part; None if the slice is refused."""
     request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), quality)
     settings = resolve_settings(request, find_resources())
-    # Parts are sliced alone, so none of their sides is hidden.
-    plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)
+    # Parts are sliced alone, so none of their sides is hidden, and without the height of the part.
+    plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False, layer_fit=None)
     time_settings = build_print_time_settings(plain_settings, overhead_s=0.0)
     pose = price_part(posed_part, CostModel.from_settings(time_settings), quality == "glue")
     cache_file = cache / f"{posed_part.name}-{quality}.json"

@@ -1,4 +1,4 @@
-"""Share of heights that can be printed exactly, by the change of the first layer that they need.
+"""Share of heights that can be printed exactly, by the change of the first layer, and the mean layer.
 
 Usage: python -m bench.prices.heights [--from-mm 5] [--to-mm 205] [--json]
 
@@ -24,12 +24,12 @@ from slicing.settings.layer_heights import (
 from slicing.settings.limits import MAX_LAYER_SHARE
 
 PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
-CASES = ("first layer as it is", "first layer within 4 %", "first layer within 25 %", "missed")
+CASES = ("first layer within 4 %", "first layer within 25 %", "missed")
 
 
 def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
-    """Compute the share of the heights, given in hundredths of a mm, for each of `CASES`."""
-    counts = [0] * len(CASES)
+    """Compute the share of each of `CASES` among heights in hundredths of a mm, and the mean layer."""
+    counts, layers_mm = [0] * len(CASES), 0.0
     for hundredth in hundredths:
         height_mm = hundredth / 100.0
         heights = fit_heights(height_mm, nominal, max_first_mm=MAX_LAYER_SHARE * nozzle_mm)
@@ -39,7 +39,9 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
             (i for i, max_change in enumerate(FIRST_LAYER_CHANGES) if change <= max_change + 1e-9), -1
         )
         counts[case if is_exact else -1] += 1
-    return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
+        layers_mm += heights.other_mm
+    shares = {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
+    return shares | {"mean layer": layers_mm / len(hundredths) / nominal.other_mm}
 
 
 def main() -> int:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
@@ -22,7 +22,13 @@ from decompose.jit import jit
 from decompose.print_time.contours import Contours
 from decompose.print_time.hidden_faces import RUN_END_MM
 from decompose.print_time.thin_walls import ThinWalls
-from decompose.print_time.time_settings import FACTORS, FEATURES, PrintTimeSettings, compute_time_terms
+from decompose.print_time.time_settings import (
+    FACTORS,
+    FEATURES,
+    LayerFitter,
+    PrintTimeSettings,
+    compute_time_terms,
+)
 
 Prices = np.void
 """A record of `CostModel.build_prices`: compiled code reads its fields by name."""
@@ -88,6 +94,7 @@ class CostModel:
     hidden_top_mm: float = 0.0  # saved height of the skin of hidden tops
     hidden_side_share: float = 0.0  # saved share of the walls of a hidden upright side
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
+    fit_layer_mm: LayerFitter | None = None  # replaces `layer_mm` by the height of the layers of a part
 
     @property
     def overhang_cos(self) -> float:
@@ -122,6 +129,7 @@ class CostModel:
             brim_mm=settings.brim_mm,
             supported_deg=settings.supported_deg,
             shrinkage=settings.shrinkage,
+            fit_layer_mm=settings.fit_layer_mm,
             skin_cos=settings.skin_cos,
             inset_s_mm=max(0.0, -seconds["height_mm"]),
             skin_rim_s_mm=max(0.0, -seconds["skin_rim_mm"]),
@@ -152,6 +160,15 @@ class CostModel:
             hidden_top_mm=settings.top_layers_saved * settings.layer_height_mm,
             hidden_side_share=_compute_saved_share(settings.hidden_wall_s_mm2, seconds["lateral_mm2"]),
         )
+
+    def fit_layers(self, height_mm: float) -> CostModel:
+        """Return the cost model of a part whose layers are fitted to its height in mm."""
+        if self.fit_layer_mm is None:
+            return self
+        layer_mm = self.fit_layer_mm(height_mm)
+        ratio = self.layer_mm / layer_mm
+        scaled_prices = {name: ratio * getattr(self, name) for name in _PRICES_OF_LAYERS}
+        return replace(self, layer_mm=layer_mm, fit_layer_mm=None, **scaled_prices)
 
     def price_support_s(
         self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0, islands_mm: float = 0.0
@@ -269,13 +286,17 @@ def _compute_saved_share(saved_s: float, price_s: float) -> float:
     return saved_s / price_s if price_s > 0.0 else 0.0
 
 
-_PRICES = np.dtype([(item.name, np.float64) for item in fields(CostModel)])
+_NAMES = tuple(item.name for item in fields(CostModel) if item.name != "fit_layer_mm")
+_PRICES_OF_SKINS = frozenset(("skin_s_mm2", "skin_rim_s_mm", "rim_s_mm", "rim_end_s_mm", "brim_s_mm2"))
+_PRICES_OF_LAYERS = tuple(name for name in _NAMES if "_s_mm" in name and name not in _PRICES_OF_SKINS)
+"""Coefficients in proportion to the number of layers; a skin or a brim has a given number of layers."""
+_PRICES = np.dtype([(name, np.float64) for name in _NAMES])
 
 
 @lru_cache(maxsize=64)
 def _make_record(cost: CostModel) -> Prices:
     """Make the record of a cost; cached, because it takes much longer than a price."""
-    record: Prices = np.array([astuple(cost)], dtype=_PRICES)[0]
+    record: Prices = np.array([tuple(getattr(cost, name) for name in _NAMES)], dtype=_PRICES)[0]
     record.setflags(write=False)
     return record
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,11 +99,16 @@ TURN_TIME_SHARE = 0.5
 """Time lost at a turn of an infill line along the wall, as a share of the time lost at its end."""
 
 
+LayerFitter = Callable[[float], float]
+"""Function that returns the height of the layers of a part, in mm, for its height in mm. It can be hashed."""
+
+
 @dataclass(frozen=True, slots=True)
 class PrintTimeSettings:
     """Slicer settings that determine print time, in mm, mm/s and s."""
 
-    layer_height_mm: float = 0.25
+    layer_height_mm: float = 0.25  # mean of all parts, if it depends on their heights
+    fit_layer_mm: LayerFitter | None = None
     line_width_mm: float = 0.35
     outer_line_width_mm: float = 0.35
     wall_count: int = 2

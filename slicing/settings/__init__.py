@@ -1,6 +1,7 @@
 """Settings of CuraEngine, resolved from Cura's files, the farm's qualities and a person's overrides."""
 
 from slicing.settings.engine_settings import EngineSettings
+from slicing.settings.layer_heights import LayerFit
 from slicing.settings.plate_settings import DEFAULT_PART, PartSettings, SettingsRequest, resolve_settings
 from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES
 from slicing.settings.resources import (
@@ -18,6 +19,7 @@ __all__ = [
     "INSTALLATION_FOLDER",
     "OWN_MATERIALS_VARIABLE",
     "EngineSettings",
+    "LayerFit",
     "PartSettings",
     "Resources",
     "SettingsRequest",

@@ -8,6 +8,7 @@ from typing import Any
 
 from slicing.errors import BadSetting
 from slicing.printer import PrinterModel
+from slicing.settings.layer_heights import LayerFit
 from slicing.settings.material import NO_SHRINKAGE, find_shrinkage_factors
 from slicing.settings.qualities import HiddenLayers
 from slicing.settings.resolver import Resolver, Scope
@@ -86,6 +87,9 @@ class EngineSettings:
     hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
     # Whether inner walls are left out along hidden sides, where infill is next to these sides.
     has_single_hidden_walls: bool = False
+    layer_fit: LayerFit | None = (
+        None  # fits the layers to the height of a part; None to leave them as they are
+    )
 
     def limit_hidden_wall_mm_s(self, speed_mm_s: float) -> float:
         """Compute the speed of a wall on hidden sides from its usual speed: at most that of infill."""
@@ -159,6 +163,7 @@ def build_engine_settings(
         scale_z=scale[1],
         hidden=HiddenLayers(bottom_layers, top_layers),
         has_single_hidden_walls=False,
+        layer_fit=None,
         **{name: values.read_number(key) for name, key in _KEYS.items()},
     )
     retracted_mm = values.read_number("retraction_amount") if values.read_flag("retraction_enable") else 0.0

@@ -17,7 +17,7 @@ from slicing.settings.engine_settings import (
     find_shrinkage_scale,
 )
 from slicing.settings.formula import Formula
-from slicing.settings.layer_heights import LayerHeights, fit_heights
+from slicing.settings.layer_heights import LayerFit, LayerHeights
 from slicing.settings.limits import MAX_LAYER_SHARE, Violation, find_reserved_reason, find_violations
 from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORT_VALUES, HiddenLayers
 from slicing.settings.resolver import Layer, ProfileIndex, Resolver
@@ -103,18 +103,25 @@ def resolve_settings(
         If Cura's files are not as expected.
     """
     request_key = _RequestKey.from_request(request)
-    quality = FARM_QUALITIES.get(request.quality)
     default_settings = _resolve_settings(resources, request_key, DEFAULT_PART, None)
-    heights = None
-    if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
-        layer_heights = LayerHeights(default_settings.layer_height_0_mm, default_settings.layer_height_mm)
-        max_first_mm = 0.0 if "layer_height_0" in request.overrides else MAX_LAYER_SHARE * request.nozzle_mm
-        heights = fit_heights(part.height_mm, layer_heights, max_first_mm=max_first_mm)
+    layer_fit = _find_layer_fit(request, default_settings)
+    heights = None if layer_fit is None or part.height_mm is None else layer_fit.fit(part.height_mm)
     part = replace(part, height_mm=None)
     settings = _resolve_settings(resources, request_key, part, heights)
     if settings.brim_width_mm > default_settings.brim_width_mm:
-        return _resolve_settings(resources, request_key, replace(part, brim_width_mm=None), heights)
-    return settings
+        settings = _resolve_settings(resources, request_key, replace(part, brim_width_mm=None), heights)
+    return replace(settings, layer_fit=layer_fit)
+
+
+def _find_layer_fit(request: SettingsRequest, settings: EngineSettings) -> LayerFit | None:
+    """Find the rule that fits layers to parts; None if the quality or the user sets their height."""
+    quality = FARM_QUALITIES.get(request.quality)
+    if quality is None or not quality.exact_height or _has_own_heights(request):
+        return None
+    return LayerFit(
+        LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm),
+        0.0 if "layer_height_0" in request.overrides else MAX_LAYER_SHARE * request.nozzle_mm,
+    )
 
 
 def _has_own_heights(request: SettingsRequest) -> bool:

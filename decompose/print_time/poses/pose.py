@@ -161,6 +161,7 @@ def measure_from_features(
     origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
     triangles = (rotated_vertices - origin)[mesh.faces]
     width_mm, depth_mm, height_mm = (hi - lo).tolist()
+    cost = cost.fit_layers(height_mm)
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
     up = np.ascontiguousarray(rotation[2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions, Options
@@ -13,7 +14,7 @@ from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Shares, TimeFactors
 from farm.planning.plate_times import compute_overhead_s
 from farm.planning.printer_settings import find_usable_volumes, list_model_sizes, resolve_printer_settings
 from slicing.hidden_walls import removes_inner_walls
-from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
+from slicing.settings import FARM_QUALITIES, EngineSettings, LayerFit, Resources
 
 
 def build_target_printers(
@@ -112,6 +113,17 @@ def select_connectors(connectors: ConnectorOptions, quality: str) -> ConnectorOp
     return ConnectorOptions() if quality in ("paper", "paper-hidden") else connectors
 
 
+@dataclass(frozen=True, slots=True)
+class _PartLayers:
+    """Height of the layers of a part, in mm, by its height in mm without the scale against shrinkage."""
+
+    layer_fit: LayerFit
+    scale_z: float
+
+    def __call__(self, height_mm: float) -> float:
+        return self.layer_fit.fit(self.scale_z * height_mm).other_mm
+
+
 def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> PrintTimeSettings:
     """Build the settings that determine the time of a print.
 
@@ -122,8 +134,10 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
     """
     extruder, global_settings = settings.extruder, settings.global_
     is_connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
+    layer_fit = settings.layer_fit
     return PrintTimeSettings(
-        layer_height_mm=settings.layer_height_mm,
+        layer_height_mm=settings.layer_height_mm if layer_fit is None else layer_fit.compute_mean_layer_mm(),
+        fit_layer_mm=None if layer_fit is None else _PartLayers(layer_fit, settings.scale_z),
         line_width_mm=settings.line_width_mm,
         outer_line_width_mm=settings.line_width_0_mm,
         wall_count=settings.wall_count,

@@ -21,6 +21,7 @@ from decompose.print_time import (
     PrintTimeSettings,
     compute_price_s,
     compute_time_terms,
+    measure_pose,
     price_axis_poses_s,
     sum_pose_features,
 )
@@ -293,3 +294,19 @@ def test_inner_walls_of_each_body_are_shorter() -> None:
     assert cost.price_insets_s(lateral_mm2, height_mm, 1e6) == pytest.approx(
         max_saving_s - cost.inset_s_mm * height_mm
     )
+
+
+@pytest.mark.parametrize("layer_mm", [0.24, 0.26])
+def test_price_of_a_part_follows_the_layers_that_are_fitted_to_its_height(layer_mm: float):
+    """Compare with a settings that has these layers for all parts, for a block with an overhang."""
+    block = Solid.union([Solid.box((0, 0, 0), (40, 40, 60)), Solid.box((0, 0, 40), (60, 40, 60))])
+    vertices, faces = block.arrays()
+    is_cut = np.zeros(len(faces), np.bool_)
+    settings = PrintTimeSettings(support_angle_deg=50.0)
+    fitted_settings = replace(settings, fit_layer_mm={60.0: layer_mm}.__getitem__)
+    plain_s, fitted_s, expected_s = (
+        measure_pose(vertices, faces, is_cut, np.eye(3), CostModel.from_settings(s)).price_s
+        for s in (settings, fitted_settings, replace(settings, layer_height_mm=layer_mm))
+    )
+    assert fitted_s == pytest.approx(expected_s, rel=0.002)
+    assert (fitted_s - plain_s) * (0.25 - layer_mm) > 0.02 * plain_s * abs(0.25 - layer_mm)
