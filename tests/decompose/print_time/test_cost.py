@@ -298,7 +298,7 @@ def test_inner_walls_of_each_body_are_shorter() -> None:
 
 @pytest.mark.parametrize("layer_mm", [0.24, 0.26])
 def test_price_of_a_part_follows_the_layers_that_are_fitted_to_its_height(layer_mm: float):
-    """Compare with a settings that has these layers for all parts, for a block with an overhang."""
+    """Compare with settings that have these layers for all parts, for a block with an overhang."""
     block = Solid.union([Solid.box((0, 0, 0), (40, 40, 60)), Solid.box((0, 0, 40), (60, 40, 60))])
     vertices, faces = block.arrays()
     is_cut = np.zeros(len(faces), np.bool_)
