@@ -68,8 +68,12 @@ def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
     assert [(j.a, j.b) for j in find_joints(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
 
 
+# No plane lies in a face of the model, which would count as a cut face without a piece on the other side.
+offsets_mm = st.floats(-35.0, 70.0).map(lambda v: round(v, 2) + 0.003)
+
+
 @settings(max_examples=15, deadline=None)
-@given(*[st.lists(st.floats(-35.0, 70.0).map(lambda v: round(v, 2)), max_size=2, unique=True)] * 3)
+@given(*[st.lists(offsets_mm, max_size=2, unique=True)] * 3)
 def test_each_cut_face_is_glued_on_both_sides(
     ring_with_bar: Solid, x: list[float], y: list[float], z: list[float]
 ) -> None:
