@@ -162,7 +162,13 @@ class CostModel:
         )
 
     def fit_layers(self, height_mm: float) -> CostModel:
-        """Return the cost model of a part whose layers are fitted to its height in mm."""
+        """Return the cost model of a part whose layers are fitted to its height.
+
+        Parameters
+        ----------
+        height_mm
+            Height of the part.
+        """
         if self.fit_layer_mm is None:
             return self
         layer_mm = self.fit_layer_mm(height_mm)

@@ -26,6 +26,11 @@ def remove_reset_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> by
         Moves and comments of the same file.
     limits
         Limits with which it was sliced.
+
+    Returns
+    -------
+    bytes
+        The file with other times in its comments, in s; the same object if there is no reset.
     """
     if path.first_layer_move is None:
         return gcode
@@ -61,6 +66,16 @@ def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
         Moves and comments before the change.
     limits
         Limits with which it was sliced.
+
+    Returns
+    -------
+    bytes
+        The file with other times in its comments, in s.
+
+    Raises
+    ------
+    SliceRejected
+        `FLAVOUR` if the changed file cannot be read; see `read_toolpath`.
     """
     new_path = read_toolpath(gcode)
     planned_s, new_s = _estimate_layers_s(path, limits), _estimate_layers_s(new_path, limits)
