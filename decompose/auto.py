@@ -27,7 +27,9 @@ from decompose.printers import TargetPrinter
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
-MAX_SUMS = 1e8  # maximum number of sums for the curve of unequal printers: about a second for each limit
+MAX_SUMS = 1e8
+"""Maximum number of sums, over all boxes, that a curve of unequal printers needs for each time limit that it
+tries; they take about a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,23 +41,25 @@ class CountGoal:
     clear_s, assemble_s
         Time in seconds that a person needs for each part: to clear its bed, and to glue it. The sum of
         printing and handling is minimised.
-    within_s
-        Time limit in seconds for printing all parts: the number of parts is the lowest one that meets it or,
-        if there is none, the fastest one, however long the handling takes.
-    glued
+    time_limit_s
+        Time limit in seconds for printing all parts. The fewest printers that meet it are used or, if none
+        do, the number of printers that finishes first, however long the handling takes.
+    includes_gluing
         Whether the time limit also includes gluing the parts.
     """
 
     clear_s: float = CLEAR_S
     assemble_s: float = ASSEMBLE_S
-    within_s: float | None = None
-    glued: bool = False
+    time_limit_s: float | None = None
+    includes_gluing: bool = False
 
     def choose_point(self, points: Sequence[CurvePoint]) -> CurvePoint:
         """Choose a point of a curve."""
-        if self.within_s is None:
+        if self.time_limit_s is None:
             return find_knee(points, self.clear_s, self.assemble_s)
-        return find_fewest_in_time(points, self.within_s, self.assemble_s if self.glued else 0.0)
+        return find_fewest_in_time(
+            points, self.time_limit_s, self.assemble_s if self.includes_gluing else 0.0
+        )
 
 
 def decompose_auto(
@@ -137,5 +141,5 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
 
 
 def _compute_mean_factor(factors: Sequence[float]) -> float:
-    """Compute the harmonic mean of time factors, because printers share the work by their speeds."""
+    """Compute the harmonic mean of time factors: printers share the work in proportion to their speeds."""
     return len(factors) / sum(1.0 / factor for factor in factors)

@@ -62,27 +62,28 @@ def decompose_model(
     validate_problem(model, tuple(printers), options)
     vertices, faces = simplify_solid_for_pricing(model.solid).arrays()
     problem = Problem(model, tuple(printers), cost, options, executor)
-    serial = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
+    get_serial_s = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
     serial_wall_s = perf_counter() - start_s
-    # The model is usually cut along its own axes, and this is done before the search needs both processors.
-    least_work = problem.start(partial(_sum_least_work_s, problem, vertices[faces]))
-    run_with_serial = partial(run_engine, serial=serial)
+    # The model is usually cut along its own axes. Its work in them is summed here, before the search needs
+    # all processors.
+    get_least_work_s = problem.start(partial(_sum_least_work_s, problem, vertices[faces]))
+    run_with_serial = partial(run_engine, get_serial_s=get_serial_s)
     result = (
         find_best(problem, run_with_serial) if options.engine is Engine.BEST else run_with_serial(problem)
     )
-    result = _add_bound(problem, result, least_work)
+    result = _add_bound(problem, result, get_least_work_s)
     stages = result.compute_s | {"serial": serial_wall_s, "total": perf_counter() - start_s}
     return replace(result, compute_s=stages)
 
 
-def run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> Decomposition:
+def run_engine(problem: Problem, get_serial_s: Callable[[], tuple[float, float]]) -> Decomposition:
     """Run the engine that the options name, and check its result.
 
     Parameters
     ----------
     problem
         Problem with the options.
-    serial
+    get_serial_s
         Function that returns the result of `estimate_serial_s`.
     """
     stage_times = _StageTimes()
@@ -91,11 +92,13 @@ def run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> D
     problem = replace(problem, on_stage=stage_times.record_stage)
     partition = ENGINES[problem.options.engine](problem)
     stage_times.record_stage("engine")
-    return replace(finish_result(problem, partition, serial()), compute_s=stage_times.list_stage_times())
+    return replace(
+        finish_result(problem, partition, get_serial_s()), compute_s=stage_times.list_stage_times()
+    )
 
 
 def _add_bound(
-    problem: Problem, result: Decomposition, least_work: Callable[[], float | None]
+    problem: Problem, result: Decomposition, get_least_work_s: Callable[[], float | None]
 ) -> Decomposition:
     """Add the bound for boxes on any grid to a result of the engine `guillotine`, if bounds are requested.
 
@@ -105,12 +108,12 @@ def _add_bound(
     ----------
     problem, result
         Problem and result.
-    least_work
+    get_least_work_s
         Function that returns the result of `_sum_least_work_s` for the model in its own frame.
     """
     if result.cutting is None:
         return result
-    work_s = least_work()
+    work_s = get_least_work_s()
     if not np.array_equal(result.cutting.frame, np.eye(3)):
         solid = simplify_solid_for_pricing(problem.model.solid.rotate(result.cutting.frame))
         vertices, faces = solid.arrays()
@@ -123,7 +126,7 @@ def _add_bound(
 
 
 def _sum_least_work_s(problem: Problem, triangles: Floats) -> float | None:
-    """Sum the work of the parts of triangles (m, 3, 3); None if there is no bound for boxes on any grid."""
+    """Sum the least work of all parts of a mesh (m, 3, 3); None if no bound on any grid is requested."""
     is_bounded = problem.options.prove and problem.options.engine in (Engine.BEST, Engine.GUILLOTINE)
     if not is_bounded:
         return None
@@ -133,7 +136,7 @@ def _sum_least_work_s(problem: Problem, triangles: Floats) -> float | None:
 
 
 def simplify_solid_for_pricing(solid: Solid) -> Solid:
-    """Simplify a solid with millions of faces, which hardly changes its price; return others unchanged."""
+    """Simplify a solid with too many faces to price; this hardly changes its price. Others are unchanged."""
     simplified = solid
     for tolerance_mm in PRICE_TOLERANCES_MM:
         if simplified.faces <= MAX_PRICED_FACES:

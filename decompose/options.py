@@ -34,15 +34,15 @@ class Interior(StrEnum):
 
 
 class Score(StrEnum):
-    """Reading of the score of a growth direction in the engine `parallelobox`."""
+    """Interpretation of the score of a growth direction in the engine `parallelobox`."""
 
     LOW = "low"  # the lowest score is best
     HIGH = "high"  # the highest score is best, as in the paper's text
     BOTH = "both"  # both are evaluated, and the better result is used
 
     @property
-    def readings(self) -> tuple[Score, ...]:
-        """Readings to evaluate, each `LOW` or `HIGH`."""
+    def interpretations(self) -> tuple[Score, ...]:
+        """Interpretations to evaluate, each `LOW` or `HIGH`."""
         return (Score.LOW, Score.HIGH) if self is Score.BOTH else (self,)
 
 
@@ -73,7 +73,7 @@ class ParalleloboxOptions:
     tries
         Number of draws for each number of seeds.
     score
-        Reading of the paper's score.
+        Interpretation of the paper's score.
     """
 
     tries: int = 3

@@ -64,7 +64,7 @@ def relevel_planes(
     start_s = perf_counter()
     options = replace(previous.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
     effort = Effort(previous.options.best.budget_s)
-    aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
+    aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
     cut_boxes = _cut_previous_boxes(problem, cutting, sliced_s)
     shifted_pieces = None if cut_boxes is None else _shift_planes(problem, cut_boxes)

@@ -65,7 +65,7 @@ def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
         with tempfile.TemporaryDirectory() as folder:
             bare_slice = slice_part(part, part.solid, Path(folder))
             for kind, solids in zip(kinds, solids_by_kind, strict=True):
-                amounts = count_tools(kind, number, blanks[number].up)
+                amounts = count_tools(kind, number, blanks[number].up_direction)
                 if amounts:
                     drilled_slice = slice_part(part, solids[number], Path(folder))
                     if (

@@ -70,7 +70,7 @@ def main() -> None:
     if measure_stage("search", lambda: solver.find_min_makespan(options.printers, 0.0)) is not None:
         makespan_s = solver.find_longest_time_s()
         proven = measure_stage(
-            "bound", lambda: bound_makespan(boxes, grid.needed, options.printers, makespan_s)
+            "bound", lambda: bound_makespan(boxes, grid.is_needed, options.printers, makespan_s)
         )
         report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}
     report["peak_mb"] = read_peak_mb()

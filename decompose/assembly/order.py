@@ -176,7 +176,7 @@ class _Plan:
             self.locked_sets.append(_list_numbers(parts))
             return 0
         is_loose = not self._search.glue.measure_glued_area_mm2(split)
-        sides = sorted((split.moved, split.fixed), key=lambda side: int(side.sum()))
+        sides = sorted((split.is_moved, split.is_fixed), key=lambda side: int(side.sum()))
         level = 1 + max(self.split_parts(side, outermost=outermost and is_loose) for side in sides)
         if not (is_loose and outermost):
             self.steps.append(self._build_step(split, level))
@@ -187,7 +187,7 @@ class _Plan:
 
         The lighter body is moved, unless it is the only one that stands with its joint up.
         """
-        moved, fixed = split.moved, split.fixed
+        moved, fixed = split.is_moved, split.is_fixed
         direction = self._search.directions[split.direction]
         resting_parts = find_resting_parts(self._mass_properties, _list_numbers(fixed), direction)
         other_resting_parts = find_resting_parts(self._mass_properties, _list_numbers(moved), -direction)

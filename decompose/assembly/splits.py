@@ -31,14 +31,14 @@ MAX_EXAMINED_SETS = 400
 class Split:
     """Two sets of parts as masks (n,), and the number of the direction along which the first set moves."""
 
-    moved: Bools
-    fixed: Bools
+    is_moved: Bools
+    is_fixed: Bools
     direction: int
 
     @property
     def smaller_count(self) -> int:
         """Number of parts of the smaller set."""
-        return int(min(self.moved.sum(), self.fixed.sum()))
+        return int(min(self.is_moved.sum(), self.is_fixed.sum()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,11 +87,11 @@ class Glue:
 
     def measure_glued_area_mm2(self, split: Split) -> float:
         """Measure the area that is glued between both sets of a split."""
-        return float(self.area_mm2[split.moved][:, split.fixed].sum())
+        return float(self.area_mm2[split.is_moved][:, split.is_fixed].sum())
 
     def measure_sliding_area_mm2(self, split: Split) -> float:
         """Measure the glued area of a split without the faces that close along its direction."""
-        closing_mm2 = float(self.closing_mm2[split.direction][split.moved][:, split.fixed].sum())
+        closing_mm2 = float(self.closing_mm2[split.direction][split.is_moved][:, split.is_fixed].sum())
         return max(0.0, self.measure_glued_area_mm2(split) - closing_mm2)
 
     def is_closing(self, split: Split) -> bool:
@@ -105,8 +105,8 @@ class Glue:
 
     def count_added_bodies(self, split: Split) -> int:
         """Count the bodies that a split adds to those of its set."""
-        sides = self.count_bodies(split.moved) + self.count_bodies(split.fixed)
-        return sides - self.count_bodies(split.moved | split.fixed)
+        sides = self.count_bodies(split.is_moved) + self.count_bodies(split.is_fixed)
+        return sides - self.count_bodies(split.is_moved | split.is_fixed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +163,7 @@ class SplitSearch:
     def _measure_total_sliding_mm2(self, split: Split) -> float:
         """Measure the sliding glue of a split and of those that follow, each with the least sliding glue."""
         sliding_mm2 = self.glue.measure_sliding_area_mm2(split)
-        for parts in (split.moved, split.fixed):
+        for parts in (split.is_moved, split.is_fixed):
             key = parts.tobytes()
             if key not in self._sliding_mm2:
                 following = self._choose_split(parts, 1) if parts.sum() > 1 else None

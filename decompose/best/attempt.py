@@ -73,7 +73,7 @@ def make_attempt(
         options=options,
         effort=effort,
         best_known_s=best_known_s,
-        thorough=True,
+        is_thorough=True,
     )
     started_s, makespan_s, reason = perf_counter(), None, ""
     result: Decomposition | None = None

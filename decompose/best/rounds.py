@@ -24,7 +24,7 @@ MIN_START_SHARE = 0.5
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
 # Rotations of the model about z; after a quarter turn the grid is the same.
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
-# Minimum gain by a rotation, as a share of the makespan: cuts along the model's own sides are easier to glue.
+# Minimum gain from a rotation, as a share of the makespan: cuts along the model's sides are easier to glue.
 MIN_ROTATION_GAIN = 0.01
 MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
 SPENT_REASON = "not started: the budget was spent"

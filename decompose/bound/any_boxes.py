@@ -15,7 +15,7 @@ which is allowed only far enough from the surface, on at most a length U of the 
 
 more than printing the whole line in one box. Here k is the least price of a mm2 of cut face in any pose, and
 v that of a mm3, a third of which counts for each of the three lines through a point. The integral over all
-lines of the three axes is the cost of cuts less the saving by hollows. It increases with L and decreases with
+lines of the three axes is the cost of cuts less what hollows save. It increases with L and decreases with
 U. On a grid, therefore, L is the longest run of full cells, and U the length of all cells that may be left
 out. All lines in a row of cells have the same L and U.
 
@@ -91,8 +91,8 @@ def bound_shared_work_s(
     cost
         Print time of a part.
     makespan_s
-        Upper limit of the bound, such as the makespan of a known partition. It also limits the saving by
-        rims, because partitions with a longer makespan are above the bound in any case.
+        Upper limit of the bound, such as the makespan of a known partition. It also limits what
+        rims save, because partitions with a longer makespan are above the bound in any case.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
     has_surface = grid.cells == Cell.BOUNDARY
     surface = grid.surface[has_surface]
     centres_mm, halves_mm = (surface[:, :3] + surface[:, 3:]) / 2.0, (surface[:, 3:] - surface[:, :3]) / 2.0
-    cells = np.argwhere(grid.needed)
+    cells = np.argwhere(grid.is_needed)
     low_mm, high_mm = (
         np.stack([grid.planes[a][cells[:, a] + side] for a in range(3)], axis=1) for side in range(2)
     )
@@ -175,7 +175,7 @@ def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
     reach_mm = (
         np.abs((low_mm + high_mm) / 2.0 - centres_mm[nearest]) + (high_mm - low_mm) / 2.0 + halves_mm[nearest]
     )
-    is_unneeded = np.zeros(grid.needed.shape, np.bool_)
+    is_unneeded = np.zeros(grid.is_needed.shape, np.bool_)
     is_unneeded[tuple(cells.T)] = np.linalg.norm(reach_mm, axis=1) > wall_mm
     return is_unneeded
 
@@ -190,8 +190,8 @@ def _measure_rows(grid: Grid, may_omit: Bools, axis: int) -> Floats:
         cross-section in mm2.
     """
     a_mm, b_mm = (np.diff(grid.planes[other]) for other in range(3) if other != axis)
-    places_mm, rows = grid.planes[axis], np.moveaxis(grid.needed, axis, 2)
-    starts, _ = _find_runs(grid.needed, axis)
+    places_mm, rows = grid.planes[axis], np.moveaxis(grid.is_needed, axis, 2)
+    starts, _ = _find_runs(grid.is_needed, axis)
     is_start = np.zeros(rows.shape, np.bool_)
     is_start[tuple(starts.T)] = True
     blocks = (is_start.cumsum() - 1).reshape(rows.shape)  # number of the block of each cell with solid

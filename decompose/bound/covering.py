@@ -1,4 +1,4 @@
-"""Fractional covering of cells by the fewest boxes: a linear programme over all boxes within a time limit.
+"""Fractional covering of cells with the fewest boxes: a linear programme over all boxes within a time limit.
 
 Only the boxes within the limit that are not part of a larger one are used. There are tens of thousands of
 them, with too many cells each for a simplex method, but a summed-area table gives the sum over a box in O(1).
@@ -53,7 +53,7 @@ class _Programme(NamedTuple):
 
     Attributes
     ----------
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells to be covered.
     corners
         (k, 8) int64 of `find_corners`.
@@ -65,7 +65,7 @@ class _Programme(NamedTuple):
         (nx, ny, nz) float64 number of boxes over each cell.
     """
 
-    needed: Bools
+    is_needed: Bools
     corners: Ints
     pieces: Floats
     needed_counts: Floats
@@ -90,7 +90,7 @@ class _Workspace(NamedTuple):
         (k,) weight in each box.
     cell_sums
         (nx, ny, nz) sum of the shares over each cell.
-    extrapolated
+    extrapolated_shares
         (k,) shares extrapolated by one step.
     """
 
@@ -98,7 +98,7 @@ class _Workspace(NamedTuple):
     steps: Floats
     box_sums: Floats
     cell_sums: Floats
-    extrapolated: Floats
+    extrapolated_shares: Floats
 
 
 @jit
@@ -120,15 +120,15 @@ def _advance_step(p: _Programme, work: _Workspace, balance: float, current: _Ite
     sum_in_boxes(weights, p.corners, work.sums, work.box_sums)
     for k in range(len(shares)):
         share = max(0.0, shares[k] + balance / p.needed_counts[k] * (work.box_sums[k] - p.pieces[k]))
-        work.extrapolated[k] = 2.0 * share - shares[k]
+        work.extrapolated_shares[k] = 2.0 * share - shares[k]
         shares[k] = share
         mean.shares[k] += share / RESTART_STEPS
-    sum_over_cells(work.extrapolated, p.corners, work.steps, work.cell_sums)
-    nx, ny, nz = p.needed.shape
+    sum_over_cells(work.extrapolated_shares, p.corners, work.steps, work.cell_sums)
+    nx, ny, nz = p.is_needed.shape
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
-                if p.needed[x, y, z]:
+                if p.is_needed[x, y, z]:
                     step = (1.0 - work.cell_sums[x, y, z]) / (p.overlap[x, y, z] * balance)
                     weights[x, y, z] = max(0.0, weights[x, y, z] + step)
                     mean.weights[x, y, z] += weights[x, y, z] / RESTART_STEPS
@@ -149,9 +149,11 @@ def _advance_active_boxes(p: _Programme, work: _Workspace, balance: float, curre
     """
     sum_in_boxes(current.weights, p.corners, work.sums, work.box_sums)
     active = np.flatnonzero((current.shares > 0.0) | (work.box_sums > MIN_ACTIVE_SHARE * p.pieces))
-    programme = _Programme(p.needed, p.corners[active], p.pieces[active], p.needed_counts[active], p.overlap)
+    programme = _Programme(
+        p.is_needed, p.corners[active], p.pieces[active], p.needed_counts[active], p.overlap
+    )
     iterate = _Iterate(current.shares[active], current.weights)
-    mean = _Iterate(np.zeros(len(active)), np.zeros(p.needed.shape))
+    mean = _Iterate(np.zeros(len(active)), np.zeros(p.is_needed.shape))
     for _ in range(RESTART_STEPS):
         _advance_step(programme, work, balance, iterate, mean)
     current.shares[active] = iterate.shares
@@ -181,11 +183,11 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
     heaviest_box, least_covered_cell = 1e-12, np.inf
     for k in range(len(p.pieces)):
         heaviest_box = max(heaviest_box, work.box_sums[k] / p.pieces[k])
-    nx, ny, nz = p.needed.shape
+    nx, ny, nz = p.is_needed.shape
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
-                if p.needed[x, y, z]:
+                if p.is_needed[x, y, z]:
                     least_covered_cell = min(least_covered_cell, work.cell_sums[x, y, z])
     return heaviest_box, max(least_covered_cell, 1e-12)
 
@@ -207,7 +209,7 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current
     """
     best_weights, best_shares = current.weights.copy(), current.shares.copy()
     lower, upper = 0.0, np.inf  # bounds on the fewest boxes: the sums of the best weights and shares
-    balance = 0.05 * len(p.pieces) / p.needed.sum()
+    balance = 0.05 * len(p.pieces) / p.is_needed.sum()
     for _ in range(MAX_RESTARTS):
         old = _Iterate(current.shares.copy(), current.weights.copy())
         mean = _advance_active_boxes(p, work, balance, current)
@@ -268,7 +270,7 @@ def _solve_programme(
 
 
 def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
-    """Cover the needed cells by the fewest boxes within a time limit; fractions of boxes are allowed.
+    """Cover the needed cells with the fewest boxes within a time limit; fractions of boxes are allowed.
 
     Parameters
     ----------
@@ -291,7 +293,7 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     """
     total = int((boxes.seconds <= limit_s).sum())
     largest, indices = np.zeros((total, 6), np.int16), np.zeros(total, np.int64)
-    tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
+    tables = (boxes.seconds, boxes.trimmed_box, boxes.pieces)
     count = find_largest_boxes(tables, limit_s, boxes.shape, largest, indices)
     largest = largest[:count].copy()
     corners = find_corners(largest.astype(np.int64), boxes.shape)

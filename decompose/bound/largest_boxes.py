@@ -49,7 +49,7 @@ def find_largest_boxes(
     Parameters
     ----------
     tables
-        (boxes,) `seconds` float32, `trimmed` int32 and `pieces` int16 of `BoxTables`.
+        (boxes,) `seconds` float32, `trimmed_box` int32 and `pieces` int16 of `BoxTables`.
     limit_s
         Maximum time of a box.
     shape

@@ -49,7 +49,7 @@ class Bound:
 
 
 @jit
-def _find_proven_s(
+def _find_bound_s(
     weight_sums: Ints,
     printers: int,
     makespan_s: float,
@@ -95,8 +95,8 @@ def _compute_bound(boxes: BoxTables, weights: Floats, printers: int, makespan_s:
     """Compute the bound that some weights prove."""
     whole_weights = np.floor(weights * WEIGHT_UNIT).astype(np.int64)
     weight_sums = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
-    tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    return Bound(_find_proven_s(weight_sums, printers, makespan_s, *tables), whole_weights)
+    tables = (boxes.seconds, boxes.trimmed_box, boxes.pieces)
+    return Bound(_find_bound_s(weight_sums, printers, makespan_s, *tables), whole_weights)
 
 
 def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
@@ -142,8 +142,8 @@ def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, c
 
     In the best case, all of the surface is level skin, or the flattest slope without skin; cuts, supports,
     brims and minimum layer times only add to it. At most `printers` parts share the work, each with its fixed
-    time. The savings of each part by shorter inner walls, and by walls over the rim of its skin, are
-    subtracted.
+    time. The time that each part saves because its inner walls are shorter, and because walls cover the rim
+    of its skin, is subtracted.
 
     Parameters
     ----------

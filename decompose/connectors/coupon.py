@@ -26,8 +26,8 @@ GAUGE_FIT_MM = 0.8  # clearance of the gauges, into which a pin slides easily
 LETTER_HEIGHT_MM, GROOVE_DEPTH_MM = 6.0, 0.5
 GAP_MM = 3.0  # gap between holes, numbers and edges
 PLATE_GAP_MM = 6.0  # gap between the block and the plate
-UP = np.array([0.0, 0.0, 1.0])
-INWARD, DOWN = np.array([0.0, 1.0, 0.0]), -UP
+UP_DIRECTION = np.array([0.0, 0.0, 1.0])
+INWARD_DIRECTION, DOWN_DIRECTION = np.array([0.0, 1.0, 0.0]), -UP_DIRECTION
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,13 +124,13 @@ def make_coupon(pin_mm: float) -> Coupon:
     holes, marks = _make_holes(layout)
     grooves = [
         _make_key_groove(layout, n, y_mm, inward_normal)
-        for y_mm, inward_normal in ((layout.depth_mm, -INWARD), (plate_y_mm, INWARD))
+        for y_mm, inward_normal in ((layout.depth_mm, -INWARD_DIRECTION), (plate_y_mm, INWARD_DIRECTION))
         for n in range(len(FITS_MM))
     ]
     letters_z_mm = layout.height_mm - GAP_MM - LETTER_HEIGHT_MM / 2.0
     for n, text in enumerate(_name_fits()):
         middle_mm = np.array([layout.compute_column_x_mm(n), layout.depth_mm, letters_z_mm])
-        marks.append(_write_mark(text, middle_mm, UP, -INWARD))
+        marks.append(_write_mark(text, middle_mm, UP_DIRECTION, -INWARD_DIRECTION))
     strokes = [groove for mark in marks for groove in mark.grooves]
     tools = Solid.union([Solid.hull(tool.points_mm) for tool in (*holes, *grooves, *strokes)])
     solid = Solid.union([block, plate]).subtract(tools)
@@ -149,8 +149,8 @@ def _make_holes(layout: _Layout) -> tuple[list[Tool], list[Mark]]:
         middle_mm = np.array(
             [layout.compute_column_x_mm(n), GAP_MM + LETTER_HEIGHT_MM / 2.0, layout.height_mm]
         )
-        hole = _drill_hole(mouth_mm, DOWN, width_mm, length_mm)
-        drilled.append((hole, _write_mark(text, middle_mm, INWARD, DOWN)))
+        hole = _drill_hole(mouth_mm, DOWN_DIRECTION, width_mm, length_mm)
+        drilled.append((hole, _write_mark(text, middle_mm, INWARD_DIRECTION, DOWN_DIRECTION)))
     front: list[tuple[Tool, Mark]] = []
     for n, (text, width_mm, length_mm) in enumerate(top):
         mouth_mm = np.array([layout.compute_column_x_mm(n), 0.0, GAP_MM + pin_mm])
@@ -158,7 +158,10 @@ def _make_holes(layout: _Layout) -> tuple[list[Tool], list[Mark]]:
             [layout.compute_column_x_mm(n), 0.0, layout.height_mm - GAP_MM - LETTER_HEIGHT_MM / 2.0]
         )
         front.append(
-            (_drill_hole(mouth_mm, INWARD, width_mm, length_mm), _write_mark(text, middle_mm, UP, INWARD))
+            (
+                _drill_hole(mouth_mm, INWARD_DIRECTION, width_mm, length_mm),
+                _write_mark(text, middle_mm, UP_DIRECTION, INWARD_DIRECTION),
+            )
         )
     ordered = [*drilled[: len(top)], *front, *drilled[len(top) :]]
     return [hole for hole, _ in ordered], [mark for _, mark in ordered]
@@ -169,7 +172,7 @@ def _make_key_groove(layout: _Layout, n: int, y_mm: float, inward_normal: Floats
     depth_mm = compute_groove_depth_mm(layout.pin_mm, FITS_MM[n])
     half_mm = compute_bottom_length_mm(layout.pin_mm, depth_mm, SHORT_KEY_MM) / 2.0
     middle_mm = np.array([layout.compute_column_x_mm(n), y_mm, GAP_MM + layout.mouth_mm / 2.0])
-    return make_groove(0, middle_mm + np.outer([-half_mm, half_mm], UP), inward_normal, depth_mm)
+    return make_groove(0, middle_mm + np.outer([-half_mm, half_mm], UP_DIRECTION), inward_normal, depth_mm)
 
 
 def _name_fits() -> Iterator[str]:
@@ -179,7 +182,7 @@ def _name_fits() -> Iterator[str]:
 
 def _drill_hole(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: float) -> Tool:
     """Make a hole that prints without support, from the middle of its mouth (3,) in a direction (3,)."""
-    hole = make_hole(0, mouth_mm, direction, UP, (width_mm, depth_mm), np.zeros(3))
+    hole = make_hole(0, mouth_mm, direction, UP_DIRECTION, (width_mm, depth_mm), np.zeros(3))
     if hole is None:
         raise DecomposeError(f"a hole {width_mm:g} mm wide needs support: choose another diameter")
     return hole

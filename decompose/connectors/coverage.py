@@ -23,8 +23,8 @@ MIN_GAIN_MM2 = 100.0  # minimum area of glue for which another pin is worthwhile
 class Site:
     """Glued face of a step: its side on the moved part, and its side on the fixed one."""
 
-    moved: Side
-    fixed: Side
+    moved_side: Side
+    fixed_side: Side
 
 
 def sample_glue(sides: Sequence[Side]) -> Floats:

@@ -29,7 +29,7 @@ class Blank:
         Short name that is written on the part.
     solid
         Solid in the frame of the joints, in mm.
-    up
+    up_direction
         (3,) unit vector upwards from the bed in the part's pose, in the same frame.
     pin_fit_mm
         Clearance of its holes: width across the flats, less the diameter of the pin.
@@ -37,7 +37,7 @@ class Blank:
 
     name: str
     solid: Solid
-    up: Floats
+    up_direction: Floats
     pin_fit_mm: float = PIN_FIT_MM
 
 
@@ -109,7 +109,7 @@ class Workpieces:
 
     def is_level(self, side: Side) -> bool:
         """Check whether a face lies level in its pose: a groove in it prints as a ring, which is slow."""
-        return abs(float(side.inward_normal @ self.blanks[side.part].up)) > LEVEL_SIN
+        return abs(float(side.inward_normal @ self.blanks[side.part].up_direction)) > LEVEL_SIN
 
     def find_tool_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area of a face below which a part is solid to a depth plus a rim, and free of other tools.

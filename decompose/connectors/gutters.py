@@ -60,7 +60,7 @@ def place_gutters(workpieces: Workpieces, joints: Sequence[Joint]) -> list[Gutte
     for number, joint in enumerate(joints):
         for pair in find_sides(workpieces.blanks, number, joint):
             for side in pair:
-                if abs(float(side.inward_normal @ workpieces.blanks[side.part].up)) < UPRIGHT_SIN:
+                if abs(float(side.inward_normal @ workpieces.blanks[side.part].up_direction)) < UPRIGHT_SIN:
                     sides[side.part].append(side)
     gutters = []
     for part, part_sides in sorted(sides.items()):
@@ -90,7 +90,7 @@ def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
     free_area = workpieces.find_tool_area(side, GUTTER_DEPTH_MM).buffer(-reach_mm)
     if free_area.is_empty:
         return
-    up = workpieces.blanks[side.part].up
+    up = workpieces.blanks[side.part].up_direction
     upwards = side.face.axes @ up
     frame = np.stack([[upwards[1], -upwards[0]], upwards]) / np.linalg.norm(upwards)
     rotated_area = shapely.transform(free_area, lambda flat: flat @ frame.T)

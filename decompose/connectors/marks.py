@@ -164,7 +164,7 @@ def _needs_support(workpieces: Workpieces, side: Side) -> bool:
     """Check whether a groove in any direction on a face would need support."""
     cone = make_groove(side.part, np.zeros((2, 3)), side.inward_normal)
     return (
-        compute_overhang_sin(cone.points_mm, side.inward_normal, workpieces.blanks[side.part].up)
+        compute_overhang_sin(cone.points_mm, side.inward_normal, workpieces.blanks[side.part].up_direction)
         > MAX_GROOVE_SIN
     )
 
@@ -207,7 +207,7 @@ def _engrave_text(workpieces: Workpieces, side: Side, text: _Text, lines_mm: Flo
         make_groove(side.part, line, side.inward_normal, text.depth_mm - DEPTH_STEP_MM * (n % 16))
         for n, line in enumerate(lines_mm)
     )
-    up = workpieces.blanks[side.part].up
+    up = workpieces.blanks[side.part].up_direction
     for groove in grooves:
         overhang_sin = compute_overhang_sin(groove.points_mm, side.inward_normal, up)
         if overhang_sin > MAX_GROOVE_SIN or closes_in_a_step(groove, up):

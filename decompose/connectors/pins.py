@@ -215,7 +215,7 @@ class _PinPlacer:
         """Find the area of each site in which the axis of a pin may lie, in the coordinates of its face."""
         return [
             shapely.intersection_all(
-                [self._find_axis_area(side, is_shallow) for side in (site.moved, site.fixed)]
+                [self._find_axis_area(side, is_shallow) for side in (site.moved_side, site.fixed_side)]
             )
             for site in self.sites
         ]
@@ -244,7 +244,7 @@ class _PinPlacer:
 
     def _find_up_direction(self, side: Side) -> Floats:
         """Find the upward unit vector (3,) in the pose of a side's part."""
-        return self.workpieces.blanks[side.part].up
+        return self.workpieces.blanks[side.part].up_direction
 
     def _place_pair(self, used_distances_mm: Sequence[float]) -> list[Pin]:
         """Place a deep and a shallow pin as far apart as possible, at a distance that no other pair has."""
@@ -264,7 +264,7 @@ class _PinPlacer:
             if any(abs(new_mm - known_mm) < self.min_difference_mm for known_mm in used_distances_mm):
                 continue
             if not shallow[shallow_site].contains(
-                shapely.Point(self.sites[shallow_site].moved.flatten(shallow_mm))
+                shapely.Point(self.sites[shallow_site].moved_side.flatten(shallow_mm))
             ):
                 continue
             deep_pin = self._make_pin(site, deep_mm, False, np.zeros(3))
@@ -315,7 +315,7 @@ class _PinPlacer:
                 place.buffer(-ROUNDING_MARGIN_MM).convex_hull.simplify(MIN_CORNER_MM)
             )
             sites += [number] * len(corners)
-            points.append(self.sites[number].moved.lift(corners))
+            points.append(self.sites[number].moved_side.lift(corners))
         return sites, np.concatenate(points)
 
     def _project_points(self, points_mm: Floats) -> Floats:
@@ -335,7 +335,7 @@ class _PinPlacer:
                 area, number = max(areas, key=lambda pair: pair[0].area)
                 middle = shapely.maximum_inscribed_circle(area).coords[0]
                 pin = self._make_pin(
-                    number, self.sites[number].moved.lift(np.array(middle)), is_shallow, np.zeros(3)
+                    number, self.sites[number].moved_side.lift(np.array(middle)), is_shallow, np.zeros(3)
                 )
                 if pin is not None:
                     self.workpieces.tools += pin.holes
@@ -350,7 +350,7 @@ class _PinPlacer:
         places = self._find_places(True)
         sites, corners = self._list_corners(places)
         inner_points_mm = [
-            sample_points(site.moved, place.buffer(-ROUNDING_MARGIN_MM), PLACE_PITCH_MM)
+            sample_points(site.moved_side, place.buffer(-ROUNDING_MARGIN_MM), PLACE_PITCH_MM)
             for site, place in zip(self.sites, places, strict=True)
         ]
         sites += [number for number, points in enumerate(inner_points_mm) for _ in points]
@@ -367,7 +367,7 @@ class _PinPlacer:
         site = self.sites[number]
         depth_mm = choose_depths_mm(self.pin_mm)[is_shallow]
         holes: list[Tool] = []
-        for side, stretch_mm in ((site.moved, slot_mm), (site.fixed, np.zeros(3))):
+        for side, stretch_mm in ((site.moved_side, slot_mm), (site.fixed_side, np.zeros(3))):
             hole = make_hole(
                 side.part,
                 point_mm,
@@ -381,7 +381,7 @@ class _PinPlacer:
             holes.append(hole)
         return Pin(
             step=self.number,
-            joint=site.moved.joint,
+            joint=site.moved_side.joint,
             position_mm=point_mm,
             axis=self.step.direction,
             diameter_mm=self.pin_mm,

@@ -145,9 +145,9 @@ class Connectors:
     ----------
     pins, marks
         Pins in the order of the steps, and marks in the order of the joints.
-    unpinned
+    unpinned_steps
         Steps without a pin, with the reason.
-    unmarked
+    unmarked_joints
         Joints without a mark on one of their faces, with the reason.
     gutters
         Gutters in the order of the parts.
@@ -157,8 +157,8 @@ class Connectors:
 
     pins: tuple[Pin, ...] = ()
     marks: tuple[Mark, ...] = ()
-    unpinned: tuple[tuple[int, str], ...] = ()
-    unmarked: tuple[tuple[int, str], ...] = ()
+    unpinned_steps: tuple[tuple[int, str], ...] = ()
+    unmarked_joints: tuple[tuple[int, str], ...] = ()
     failures: tuple[str, ...] = ()
     gutters: tuple[Gutter, ...] = ()
 

@@ -57,8 +57,10 @@ def describe_connectors(
             }
             for gutter in connectors.gutters
         ],
-        "unpinned": [{"step": step + 1, "reason": reason} for step, reason in connectors.unpinned],
-        "unmarked": [{"joint": name_joint(joint), "reason": reason} for joint, reason in connectors.unmarked],
+        "unpinned": [{"step": step + 1, "reason": reason} for step, reason in connectors.unpinned_steps],
+        "unmarked": [
+            {"joint": name_joint(joint), "reason": reason} for joint, reason in connectors.unmarked_joints
+        ],
         "failures": list(connectors.failures),
     }
 

@@ -111,7 +111,7 @@ class Canvas:
     def write_labels(self, labels: Sequence[str]) -> list[str]:
         """Write labels on the first shapes where they are most visible; return those of hidden shapes."""
         hidden_labels = []
-        visible = self.drawing.visible
+        visible = self.drawing.front_shapes
         windows = find_objects(visible, len(labels))
         for number, (label, window) in enumerate(zip(labels, windows, strict=True), 1):
             if window is None:

@@ -87,7 +87,7 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
     if pin_mm is None:
         return ""
     if not pins:
-        reasons = dict(decomposition.connectors.unpinned)
+        reasons = dict(decomposition.connectors.unpinned_steps)
         reason = reasons.get(step, "its holes were left out")
         return f"No pins ({reason}): align the faces by their rims."
     upright = [pin for pin in pins if pin.key_direction is None]

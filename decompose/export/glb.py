@@ -18,7 +18,7 @@ from decompose.results import Part
 METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
 """Transform from mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
 STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the movement in it
-MIN_MOVE_MM, MIN_MOVE_SHARE = 25.0, 0.3  # minimum movement of a body, also as a share of its extent
+MIN_MOVE_MM, MIN_MOVE_SHARE = 25.0, 0.3  # minimum movement of a body: in mm, and as a share of its extent
 FLOAT = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
 MODEL_NODE = "model"
 

@@ -166,9 +166,9 @@ def _describe_step(
     return {
         "number": number,
         "level": step.level,
-        "picture": _embed_png(step_pictures.both),
-        "turned_over": _embed_png(step_pictures.moved),
-        "top": step_pictures.top,
+        "picture": _embed_png(step_pictures.both_bodies),
+        "turned_over": _embed_png(step_pictures.moved_body),
+        "top": step_pictures.top_direction,
         "moved": ", ".join(_name_parts(decomposition, step.moved_parts)),
         "fixed": fixed,
         "slides": step.slides,

@@ -65,7 +65,7 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
 def _lay_out_shapes(
     parts: Sequence[Part], order: Sequence[int], places: Sequence[BedPlace | None]
 ) -> tuple[list[Shape], Floats]:
-    """Lay out the shapes of parts and beds; return them, and points (n, 3) in mm in front for the names."""
+    """Lay out the shapes of parts and beds; return them, and the points (n, 3) in mm for the names."""
     colours = make_part_colours(len(parts))
     beds = [places[number] if places else None for number in order]
     meshes = [
@@ -75,7 +75,7 @@ def _lay_out_shapes(
     extents_mm = np.array(
         [_find_extents(vertices, bed) for (vertices, _), bed in zip(meshes, beds, strict=True)]
     )
-    # Extents of depth and height together, as seen by the eye.
+    # Depth and height of each part combined, as seen by the eye.
     visible_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_DEG))
     pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), visible_mm.max(), 0.0])
     columns = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))

@@ -56,7 +56,7 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
     canvas = Canvas(drawing)
     hidden_labels = canvas.write_labels([find_part_number(part.id) for part in parts])
     if hidden_labels:
-        width_px = drawing.visible.shape[1]
+        width_px = drawing.front_shapes.shape[1]
         lines = fill(f"behind: {', '.join(hidden_labels)}", max(20, int(width_px / LETTER_WIDTH_PX)))
         canvas.write_lines(0.01 * width_px, 0.01 * width_px, lines)
     path.write_bytes(canvas.encode_png(OVERVIEW_COLOUR_COUNT))

@@ -163,16 +163,16 @@ class Drawing:
     ----------
     pixels
         (oversample h, oversample w, 3) uint8 colours, `oversample` along each side of a pixel of the picture.
-    visible
+    front_shapes
         (h, w) int64: 1 + the number of the shape in front; 0 for none.
     frame
         (3, 3) directions to the right, up, and towards the eye, as rows.
     origin_mm, pixels_per_mm
-        Coordinates (2,) of the picture's lower left corner in the frame, and the scale of `visible`.
+        Coordinates (2,) of the picture's lower left corner in the frame, and the scale of `front_shapes`.
     """
 
     pixels: Pixels
-    visible: Ints
+    front_shapes: Ints
     frame: Floats
     origin_mm: Floats
     pixels_per_mm: float
@@ -180,7 +180,7 @@ class Drawing:
     @property
     def oversample(self) -> int:
         """Number of pixels of the buffer along each side of a pixel of the picture."""
-        return len(self.pixels) // len(self.visible)
+        return len(self.pixels) // len(self.front_shapes)
 
     def find_pixels(self, points: Floats) -> Floats:
         """Find the column and the row (n, 2) of points (n, 3) in the picture, in pixels."""
@@ -247,7 +247,7 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversam
     outline_step_px = OUTLINE_DEPTH_SHARE * float(high[2] - low[2]) * scale
     return Drawing(
         pixels=_colour_pixels(front, depth, colours, outline_step_px),
-        visible=owners[front[::oversample, ::oversample] + 1],
+        front_shapes=owners[front[::oversample, ::oversample] + 1],
         frame=frame,
         origin_mm=low[:2] - margin_mm,
         pixels_per_mm=scale / oversample,

@@ -45,17 +45,17 @@ class StepPictures:
 
     Attributes
     ----------
-    both
+    both_bodies
         Picture of both bodies apart, the fixed one below.
-    moved
+    moved_body
         Picture of the moved body, turned over so that its glued faces are visible.
-    top
-        Direction of the model's top in `both`, such as "upwards" or "to the left".
+    top_direction
+        Direction of the model's top in `both_bodies`, such as "upwards" or "to the left".
     """
 
-    both: bytes
-    moved: bytes
-    top: str
+    both_bodies: bytes
+    moved_body: bytes
+    top_direction: str
 
 
 def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = None) -> list[StepPictures]:
@@ -165,7 +165,7 @@ def choose_view(
         Azimuth and elevation, for `raster.make_camera`.
     """
     areas_mm2 = np.array([entry.face.area_mm2 for entry in scene.glued_faces])
-    outwards = np.array([entry.outward for entry in scene.glued_faces]).reshape(-1, 3)
+    outwards = np.array([entry.outward_normal for entry in scene.glued_faces]).reshape(-1, 3)
 
     def compute_merit(view: tuple[float, float]) -> float:
         tilts = outwards @ (make_camera(*view) @ pose)[2]
@@ -175,7 +175,7 @@ def choose_view(
 
     def score_drawing(view: tuple[float, float]) -> float:
         drawing = draw_shapes(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversample=1)
-        visible_pixels = np.bincount(drawing.visible.ravel(), minlength=1 + len(scene.shapes))[1:]
+        visible_pixels = np.bincount(drawing.front_shapes.ravel(), minlength=1 + len(scene.shapes))[1:]
         glued_mm2 = visible_pixels[len(scene.parts) : scene.first_pin].sum() / drawing.pixels_per_mm**2
         is_pin_visible = visible_pixels[scene.first_pin : scene.first_pin + len(scene.pins)] > 0
         return float(glued_mm2 / (areas_mm2.sum() or 1.0)) + PIN_GAIN * float(
@@ -205,7 +205,7 @@ class StepCameras:
 
     Attributes
     ----------
-    both
+    both_bodies
         (3, 3) camera of the picture of both bodies.
     turned_pose
         (3, 3) pose of the moved body, turned over.
@@ -213,7 +213,7 @@ class StepCameras:
         Azimuth of the first picture, to which that of the second is close.
     """
 
-    both: Floats
+    both_bodies: Floats
     turned_pose: Floats
     azimuth_deg: float
 
@@ -225,11 +225,11 @@ def _draw_step(
     step = decomposition.assembly.steps[number]
     # The scene is built again, because stored scenes would fill the memory.
     scene = build_both_bodies(number, decomposition, offset_mm)
-    both_picture = _draw_both_bodies(scene, step, decomposition, cameras.both, offset_mm)
+    both_picture = _draw_both_bodies(scene, step, decomposition, cameras.both_bodies, offset_mm)
     moved = build_moved_body(number, decomposition)
     view = choose_view(moved, cameras.turned_pose, TURNED_OVER_ELEVATIONS_DEG, cameras.azimuth_deg)
     moved_picture = _draw_moved_body(moved, decomposition, make_camera(*view) @ cameras.turned_pose)
-    return StepPictures(both_picture, moved_picture, name_top_direction(cameras.both))
+    return StepPictures(both_picture, moved_picture, name_top_direction(cameras.both_bodies))
 
 
 def _draw_both_bodies(
@@ -265,7 +265,7 @@ def _name_pins(canvas: Canvas, scene: Scene, points_mm: Sequence[Floats]) -> Non
     """Write the size of each visible pin next to it."""
     drawing = canvas.drawing
     for number, (pin, point_mm) in enumerate(zip(scene.pins, points_mm, strict=True), scene.first_pin + 1):
-        if not (drawing.visible == number).any():
+        if not (drawing.front_shapes == number).any():
             continue
         x, y = drawing.find_pixels(point_mm[None])[0]
         size = format_size(pin).replace("×", "x")  # the font has no multiplication sign
@@ -283,7 +283,7 @@ def _draw_arrow(canvas: Canvas, step: AssemblyStep, decomposition: Decomposition
 def _draw_scale(canvas: Canvas) -> None:
     """Draw a scale bar of a round length in the corner."""
     drawing = canvas.drawing
-    width_mm = drawing.visible.shape[1] / drawing.pixels_per_mm
+    width_mm = drawing.front_shapes.shape[1] / drawing.pixels_per_mm
     length_mm = max((mm for mm in SCALE_MM if mm < width_mm / 4.0), default=SCALE_MM[0])
     x, y = SCALE_PT, SCALE_PT
     canvas.draw_line(np.array([[x, y], [x + length_mm * drawing.pixels_per_mm, y]]), BAR_PT, "black")

@@ -22,7 +22,7 @@ INK_COLOUR = np.array([0.08, 0.08, 0.08])
 PIN_COLOUR = np.array([0.1, 0.35, 0.9])
 TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
 LIFT_HEIGHT_MM = 0.05  # height of a colour above its face; ink is three times as high
-INK_MM, INK_SHARE = 1.2, 0.005  # minimum width of a stroke, also as a share of the scene
+MIN_STROKE_MM, MIN_STROKE_SHARE = 1.2, 0.005  # minimum width of a stroke: in mm, and as a share of the body
 TABLE_SHARE = 0.1  # margin of the table around the body, as a share of its size
 ROD_SIDES = 12  # number of a pin's side faces
 
@@ -32,7 +32,7 @@ class GluedFace:
     """A face of a step's joint, and its unit normal (3,) away from the drawn body."""
 
     face: JointFace
-    outward: Floats
+    outward_normal: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +87,7 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
 
 
 def build_both_bodies(number: int, decomposition: Decomposition, moved_offset_mm: Floats) -> Scene:
-    """Build the scene of both bodies of a step: the fixed one with its pins, on a table if it stands.
+    """Build the scene of both bodies of a step: the fixed one with its pins, on a table if it can stand.
 
     Parameters
     ----------
@@ -109,10 +109,10 @@ def build_both_bodies(number: int, decomposition: Decomposition, moved_offset_mm
     shapes = [
         *_paint_parts(step.fixed_parts, decomposition, np.zeros(3)),
         *_paint_parts(step.moved_parts, decomposition, moved_offset_mm),
-        *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued_faces),
+        *(Shape(fill_face(entry.face, entry.outward_normal), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_make_rod(pin), PIN_COLOUR) for pin in pins),
         *(
-            Shape(fill_face(entry.face, -entry.outward) + moved_offset_mm, GLUE_COLOUR)
+            Shape(fill_face(entry.face, -entry.outward_normal) + moved_offset_mm, GLUE_COLOUR)
             for entry in glued_faces
         ),
         *_write_codes(step, step.fixed_parts, decomposition),
@@ -131,11 +131,13 @@ def build_moved_body(number: int, decomposition: Decomposition) -> Scene:
         As in `build_both_bodies`.
     """
     step = decomposition.assembly.steps[number]
-    glued_faces = [GluedFace(entry.face, -entry.outward) for entry in find_glued_faces(step, decomposition)]
+    glued_faces = [
+        GluedFace(entry.face, -entry.outward_normal) for entry in find_glued_faces(step, decomposition)
+    ]
     pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
     shapes = [
         *_paint_parts(step.moved_parts, decomposition, np.zeros(3)),
-        *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued_faces),
+        *(Shape(fill_face(entry.face, entry.outward_normal), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_fill_mouth(pin.holes[0]), INK_COLOUR) for pin in pins),
         *_write_codes(step, step.moved_parts, decomposition),
     ]
@@ -184,7 +186,7 @@ def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decompo
     bounds = np.array([decomposition.parts[part].solid.bounds_mm for part in body])
     extent_mm = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
     return [
-        Shape(_make_ribbons(mark, max(INK_MM, INK_SHARE * extent_mm)), INK_COLOUR)
+        Shape(_make_ribbons(mark, max(MIN_STROKE_MM, MIN_STROKE_SHARE * extent_mm)), INK_COLOUR)
         for mark in decomposition.connectors.marks
         if mark.part in body and mark.joint in step.joints
     ]

@@ -7,8 +7,8 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 
-COLLINEAR_MM2 = 1e-9  # twice the area of a triangle up to which its corners count as collinear
-MIN_FILTERED = 64  # minimum number of points at which inner points are dropped first
+COLLINEARITY_TOLERANCE_MM2 = 1e-9  # twice the area of a triangle up to which its corners count as collinear
+MIN_FILTERED_POINTS = 64  # minimum number of points at which inner points are dropped first
 MIN_INSIDE_MM2 = 1e-6  # minimum value of the cross product at which a point counts as inside an edge
 
 
@@ -41,7 +41,7 @@ def find_convex_outline(points: Floats) -> Floats:
             while count >= begin + 2:
                 ax, ay = chain[count - 2]
                 bx, by = chain[count - 1]
-                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > COLLINEAR_MM2:
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > COLLINEARITY_TOLERANCE_MM2:
                     break
                 count -= 1
             chain[count, 0], chain[count, 1] = x, y
@@ -68,7 +68,7 @@ def _drop_inner_points(points: Floats) -> Floats:
     ndarray
         (k, 2) float64 in mm, in the same order.
     """
-    if len(points) < MIN_FILTERED:
+    if len(points) < MIN_FILTERED_POINTS:
         return points
     furthest, reach_mm = np.zeros(8, np.int64), np.full(8, -np.inf)
     for i in range(len(points)):

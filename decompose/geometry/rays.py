@@ -114,7 +114,7 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     rays
         Vertical rays.
     """
-    x0, y0, step = rays.origin_mm[0], rays.origin_mm[1], rays.step_mm
+    x0, y0, step_mm = rays.origin_mm[0], rays.origin_mm[1], rays.step_mm
     nx, ny = rays.shape
     crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
     fill_counts = np.zeros(nx * ny, np.int64)
@@ -129,8 +129,8 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
             if normals[t, 2] == 0.0:
                 continue
             left_x, right_x, low_y, high_y = _find_extents(triangles, t)
-            first, last = _find_ray_range(left_x, right_x, x0, step, nx)
-            begin, end = _find_ray_range(low_y, high_y, y0, step, ny)
+            first, last = _find_ray_range(left_x, right_x, x0, step_mm, nx)
+            begin, end = _find_ray_range(low_y, high_y, y0, step_mm, ny)
             if first >= last or begin >= end:  # most triangles of a fine mesh are between the rays
                 continue
             crossed[crossed_count] = t
@@ -138,17 +138,17 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
             _set_edges(triangles, t, edges)
             (ax, ay, az), slope_x, slope_y, (lowest, highest) = _compute_plane(triangles, normals, t)
             for i in range(first, last):
-                x = x0 + i * step
+                x = x0 + i * step_mm
                 low, high = _find_edge_span(edges, x)
                 if low > high:
                     continue
-                begin, end = _find_ray_range(low, high, y0, step, ny)
+                begin, end = _find_ray_range(low, high, y0, step_mm, ny)
                 for j in range(begin, end):
                     column = i * ny + j
                     if round_number == 0:
                         crossings.start[column + 1] += 1
                         continue
-                    z = az + (x - ax) * slope_x + (y0 + j * step - ay) * slope_y
+                    z = az + (x - ax) * slope_x + (y0 + j * step_mm - ay) * slope_y
                     _insert_crossing(crossings, column, fill_counts[column], min(max(z, lowest), highest), t)
                     fill_counts[column] += 1
     return crossings

@@ -16,7 +16,7 @@ from decompose.arrays import Floats, Ints
 from decompose.geometry.shells import label_components
 from decompose.jit import jit
 
-SAME_MM = 1e-8  # vertices whose coordinates round to the same multiples of this are the same vertex
+SAME_VERTEX_MM = 1e-8  # vertices whose coordinates round to the same multiples of this are the same vertex
 WELD_SHARES = (1e-7, 1e-6, 1e-5)  # gaps between triangles due to rounding, as shares of the longest side
 
 
@@ -60,7 +60,7 @@ def weld_triangles(triangles: Floats) -> Surface:
     of these edges.
     """
     corners = triangles.reshape(-1, 3)
-    index, first = number_rows(corners, 1.0 / SAME_MM)
+    index, first = number_rows(corners, 1.0 / SAME_VERTEX_MM)
     vertices, triangle_vertices = corners[first], index.reshape(-1, 3)
     faces = select_distinct(triangle_vertices)
     repairs = []

@@ -15,8 +15,8 @@ from decompose.grid.box_index import (
 from decompose.grid.boxes import BoxTables, price_boxes
 from decompose.grid.clipping import OVERHANG, VOLUME
 from decompose.grid.grid import (
-    CLEAR_MM,
     GRANULARITY,
+    PLANE_CLEARANCE_MM,
     Cell,
     Grid,
     GridRules,
@@ -27,14 +27,14 @@ from decompose.grid.grid import (
     find_flat_coordinates,
     place_planes,
 )
-from decompose.grid.needed_cells import SAME_MM, NeededCells, refine_cells
+from decompose.grid.needed_cells import SAME_PLANE_MM, NeededCells, refine_cells
 from decompose.grid.threads import SHARES, run_shares
 
 __all__ = [
-    "CLEAR_MM",
     "GRANULARITY",
     "OVERHANG",
-    "SAME_MM",
+    "PLANE_CLEARANCE_MM",
+    "SAME_PLANE_MM",
     "SHARES",
     "VOLUME",
     "Box",

@@ -39,7 +39,7 @@ class BoxTables:
         Shape of the grid, in cells.
     seconds
         (boxes,) print time in the best pose that fits; +inf if none fits, or if it was not computed.
-    trimmed
+    trimmed_box
         (boxes,) index of the smallest box around its needed cells; -1 if it has none.
     pieces
         (boxes,) number of connected pieces of the solid in it, by the grid.
@@ -49,13 +49,13 @@ class BoxTables:
 
     shape: tuple[int, int, int]
     seconds: npt.NDArray[np.float32]
-    trimmed: npt.NDArray[np.int32]
+    trimmed_box: npt.NDArray[np.int32]
     pieces: npt.NDArray[np.int16]
     cut_mm2: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def find_longest_time_s(self, boxes: Iterable[Box]) -> float:
         """Find the time in seconds of the slowest of some boxes, each trimmed to its needed cells."""
-        return max(float(self.seconds[self.trimmed[index_box(box, self.shape)]]) for box in boxes)
+        return max(float(self.seconds[self.trimmed_box[index_box(box, self.shape)]]) for box in boxes)
 
 
 @jit
@@ -240,10 +240,10 @@ class Pricing(NamedTuple):
 
 
 class PriceTables(NamedTuple):
-    """Tables to fill in: `seconds`, `trimmed` and `cut_mm2` of `BoxTables`, (boxes,) each."""
+    """Tables to fill in: `seconds`, `trimmed_box` and `cut_mm2` of `BoxTables`, (boxes,) each."""
 
     seconds: npt.NDArray[np.float32]
-    trimmed: npt.NDArray[np.int32]
+    trimmed_box: npt.NDArray[np.int32]
     cut_mm2: npt.NDArray[np.float32]
 
 
@@ -333,8 +333,8 @@ def _price_column(
             sides = (x0, y0, z0, x1, y1, z1)
             box = compute_index(sides, shape)
             trimmed_box = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
-            tables.trimmed[box] = compute_index(trimmed_box, shape)
-            if tables.trimmed[box] == box:
+            tables.trimmed_box[box] = compute_index(trimmed_box, shape)
+            if tables.trimmed_box[box] == box:
                 tables.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas)
                 tables.seconds[box] = _compute_min_price_s(pricing.prices, pricing.volumes, s, e, areas)
 
@@ -383,8 +383,8 @@ def price_boxes(
         np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)
     )
     pricing = Pricing(list_build_volumes(printers), cuts, cost.build_prices())
-    ends = _find_cell_ends(grid.needed, grid.extents)
-    run_shares(executor, partial(_price_share, grid.needed, grid.sums, ends, pricing, tables))
+    ends = _find_cell_ends(grid.is_needed, grid.extents)
+    run_shares(executor, partial(_price_share, grid.is_needed, grid.sums, ends, pricing, tables))
     pieces = np.ones(total, np.int16)
-    count_pieces(grid.shape, grid.bodies, tables.trimmed, tables.seconds, pieces, executor)
-    return BoxTables(grid.shape, tables.seconds, tables.trimmed, pieces, tables.cut_mm2)
+    count_pieces(grid.shape, grid.bodies, tables.trimmed_box, tables.seconds, pieces, executor)
+    return BoxTables(grid.shape, tables.seconds, tables.trimmed_box, pieces, tables.cut_mm2)

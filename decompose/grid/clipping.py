@@ -28,7 +28,7 @@ class CellContents(NamedTuple):
 
     Attributes
     ----------
-    area
+    area_mm2
         (nx, ny, nz) area of the surface in mm2.
     flux
         (nx, ny, nz, 4) sums of A n in mm2, and of A nx (x - x0) in mm3; x0 is the cell's near side.
@@ -38,7 +38,7 @@ class CellContents(NamedTuple):
         (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf if there is none.
     """
 
-    area: Floats
+    area_mm2: Floats
     flux: Floats
     sums: Floats
     extents: Floats
@@ -177,7 +177,7 @@ def _add_fragment(
     cosines
         `skin_cos` and `overhang_cos`, as in `clip_into_cells`.
     """
-    area, flux, sums, extents = contents.area, contents.flux, contents.sums, contents.extents
+    area, flux, sums, extents = contents.area_mm2, contents.flux, contents.sums, contents.extents
     skin_cos, overhang_cos = cosines
     x, y, z = cell[0], cell[1], cell[2]
     centre = np.zeros(3)

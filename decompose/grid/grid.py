@@ -28,7 +28,7 @@ MAX_CUTS = 300_000_000  # maximum number of cuts of all boxes: each solve comput
 FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
 MIN_CELL_MM = 4.0  # minimum side of a cell
 CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells along each axis, to separate their bodies
-CLEAR_MM = 2.0
+PLANE_CLEARANCE_MM = 2.0
 """Distance of grid planes from flat faces, if possible, so that cuts leave no slivers and no face counts as a
 cut."""
 
@@ -73,12 +73,12 @@ class Grid:
         (n + 1,) ascending coordinates of the planes across each axis, in mm.
     cells
         (nx, ny, nz) int8 `Cell` classes.
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells that must be printed: those that contain surface, and those of the
         wall behind it.
     sums
         (nx, ny, nz, SUMS) float64, see the column constants of `clipping`.
-    area
+    area_mm2
         (nx, ny, nz) float64 area of the model's surface in a cell, in mm2.
     extents
         (nx, ny, nz, 6) float64 least x, y, z and greatest x, y, z of the solid in a cell, in mm; +inf and
@@ -93,9 +93,9 @@ class Grid:
 
     planes: tuple[Floats, Floats, Floats]
     cells: npt.NDArray[np.int8]
-    needed: Bools
+    is_needed: Bools
     sums: Floats
-    area: Floats
+    area_mm2: Floats
     extents: Floats
     surface: Floats
     cuts: tuple[Floats, Floats, Floats]
@@ -138,8 +138,8 @@ def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
 def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]) -> Floats:
     """Place planes: the first and the last one outside the model, the others clear of flat faces.
 
-    A plane that would be within `CLEAR_MM` of a flat face is moved to the nearest clear position. If there is
-    none within 0.4 of a cell, the plane is moved to the position furthest from all flat faces.
+    A plane that would be within `PLANE_CLEARANCE_MM` of a flat face is moved to the nearest clear position.
+    If there is none within 0.4 of a cell, the plane is moved to the position furthest from all flat faces.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
     planes[0], planes[-1] = lo_mm - pad_mm, hi_mm + pad_mm
     if not len(flats):
         return planes
-    clear_mm = min(CLEAR_MM, 0.2 * step_mm)
+    clear_mm = min(PLANE_CLEARANCE_MM, 0.2 * step_mm)
     offsets_mm = np.linspace(-0.4, 0.4, 161) * step_mm
     offsets_mm = offsets_mm[np.argsort(np.abs(offsets_mm), kind="stable")]
     for i in range(1, count):
@@ -234,7 +234,7 @@ def build_grid(
         inner_planes = planes[plane_at[0]][1:-1]
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
     grid = fill_grid(triangles, planes, rules)
-    divisions = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.needed.size) ** (1.0 / 3.0))))
+    divisions = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.is_needed.size) ** (1.0 / 3.0))))
     fine_planes = (divide_planes(px, divisions), divide_planes(py, divisions), divide_planes(pz, divisions))
     fine_grid = fill_grid(triangles, fine_planes, replace(rules, keep_interior=True))
     return replace(grid, bodies=_find_bodies(fine_grid.extents, fine_grid.cuts, divisions))
@@ -250,12 +250,12 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     planes
         (n + 1,) ascending coordinates of the planes across each axis, in mm.
     """
-    area, flux, sums, extents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
+    area_mm2, flux, sums, extents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
     surface = extents.copy()  # `extents` will become those of the solid
     steps_mm = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):
-        face_flux = np.zeros([n + (a == axis) for a, n in enumerate(area.shape)])
+        face_flux = np.zeros([n + (a == axis) for a, n in enumerate(area_mm2.shape)])
         inner_index = [slice(None)] * 3
         inner_index[axis] = slice(1, None)
         face_flux[tuple(inner_index)] = -np.cumsum(flux[..., axis], axis=axis)
@@ -265,21 +265,21 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps_mm[0][:, None, None])
     # The solid behind a cut face reaches the side of the cell; a cell without surface is full or empty.
     for axis in range(3):
-        is_near_side_cut = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
-        is_far_side_cut = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0
+        is_near_side_cut = np.take(cuts[axis], range(area_mm2.shape[axis]), axis=axis) > 0.0
+        is_far_side_cut = np.take(cuts[axis], range(1, area_mm2.shape[axis] + 1), axis=axis) > 0.0
         shape = [1, 1, 1]
         shape[axis] = -1
         low_mm, high_mm = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
         extents[..., axis] = np.where(is_near_side_cut, low_mm, extents[..., axis])
         extents[..., axis + 3] = np.where(is_far_side_cut, high_mm, extents[..., axis + 3])
-    cells = np.full(area.shape, Cell.EXTERNAL, dtype=np.int8)
-    cells[(area == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
-    cells[area > 0.0] = Cell.BOUNDARY
+    cells = np.full(area_mm2.shape, Cell.EXTERNAL, dtype=np.int8)
+    cells[(area_mm2 == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
+    cells[area_mm2 > 0.0] = Cell.BOUNDARY
     needed = cells != Cell.EXTERNAL
     if not rules.keep_interior:
         needed = (cells == Cell.BOUNDARY) | _find_wall(cells, surface, planes, rules.min_wall_mm)
     cut_areas = (cuts[0], cuts[1], cuts[2])
-    return Grid(planes, cells, needed, sums, area, extents, surface, cut_areas, NO_BODIES)
+    return Grid(planes, cells, needed, sums, area_mm2, extents, surface, cut_areas, NO_BODIES)
 
 
 def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], divisions: int) -> CellBodies:

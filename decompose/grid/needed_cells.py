@@ -15,7 +15,7 @@ from decompose.arrays import Bools, Floats
 from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
 from decompose.jit import jit
 
-SAME_MM = 1e-9  # maximum difference between coordinates of the same plane
+SAME_PLANE_MM = 1e-9  # maximum difference between coordinates of the same plane
 MAX_DIVISION = 4  # maximum number of fine cells along each side of a cell
 
 
@@ -37,7 +37,7 @@ def refine_cells(
     max_cells
         Maximum number of cells in total, unless the grid itself has more.
     """
-    divisions = max(1, min(MAX_DIVISION, int((max_cells / grid.needed.size) ** (1.0 / 3.0))))
+    divisions = max(1, min(MAX_DIVISION, int((max_cells / grid.is_needed.size) ** (1.0 / 3.0))))
     px, py, pz = (divide_planes(planes, divisions) for planes in grid.planes)
     fine_grid = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
     needed = fine_grid.cells != Cell.EXTERNAL
@@ -46,7 +46,7 @@ def refine_cells(
         needed = boundary | needed & _find_near_cells(
             fine_grid.surface[boundary], fine_grid.planes, min_wall_mm
         )
-    is_cell_needed = grid.needed
+    is_cell_needed = grid.is_needed
     for axis in range(3):
         is_cell_needed = is_cell_needed.repeat(divisions, axis=axis)
     return NeededCells(fine_grid.planes, needed & is_cell_needed)
@@ -79,18 +79,18 @@ class NeededCells:
     ----------
     planes
         (n + 1,) ascending coordinates of the planes across each axis, in mm.
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells to be covered.
     """
 
     planes: tuple[Floats, Floats, Floats]
-    needed: Bools
+    is_needed: Bools
 
     def is_partition(self, boxes_mm: Floats) -> bool:
         """Check whether boxes (n, 2, 3) in mm do not overlap, and cover all needed cells."""
         lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
         overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
-        if (np.triu((overlap > SAME_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_MM).any():
+        if (np.triu((overlap > SAME_PLANE_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_PLANE_MM).any():
             return False
         x_shares, y_shares, z_shares = (
             np.maximum(
@@ -100,7 +100,7 @@ class NeededCells:
             / np.diff(planes)
             for axis, planes in enumerate(self.planes)
         )
-        return bool(_covers_all(x_shares, y_shares, z_shares, self.needed))
+        return bool(_covers_all(x_shares, y_shares, z_shares, self.is_needed))
 
 
 @jit

@@ -14,7 +14,7 @@ from decompose.pieces.joints import (
     list_polygons,
 )
 from decompose.pieces.piece import (
-    ON_PLANE_MM,
+    PLANE_TOLERANCE_MM,
     Piece,
     cut_box,
     cut_cells,
@@ -26,7 +26,7 @@ from decompose.pieces.piece import (
 from decompose.pieces.seams import Seam, describe_thin_rims, measure_seams
 
 __all__ = [
-    "ON_PLANE_MM",
+    "PLANE_TOLERANCE_MM",
     "SLIVER_MM",
     "CutSolid",
     "Fault",

@@ -16,7 +16,7 @@ import shapely
 from decompose.arrays import Floats, Ints
 from decompose.geometry import Solid, choose_plane_axes, label_components
 from decompose.options import MIN_GLUE_MM2
-from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
+from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 
 # Minimum thickness of a piece next to a cut: a thinner one gets lost or bent, or is glued at an angle.
 SLIVER_MM = 8.0
@@ -207,7 +207,7 @@ def _describe_sliver(piece: CutSolid) -> str:
     for plane in piece.planes:
         distances_mm = vertices @ plane[:3] - plane[3]
         cut_thickness_mm = float(np.ptp(distances_mm))
-        if cut_thickness_mm < SLIVER_MM and (np.abs(distances_mm) < ON_PLANE_MM).sum() >= 3:
+        if cut_thickness_mm < SLIVER_MM and (np.abs(distances_mm) < PLANE_TOLERANCE_MM).sum() >= 3:
             return f"is {cut_thickness_mm:.1f} mm thin where it was cut, less than {SLIVER_MM:g} mm"
     thickness_mm = 2.0 * piece.solid.volume_mm3 / piece.solid.area_mm2
     if thickness_mm < TWO_WALLS_MM:
@@ -243,7 +243,7 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
     vertices, faces = solid.arrays()
     sides: dict[tuple[float, ...], _Side] = {}
     for plane in planes:
-        is_on_plane = np.abs(vertices @ plane[:3] - plane[3]) < ON_PLANE_MM
+        is_on_plane = np.abs(vertices @ plane[:3] - plane[3]) < PLANE_TOLERANCE_MM
         flat = faces[is_on_plane[faces].all(axis=1)]
         if not len(flat):
             continue

@@ -13,7 +13,7 @@ from decompose.geometry import Solid
 from decompose.grid import Box, Grid
 from decompose.printers import TargetPrinter
 
-ON_PLANE_MM = 1e-7  # maximum distance of a vertex from its cut plane, due to rounding
+PLANE_TOLERANCE_MM = 1e-7  # maximum distance of a vertex from its cut plane, due to rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +102,7 @@ def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
     ndarray
         (m,) bool.
     """
-    on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < ON_PLANE_MM
+    on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < PLANE_TOLERANCE_MM
     return np.asarray(np.any(np.all(on_plane[faces], axis=1), axis=1))
 
 

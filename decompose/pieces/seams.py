@@ -11,7 +11,7 @@ import shapely
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import Solid
 from decompose.pieces.joints import TWO_WALLS_MM, CutSolid, Joint, JointFace
-from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
+from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 
 THIN_REACH_MM = 3.0  # minimum depth of a thin edge, over which a rim is thinner than two walls
 MIN_REPORTED_MM = 5.0  # minimum length of thin rims that is reported
@@ -171,4 +171,6 @@ class _Extents:
                 max(float(a.max()) for a in coordinates_mm),
             )
         low_mm, high_mm = self._extents[key]
-        return low_mm < float(plane[3]) - ON_PLANE_MM and float(plane[3]) + ON_PLANE_MM < high_mm
+        return (
+            low_mm < float(plane[3]) - PLANE_TOLERANCE_MM and float(plane[3]) + PLANE_TOLERANCE_MM < high_mm
+        )

@@ -36,7 +36,7 @@ AdditiveFeatures = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
-"""Maximum share of the time of the walls that insets save: beyond it the walls are as thick as the part."""
+"""Maximum share of the time for walls that shorter inner walls save: a part is not thinner than its walls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ class CostModel:
             return self
         layer_mm = self.fit_layer_mm(height_mm)
         ratio = self.layer_mm / layer_mm
-        scaled_prices = {name: ratio * getattr(self, name) for name in _PRICES_OF_LAYERS}
+        scaled_prices = {name: ratio * getattr(self, name) for name in _LAYER_PRICE_NAMES}
         return replace(self, layer_mm=layer_mm, fit_layer_mm=None, **scaled_prices)
 
     def price_support_s(
@@ -293,16 +293,16 @@ def _compute_saved_share(saved_s: float, price_s: float) -> float:
 
 
 _NAMES = tuple(item.name for item in fields(CostModel) if item.name != "fit_layer_mm")
-_PRICES_OF_SKINS = frozenset(("skin_s_mm2", "skin_rim_s_mm", "rim_s_mm", "rim_end_s_mm", "brim_s_mm2"))
-_PRICES_OF_LAYERS = tuple(name for name in _NAMES if "_s_mm" in name and name not in _PRICES_OF_SKINS)
+_SKIN_PRICE_NAMES = frozenset(("skin_s_mm2", "skin_rim_s_mm", "rim_s_mm", "rim_end_s_mm", "brim_s_mm2"))
+_LAYER_PRICE_NAMES = tuple(name for name in _NAMES if "_s_mm" in name and name not in _SKIN_PRICE_NAMES)
 """Coefficients in proportion to the number of layers; a skin or a brim has a given number of layers."""
-_PRICES = np.dtype([(name, np.float64) for name in _NAMES])
+_PRICES_DTYPE = np.dtype([(name, np.float64) for name in _NAMES])
 
 
 @lru_cache(maxsize=64)
 def _make_record(cost: CostModel) -> Prices:
-    """Make the record of a cost; cached, because it takes much longer than a price."""
-    record: Prices = np.array([tuple(getattr(cost, name) for name in _NAMES)], dtype=_PRICES)[0]
+    """Make the record of a cost model; cached, because this takes much longer than computing a price."""
+    record: Prices = np.array([tuple(getattr(cost, name) for name in _NAMES)], dtype=_PRICES_DTYPE)[0]
     record.setflags(write=False)
     return record
 

@@ -18,14 +18,14 @@ from decompose.print_time.surfaces import Surfaces
 
 # Minimum downward component of the normal of a face that lies on the bed: within 2.6 degrees.
 LEVEL_COS = 0.999
-ON_BED_MM = 0.15  # maximum height of a face that lies on the bed
+MAX_BED_FACE_HEIGHT_MM = 0.15  # maximum height of a face that lies on the bed
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright face
 MIN_VISIBLE_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
 RUN_END_MM = 6.0
 """Length at each end of a hidden side that saves nothing: the last 5 mm are printed like a visible wall, and
 the head stops once more. For most sliced parts it is 4 to 8 mm (`bench/prices/hidden_walls.py`)."""
 MEAN_RUN_SHARE = 0.9
-"""Share of the area of hidden sides that remains without these ends, in the mean over parts; for tables, in
+"""Share of the area of hidden sides that remains without these ends, on average over parts; for tables, in
 which the outlines of cut faces are not known."""
 
 
@@ -123,7 +123,7 @@ def measure_hidden_faces(
         n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
         if n < -LEVEL_COS:
             z = centres[i, 0] * up[0] + centres[i, 1] * up[1] + centres[i, 2] * up[2]
-            if z - bed_mm < ON_BED_MM:
+            if z - bed_mm < MAX_BED_FACE_HEIGHT_MM:
                 if is_cut[i]:
                     cut_bed_mm2 -= areas_mm2[i] * n
                 else:

@@ -11,7 +11,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.errors import NoFit
 from decompose.geometry import Solid
-from decompose.grid import CLEAR_MM
+from decompose.grid import PLANE_CLEARANCE_MM
 from decompose.pieces import Piece
 from decompose.printers import TargetPrinter
 from decompose.problem.problem import Problem
@@ -58,7 +58,7 @@ def count_parts(solid: Solid, printers: Sequence[TargetPrinter]) -> int:
 
 
 def place_plane_clear_of_faces(
-    solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM
+    solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * PLANE_CLEARANCE_MM
 ) -> float:
     """Find the offset of a plane near `at_mm` that is not close to any face parallel to the plane.
 
@@ -82,13 +82,13 @@ def place_plane_clear_of_faces(
     normal_areas_mm2, doubled_areas_mm2 = cross @ normal, np.linalg.norm(cross, axis=1)
     is_flat = (np.abs(normal_areas_mm2) > (1.0 - 1e-9) * doubled_areas_mm2) & (doubled_areas_mm2 > 0.0)
     coordinates_mm = np.unique(np.round(a[is_flat] @ normal, 6))
-    coordinates_mm = coordinates_mm[np.abs(coordinates_mm - at_mm) < reach_mm + CLEAR_MM]
+    coordinates_mm = coordinates_mm[np.abs(coordinates_mm - at_mm) < reach_mm + PLANE_CLEARANCE_MM]
     if not len(coordinates_mm):
         return at_mm
     offsets_mm = np.linspace(-reach_mm, reach_mm, 81)
     offsets_mm = offsets_mm[np.argsort(np.abs(offsets_mm), kind="stable")]
     gaps_mm = np.abs(at_mm + offsets_mm[:, None] - coordinates_mm[None]).min(axis=1)
-    clear_gaps = np.flatnonzero(gaps_mm >= CLEAR_MM)
+    clear_gaps = np.flatnonzero(gaps_mm >= PLANE_CLEARANCE_MM)
     return at_mm + float(offsets_mm[clear_gaps[0] if len(clear_gaps) else int(np.argmax(gaps_mm))])
 
 

@@ -73,7 +73,7 @@ class Problem:
         Function that is called with the name of each stage when it ends.
     best_known_s
         Makespan of the best result so far; no bound is proven for a result with a longer one.
-    thorough
+    is_thorough
         Whether to also shift the planes of partitions other than the best one, and to shift moved planes
         again, within the budget.
     frame
@@ -88,7 +88,7 @@ class Problem:
     effort: Effort = field(default_factory=Effort)
     on_stage: Callable[[str], None] = lambda stage: None
     best_known_s: float = math.inf
-    thorough: bool = False
+    is_thorough: bool = False
     frame: Floats = field(default_factory=lambda: np.eye(3))
     _poses: dict[PoseKey, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
@@ -192,7 +192,7 @@ class Problem:
         """
         self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
         makespan_s = boxes.find_longest_time_s(partition)
-        proof = self.start(partial(bound_makespan, boxes, grid.needed, len(self.printers), makespan_s))
+        proof = self.start(partial(bound_makespan, boxes, grid.is_needed, len(self.printers), makespan_s))
         return lambda: proof().seconds
 
     def compute_grid_figures(
@@ -221,7 +221,7 @@ class Problem:
         """
         printers = len(self.printers)
         times_s = sorted((boxes.find_longest_time_s([box]) for box in partition), reverse=True)
-        needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+        needed_mm3 = float(grid.sums[grid.is_needed][:, VOLUME].sum())
         bound_s = compute_surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if proof is None and self.needs_proof(pieces):
             proof = self.start_proof(grid, boxes, partition)

@@ -14,7 +14,7 @@ import trimesh
 from decompose.arrays import Floats
 from decompose.errors import GeometryError, Rule
 from decompose.geometry import Model, Solid
-from decompose.pieces import ON_PLANE_MM, find_cut_faces
+from decompose.pieces import PLANE_TOLERANCE_MM, find_cut_faces
 from decompose.printers import TargetPrinter
 from decompose.results.decomposition import Part
 from decompose.results.records import Coverage
@@ -107,7 +107,7 @@ def check_overlap(parts: Sequence[Part]) -> float:
     for a, b in combinations(parts, 2):
         lo_mm = np.maximum(a.solid.bounds_mm[0], b.solid.bounds_mm[0])
         hi_mm = np.minimum(a.solid.bounds_mm[1], b.solid.bounds_mm[1])
-        if (hi_mm - lo_mm).min() <= ON_PLANE_MM:
+        if (hi_mm - lo_mm).min() <= PLANE_TOLERANCE_MM:
             continue
         shared_mm3 = a.solid.intersect(b.solid).volume_mm3
         if shared_mm3 > MAX_OVERLAP_MM3:

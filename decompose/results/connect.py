@@ -53,7 +53,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             replace(
                 part,
                 drilled_solid=solid,
-                price_s=part.price_s + price_connectors(connectors, i, blanks[i].up, part.price_s),
+                price_s=part.price_s + price_connectors(connectors, i, blanks[i].up_direction, part.price_s),
             )
             if i in cut_parts
             else part

@@ -42,7 +42,7 @@ KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
 ARC_SEGMENTS = 4  # number of sides of a polygon around a circle, for each quarter of it
 COAXIAL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
 LEVEL_SIN = 1e-6  # maximum sine of the angle between a direction and the face that it lies in
-FAR_MM = 2000.0  # distance beyond all parts
+OUTSIDE_DISTANCE_MM = 2000.0  # distance beyond all parts
 MIN_OPENING_MM = 1.0  # minimum gap of a joint if one of its bodies is rotated by 180 degrees
 
 
@@ -121,13 +121,13 @@ class DrilledParts:
         ):
             yield Rule.SKIN, "two holes or marks are too close to each other"
         for group in groups:
-            overhang_rad = group.compute_overhang_rad(self.blanks[part].up)
+            overhang_rad = group.compute_overhang_rad(self.blanks[part].up_direction)
             if overhang_rad > group.limit_rad:
                 yield (
                     Rule.SUPPORT_FREE,
                     f"a {group.kind} overhangs by {math.degrees(overhang_rad):.0f} degrees",
                 )
-            if group.measure_ceiling_mm2(self.blanks[part].up) > group.speck_mm2:
+            if group.measure_ceiling_mm2(self.blanks[part].up_direction) > group.speck_mm2:
                 yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
     def _subtract_parts(self, solid: Solid) -> Solid:
@@ -186,7 +186,7 @@ def _build_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
     axis = pin.rod_axis if exit_direction is None else exit_direction
     circle = shapely.Point(pin.position_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
     middle_mm = float(pin.position_mm @ axis)
-    far_mm = pin.length_mm / 2.0 if exit_direction is None else FAR_MM
+    far_mm = pin.length_mm / 2.0 if exit_direction is None else OUTSIDE_DISTANCE_MM
     return _extrude_outline(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + far_mm)
 
 

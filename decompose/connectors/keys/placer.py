@@ -139,7 +139,9 @@ class KeyPlacer:
         """Compute the weights (n,) of places by their print time, with lower ones for level faces."""
         is_level = self.maker.workpieces.is_level
         sites = [place.site for place in places]
-        return 1.0 - LEVEL_PENALTY * np.array([is_level(site.moved) + is_level(site.fixed) for site in sites])
+        return 1.0 - LEVEL_PENALTY * np.array(
+            [is_level(site.moved_side) + is_level(site.fixed_side) for site in sites]
+        )
 
     def _is_free(self, separations_mm: Floats) -> Bools:
         """Check for each distance whether it differs enough from those of the pairs of other steps."""

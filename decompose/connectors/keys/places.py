@@ -152,8 +152,9 @@ class KeyMaker:
         places: list[KeyPlace] = []
         for site in sites:
             seats = self._find_seats(site, length_mm)
-            for side, direction in ((site.moved, -self.direction), (site.fixed, self.direction)):
-                ends = [end for pair in exits for end in (pair.moved, pair.fixed) if end.part == side.part]
+            for side, direction in ((site.moved_side, -self.direction), (site.fixed_side, self.direction)):
+                faces = [face for pair in exits for face in (pair.moved_side, pair.fixed_side)]
+                ends = [face for face in faces if face.part == side.part]
                 if len(seats) and ends:
                     places += self._find_exits(KeySlide(site, side, direction), seats, ends)
         return sorted(places, key=lambda place: place.exit_mm)
@@ -171,8 +172,8 @@ class KeyMaker:
         site = place.site
         half_mm = self._compute_bottom_mm(site, length_mm) / 2.0
         grooves: list[Tool] = []
-        for side in (site.moved, site.fixed):
-            up = self.workpieces.blanks[side.part].up
+        for side in (site.moved_side, site.fixed_side):
+            up = self.workpieces.blanks[side.part].up_direction
             is_open = side.part == place.open_part
             ends_mm = [-half_mm, place.exit_mm + LIP_MM if is_open else half_mm]
             ends = place.middle_mm + np.outer(ends_mm, place.direction)
@@ -183,7 +184,7 @@ class KeyMaker:
             grooves.append(cut_groove_at_exit(groove, ends[1], place.direction) if is_open else groove)
         return Pin(
             step=self.step,
-            joint=site.moved.joint,
+            joint=site.moved_side.joint,
             position_mm=place.middle_mm,
             axis=self.direction,
             diameter_mm=self.key_mm,
@@ -196,7 +197,9 @@ class KeyMaker:
 
     def _compute_depth_mm(self, site: Site) -> float:
         """Compute the depth of both grooves, for the larger fit of the two parts."""
-        fit_mm = max(self.workpieces.blanks[side.part].pin_fit_mm for side in (site.moved, site.fixed))
+        fit_mm = max(
+            self.workpieces.blanks[side.part].pin_fit_mm for side in (site.moved_side, site.fixed_side)
+        )
         return compute_groove_depth_mm(self.key_mm, fit_mm)
 
     def _compute_bottom_mm(self, site: Site, length_mm: float) -> float:
@@ -206,7 +209,10 @@ class KeyMaker:
     def _find_places_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
         """Yield the places on a site between two points on the rim of the area for groove bottoms."""
         area = shapely.intersection_all(
-            [self._find_bottom_area(side, self._compute_depth_mm(site)) for side in (site.moved, site.fixed)]
+            [
+                self._find_bottom_area(side, self._compute_depth_mm(site))
+                for side in (site.moved_side, site.fixed_side)
+            ]
         )
         bottom_mm = self._compute_bottom_mm(site, length_mm)
         for polygon in list_polygons(area):
@@ -221,19 +227,22 @@ class KeyMaker:
             lines = shapely.linestrings(np.stack([middles - half_mm, middles + half_mm], axis=1))
             shapely.prepare(polygon)
             for n in np.flatnonzero(shapely.covers(polygon.buffer(ROUNDING_MARGIN_MM / 2.0), lines)).tolist():
-                direction = directions[n] @ site.moved.face.axes
-                yield KeyPlace(site, site.moved.lift(middles[n]), direction)
+                direction = directions[n] @ site.moved_side.face.axes
+                yield KeyPlace(site, site.moved_side.lift(middles[n]), direction)
 
     def _find_seats(self, site: Site, length_mm: float) -> Floats:
         """Find the middles (n, 3) of keys along the direction of the step that leave sufficient walls."""
         area = shapely.intersection_all(
-            [self._find_bottom_area(side, self._compute_depth_mm(site)) for side in (site.moved, site.fixed)]
+            [
+                self._find_bottom_area(side, self._compute_depth_mm(site))
+                for side in (site.moved_side, site.fixed_side)
+            ]
         )
-        middles = site.moved.flatten(sample_points(site.moved, area, SEAT_PITCH_MM))
-        half_mm = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved.flatten(self.direction)
+        middles = site.moved_side.flatten(sample_points(site.moved_side, area, SEAT_PITCH_MM))
+        half_mm = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved_side.flatten(self.direction)
         lines = shapely.linestrings(np.stack([middles - half_mm, middles + half_mm], axis=1))
         shapely.prepare(area)
-        return site.moved.lift(middles[shapely.covers(area, lines)])
+        return site.moved_side.lift(middles[shapely.covers(area, lines)])
 
     def _find_exits(self, slide: KeySlide, seats_mm: Floats, ends: Sequence[Side]) -> Iterator[KeyPlace]:
         """Yield the places at seats (n, 3) whose groove can have an exit through one of the part's faces."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.geometry import Solid
-from decompose.grid import CLEAR_MM, Cell, Grid, find_flat_coordinates
+from decompose.grid import PLANE_CLEARANCE_MM, Cell, Grid, find_flat_coordinates
 from decompose.pieces import list_box_planes
 
 Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
@@ -54,14 +54,14 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     cube
         Cells of a cube that are removed in any case; None for no cube.
     """
-    cube_cells = np.zeros_like(grid.needed)
+    cube_cells = np.zeros_like(grid.is_needed)
     if cube is not None:
         cube_cells[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
-    cavity = remove_diagonals(cube_cells | ((grid.cells == Cell.INTERNAL) & ~grid.needed), cube_cells)
+    cavity = remove_diagonals(cube_cells | ((grid.cells == Cell.INTERNAL) & ~grid.is_needed), cube_cells)
     if not cavity.any():
         return Shell(solid, cavity, np.zeros((0, 4)), np.zeros((0, 2, 3)))
-    holes = [np.array(grid.find_bounds_mm(block)) for block in cover_by_boxes(cavity)]
-    solid_boxes = np.array([grid.find_bounds_mm(block) for block in cover_by_boxes(~cavity)])
+    holes = [np.array(grid.find_bounds_mm(block)) for block in cover_with_boxes(cavity)]
+    solid_boxes = np.array([grid.find_bounds_mm(block) for block in cover_with_boxes(~cavity)])
     shell = solid.subtract(Solid.union([Solid.box(*hole) for hole in holes]))
     planes = np.unique(np.concatenate([list_box_planes(hole) for hole in holes]), axis=0)
     return Shell(shell, cavity, planes, solid_boxes)
@@ -103,7 +103,7 @@ def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
             return cells
 
 
-def cover_by_boxes(cells: Bools) -> list[Block]:
+def cover_with_boxes(cells: Bools) -> list[Block]:
     """Cover cells (nx, ny, nz) with disjoint boxes; each grows along z, then y, then x as far as it can."""
     is_free = cells.copy()
     boxes: list[Block] = []
@@ -237,7 +237,7 @@ def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Flo
         Planes of the grid across x, y and z in mm, and the cube in cells.
     """
     vertices, faces = solid.arrays()
-    inwards_mm = min(2.0 * CLEAR_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
+    inwards_mm = min(2.0 * PLANE_CLEARANCE_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
     planes, cells = [], []
     for axis, sides in enumerate(cube_mm.T.tolist()):
         positions_mm, flats_mm = grid.planes[axis].copy(), find_flat_coordinates(vertices[faces], axis)
@@ -258,7 +258,7 @@ def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
     """Find the nearest place within reach that is clear of flat faces (k,), else the farthest from them."""
     places_mm = np.linspace(at_mm, at_mm + reach_mm, 41)
     gaps_mm = np.abs(places_mm[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
-    clear_places = np.flatnonzero(gaps_mm >= CLEAR_MM)
+    clear_places = np.flatnonzero(gaps_mm >= PLANE_CLEARANCE_MM)
     return float(places_mm[clear_places[0] if len(clear_places) else int(gaps_mm.argmax())])
 
 

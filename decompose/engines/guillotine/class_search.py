@@ -29,7 +29,8 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 
 Cut = Mapping[Box, Sequence[Piece]]
 
-MAX_SUMS = 4e8  # maximum number of sums in the search for classes: a few seconds for each limit
+MAX_SUMS = 4e8
+"""Maximum number of sums for each time limit in the search for classes; they take a few seconds."""
 MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds with true prices, and of rejected partitions
 WORTHWHILE_SHARE = 0.995  # a partition must promise less than this share of the makespan so far
 TOLERANCE = 0.003  # accuracy of the minimum makespan, as a share of it
@@ -218,7 +219,7 @@ class _ClassSearch(ExactSearch):
                 pieces=np.max([boxes.pieces for boxes in tables], axis=0),
             )
             problem.effort.record(Work.BOX_PROVEN, len(best_tables.seconds))
-            proven = bound_makespan(best_tables, grid.needed, len(problem.printers), makespan_s)
+            proven = bound_makespan(best_tables, grid.is_needed, len(problem.printers), makespan_s)
             min_s = max(min_s, proven.seconds)
         return GridFigures(makespan_s, min_s, grid.shape)
 
@@ -272,7 +273,7 @@ def make_class_tables(
 ) -> list[BoxTables]:
     """Build the tables of each class of printers, whose times include its speed.
 
-    `trimmed` and `pieces` are the same in all of them.
+    `trimmed_box` and `pieces` are the same in all of them.
 
     Parameters
     ----------

@@ -129,14 +129,16 @@ def find_knee(
     return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
 
 
-def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_s: float = 0.0) -> CurvePoint:
+def find_fewest_in_time(
+    points: Sequence[CurvePoint], time_limit_s: float, handling_s: float = 0.0
+) -> CurvePoint:
     """Find the point with the fewest printers that finish within a time, or else the one that finishes first.
 
     Parameters
     ----------
     points
         Points of `compute_makespan_curve`, at least one.
-    within_s
+    time_limit_s
         Seconds from the first print command until the last part is printed and all parts are handled.
     handling_s
         A person's time in seconds for each part, after the last one is printed; a single part needs none.
@@ -145,7 +147,7 @@ def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_
     def compute_end_s(point: CurvePoint) -> float:
         return point.makespan_s + (handling_s * point.printers if point.printers > 1 else 0.0)
 
-    feasible_points = [point for point in points if compute_end_s(point) <= within_s]
+    feasible_points = [point for point in points if compute_end_s(point) <= time_limit_s]
     if feasible_points:
         return min(feasible_points, key=lambda point: point.printers)
     return min(points, key=lambda point: (compute_end_s(point), point.printers))

@@ -57,7 +57,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     proof = problem.start_proof(grid, boxes, list(partition)) if needs_proof else None
     pieces = tuple(shift_planes(problem, grid, partition, find_cells()))
     is_promising = (
-        problem.thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
+        problem.is_thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     )
     if is_promising and not problem.effort.is_spent():
         for looser_partition in engine.list_looser_partitions(list(partition)):
@@ -77,7 +77,7 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
     problem.on_stage("grid")
     boxes = problem.price_boxes(grid)
     problem.on_stage("boxes")
-    needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+    needed_mm3 = float(grid.sums[grid.is_needed][:, VOLUME].sum())
     area_mm2 = problem.model.solid.area_mm2
     return grid, boxes, compute_surface_bound_s(area_mm2, needed_mm3, len(problem.printers), problem.cost)
 

@@ -113,8 +113,8 @@ def _fill_tables(
     grid_tables
         `seconds` float32 and `pieces` int16 of the grid, (boxes of the grid,).
     tables
-        `seconds` float32, `trimmed` int32 and `pieces` int16 of the window, (boxes of the window,), filled
-        in; initially +inf, -1 and 1.
+        `seconds` float32, `trimmed_box` int32 and `pieces` int16 of the window, (boxes of the window,),
+        filled in; initially +inf, -1 and 1.
     """
     (x, y, z), grid_shape = place
     grid_seconds, grid_pieces = grid_tables
@@ -170,7 +170,7 @@ class Window:
         for cell in np.argwhere(is_covered):
             x, y, z = (self._lo + cell).tolist()
             is_covered[tuple(cell)] = (
-                boxes.trimmed[index_box((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
+                boxes.trimmed_box[index_box((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
             )
         boxes_outside = np.array(list(other_boxes)).reshape(-1, 6)
         boxes_outside = boxes_outside[

@@ -52,7 +52,7 @@ class OtherClass:
     Attributes
     ----------
     boxes
-        The tables for such a printer; `trimmed` and `pieces` are the same for all.
+        The tables for such a printer; `trimmed_box` and `pieces` are the same for all.
     count
         Number of these printers.
     """
@@ -154,7 +154,12 @@ class Partitioner:
         if self.other_classes:  # the remaining pieces of a box have to be fast enough on the first class
             is_fast_enough = (self.boxes.seconds[indices] <= self._limit_s) | (pieces == 0)
             seconds = np.where(is_fast_enough, seconds, np.float32(np.inf))
-        tables = (self._limit_s, seconds, self.boxes.trimmed[indices], pieces.astype(np.int16, copy=False))
+        tables = (
+            self._limit_s,
+            seconds,
+            self.boxes.trimmed_box[indices],
+            pieces.astype(np.int16, copy=False),
+        )
         if value.dtype == np.int64:
             fill_keys(*tables, self.boxes.cut_mm2[indices], value)
         else:
@@ -209,7 +214,7 @@ class Partitioner:
         """Find the value of a box in the last solution; an unknown one is higher than that of any box."""
         index = index_box(box, self.boxes.shape)
         if self._keys is not None:
-            return self._keys.get(int(self.boxes.trimmed[index]), UNREACHABLE * PART_WEIGHT)
+            return self._keys.get(int(self.boxes.trimmed_box[index]), UNREACHABLE * PART_WEIGHT)
         return int(self._value[state * len(self.boxes.seconds) + index])
 
     def _compute_uncut_value(self, box: Box, state: int) -> int:
@@ -235,7 +240,7 @@ class Partitioner:
 
     def _trim_box(self, box: Box) -> Box | None:
         """Trim a box to its needed cells; None if it has none."""
-        index = int(self.boxes.trimmed[index_box(box, self.boxes.shape)])
+        index = int(self.boxes.trimmed_box[index_box(box, self.boxes.shape)])
         return None if index < 0 else find_box(index, self.boxes.shape)
 
     def find_min_makespan(

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.grid import SAME_MM, Box, Grid, NeededCells, refine_cells
+from decompose.grid import SAME_PLANE_MM, Box, Grid, NeededCells, refine_cells
 from decompose.options import Interior
 from decompose.problem import Problem
 
@@ -116,8 +116,8 @@ def group_faces(boxes_mm: Floats) -> Ints:
     is_shared = np.zeros(count * 6, dtype=np.bool_)
     for axis in range(3):
         other_axes = [i for i in range(3) if i != axis]
-        is_touching = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_MM
-        for i, j in np.argwhere(is_touching & (overlap_mm[:, :, other_axes] > SAME_MM).all(axis=2)):
+        is_touching = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_PLANE_MM
+        for i, j in np.argwhere(is_touching & (overlap_mm[:, :, other_axes] > SAME_PLANE_MM).all(axis=2)):
             groups.join(_number_face(i, 1, axis), _number_face(j, 0, axis))
             is_shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True
     for i, j, axes in _find_crossings(boxes_mm, overlap_mm):
@@ -145,11 +145,13 @@ def _find_crossings(boxes_mm: Floats, overlap_mm: Floats) -> list[tuple[int, int
     overlap_mm
         (n, n, 3) length in mm by which two boxes overlap along each axis.
     """
-    is_touching = np.abs(overlap_mm) < SAME_MM
+    is_touching = np.abs(overlap_mm) < SAME_PLANE_MM
     crossings = []
     for direction in range(3):
         a, b = (i for i in range(3) if i != direction)
-        meets_at_edge = is_touching[:, :, a] & is_touching[:, :, b] & (overlap_mm[:, :, direction] > SAME_MM)
+        meets_at_edge = (
+            is_touching[:, :, a] & is_touching[:, :, b] & (overlap_mm[:, :, direction] > SAME_PLANE_MM)
+        )
         crossings += [(int(i), int(j), (a, b)) for i, j in np.argwhere(meets_at_edge) if i < j]
     return crossings
 
@@ -260,7 +262,7 @@ def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm
     for position_mm in sorted(
         (p for p in positions if low_mm <= p <= high_mm), key=lambda p: abs(p - new_mm)
     ):
-        if np.abs(flats_mm - position_mm).min(initial=np.inf) >= clear_mm - SAME_MM:
+        if np.abs(flats_mm - position_mm).min(initial=np.inf) >= clear_mm - SAME_PLANE_MM:
             return float(position_mm)
     return old_mm
 

@@ -35,7 +35,7 @@ from decompose.engines.guillotine.plane_moves import (
     solve_plane_shifts,
     update_slopes,
 )
-from decompose.grid import CLEAR_MM, Box, Cell, Grid, NeededCells, find_flat_coordinates
+from decompose.grid import PLANE_CLEARANCE_MM, Box, Cell, Grid, NeededCells, find_flat_coordinates
 from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces, find_faults
 from decompose.print_time import Pose, measure_pose
 from decompose.printers import TargetPrinter
@@ -128,7 +128,7 @@ def shift_box_planes(
         has_gain = math.isfinite(find_longest_time_s(parts)) and (
             find_longest_time_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_time_s(start_parts)
         )
-        if not (has_gain and problem.thorough) or problem.effort.is_spent():
+        if not (has_gain and problem.is_thorough) or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
         boxes_mm = np.array([part.box_mm for part in parts])
         pieces = [part.pieces for part in parts]
@@ -307,7 +307,7 @@ class _PlaneShift:
             if abs(new_mm[group] - old_mm[group]) < MIN_MOVE_MM:
                 new_mm[group] = old_mm[group]
             new_mm[group] = find_clear_position(
-                self.flats_mm[self.axes[group]], old_mm[group], new_mm[group], CLEAR_MM
+                self.flats_mm[self.axes[group]], old_mm[group], new_mm[group], PLANE_CLEARANCE_MM
             )
             if new_mm[group] != old_mm[group]:  # groups that move to one plane get the same coordinate
                 new_mm[group] = round(new_mm[group], PLANE_DIGITS)

@@ -98,7 +98,7 @@ def _compute_least_keys(
     limit_s
         Maximum time of a part.
     tables
-        (boxes,) `seconds`, `trimmed`, `pieces` and `cut_mm2` of `BoxTables`.
+        (boxes,) `seconds`, `trimmed_box`, `pieces` and `cut_mm2` of `BoxTables`.
     counts
         (boxes,) int16 fewest parts of each box.
     shape
@@ -151,7 +151,7 @@ def find_tied_keys(
     """
     if not 0 < counts[root] < UNREACHABLE:
         return {}
-    tied_boxes = _list_tied_boxes(counts, boxes.trimmed, boxes.shape, int(boxes.trimmed[root]))
-    tables = (boxes.seconds, boxes.trimmed, boxes.pieces, boxes.cut_mm2)
+    tied_boxes = _list_tied_boxes(counts, boxes.trimmed_box, boxes.shape, int(boxes.trimmed_box[root]))
+    tables = (boxes.seconds, boxes.trimmed_box, boxes.pieces, boxes.cut_mm2)
     keys = _compute_least_keys(limit_s, tables, counts, boxes.shape, tied_boxes)
     return dict(zip(tied_boxes.tolist(), keys.tolist(), strict=True))

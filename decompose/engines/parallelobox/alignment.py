@@ -23,11 +23,11 @@ from decompose.geometry import (
     find_rotation_to_axis,
     find_smallest_rectangle,
 )
-from decompose.grid import CLEAR_MM, find_flat_coordinates
+from decompose.grid import PLANE_CLEARANCE_MM, find_flat_coordinates
 from decompose.print_time import POSE_ROTATIONS
 
 MAX_REMAINING_OVERHANG_SHARE = 0.95  # a model is rotated only if at most this share of its overhang remains
-ON_BED_MM = 1e-3  # maximum height of a face that lies on the bed
+MAX_BED_FACE_HEIGHT_MM = 1e-3  # maximum height of a face that lies on the bed
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
         return AlignedModel(model, rotation, None)
     at_mm = mirror.offset_mm * float(np.sign(mirror.normal[axis]))
     vertices, faces = model.solid.arrays()
-    if (np.abs(find_flat_coordinates(vertices[faces], axis) - at_mm) < CLEAR_MM).any():
+    if (np.abs(find_flat_coordinates(vertices[faces], axis) - at_mm) < PLANE_CLEARANCE_MM).any():
         return AlignedModel(model, rotation, None)
     return AlignedModel(model, rotation, (axis, at_mm))
 
@@ -99,7 +99,9 @@ def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
     areas_mm2 = []
     for up in POSE_ROTATIONS[:, 2]:
         top_mm = (triangles @ up).max(axis=1)
-        is_overhang = (-(cross @ up) > overhang_cos * length) & (top_mm > (triangles @ up).min() + ON_BED_MM)
+        is_overhang = (-(cross @ up) > overhang_cos * length) & (
+            top_mm > (triangles @ up).min() + MAX_BED_FACE_HEIGHT_MM
+        )
         areas_mm2.append(float(length[is_overhang].sum()) / 2.0)
     return min(areas_mm2)
 

@@ -61,13 +61,13 @@ class SeedSource:
         cells are clustered instead.
     grid
         Grid over the model.
-    barred
+    is_barred
         (nx, ny, nz) bool, true for cells that may not be seeds.
     """
 
     points: Floats
     grid: Grid
-    barred: Bools
+    is_barred: Bools
 
 
 def draw_seed_sets(
@@ -105,11 +105,11 @@ def run_attempts(
     seed_sets
         Seeds of `draw_seed_sets`.
     tables
-        Cells and prices that blocks grow by.
+        Cells of the grid, and prices that decide how blocks grow.
     printers
         Maximum number of parts.
     score
-        Reading of the score, low or high.
+        Whether low or high scores are better.
     run
         `map`, or that of an executor, for the attempts.
     """
@@ -165,7 +165,7 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
         Random numbers.
     """
     points, grid = source.points, source.grid
-    boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~source.barred)
+    boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~source.is_barred)
     count = min(count, len(boundary))
     middles_mm = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]
     centres_mm = np.stack([middles_mm[axis][boundary[:, axis]] for axis in range(3)], axis=1)

@@ -2,9 +2,9 @@
 
 The cheapest block that can grow grows next, in the direction with the best score, which consists of
 ``|P + O|`` of the grown block and its proximity to other blocks. The paper calls higher scores better
-(section "Objective") although P and O are costs, so `Score` has both readings. A direction is forbidden if
-the grown block would leave the grid, not fit a printer, gain no needed cell, take a cell that has an owner,
-or consist of more pieces.
+(section "Objective") although P and O are costs, so `Score` has both interpretations. A direction is
+forbidden if the grown block would leave the grid, not fit a printer, gain no needed cell, take a cell that
+has an owner, or consist of more pieces than before.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def claim_cells(block: Ints, number: int, owner: Ints) -> None:
 
 
 @jit
-def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
+def _compute_proximity(blocks: Ints, number: int, direction: int, grid_length: int) -> float:
     """Compute S_prox: 0.5 if another block touches this one in front, 1 if none is within the grid's length.
 
     The gap is the L1 distance of the centres minus half the sizes, as in the paper. The paper's program
@@ -117,8 +117,8 @@ def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) ->
         (k, 6) int64 in cells, half-open.
     number, direction
         The block, and the direction in which it grows, as in `find_grown_index`.
-    cells
-        Length of the grid in cells.
+    grid_length
+        Length of the grid in cells: the sum of its sides.
     """
     axis = direction % 3
     nearest = 1.0
@@ -132,7 +132,7 @@ def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) ->
         for k in range(3):
             a0, a1, b0, b1 = blocks[number, k], blocks[number, k + 3], blocks[other, k], blocks[other, k + 3]
             gap += abs(a0 + a1 - b0 - b1) / 2.0 - (a1 - a0 + b1 - b0) / 2.0
-        nearest = min(nearest, 0.5 + 0.5 * max(0.0, gap) / cells)
+        nearest = min(nearest, 0.5 + 0.5 * max(0.0, gap) / grid_length)
     return nearest
 
 
@@ -197,9 +197,9 @@ def grow_blocks(seeds: list[Box], tables: GrowthTables, score: Score) -> tuple[I
     seeds
         Distinct single cells.
     tables
-        Cells and prices that blocks grow by.
+        Cells of the grid, and prices that decide how blocks grow.
     score
-        Reading of the score, low or high.
+        Whether low or high scores are better.
 
     Returns
     -------
@@ -208,9 +208,9 @@ def grow_blocks(seeds: list[Box], tables: GrowthTables, score: Score) -> tuple[I
         `BARRED_CELL`.
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
-    owner = np.where(tables.barred, BARRED_CELL, FREE_CELL).astype(np.int64)
+    owner = np.where(tables.is_barred, BARRED_CELL, FREE_CELL).astype(np.int64)
     prices = (tables.seconds, tables.pieces, tables.printing, tables.overhang)
-    _grow_all_blocks(blocks, owner, tables.needed, prices, score is Score.HIGH)
+    _grow_all_blocks(blocks, owner, tables.is_needed, prices, score is Score.HIGH)
     return blocks, owner
 
 
@@ -223,7 +223,7 @@ def _cover_voids(
     number: int,
     max_parts: int,
 ) -> tuple[bool, Ints]:
-    """Cover needed cells without an owner by new blocks.
+    """Cover the needed cells that have no owner with new blocks.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ def _cover_voids(
 
 
 def fill_voids(blocks: Ints, owner: Ints, tables: GrowthTables, max_parts: int) -> Ints | None:
-    """Cover the needed cells that have no owner by blocks of their own.
+    """Cover the needed cells that have no owner with new blocks.
 
     The first such cell becomes a block, which grows in every direction in turn as far as it can; then the
     next cell follows. As in `grow_blocks`, no block may be too large for a printer; the paper's program does
@@ -279,7 +279,7 @@ def fill_voids(blocks: Ints, owner: Ints, tables: GrowthTables, max_parts: int) 
     blocks, owner
         Results of `grow_blocks`; the owners are updated in place.
     tables
-        Cells and prices that blocks grow by.
+        Cells of the grid, and prices that decide how blocks grow.
     max_parts
         Maximum number of added parts.
 
@@ -289,6 +289,6 @@ def fill_voids(blocks: Ints, owner: Ints, tables: GrowthTables, max_parts: int) 
         (n, 6) all blocks in cells; None if more parts would be needed.
     """
     is_covered, fillers = _cover_voids(
-        owner, tables.needed, tables.seconds, tables.pieces, len(blocks), max_parts
+        owner, tables.is_needed, tables.seconds, tables.pieces, len(blocks), max_parts
     )
     return np.concatenate([blocks, fillers]) if is_covered else None

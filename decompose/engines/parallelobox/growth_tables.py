@@ -17,13 +17,13 @@ OVERHANG_TOLERANCE_DEG = 1.0  # tolerance of the angle of overhangs in the paper
 
 @dataclass(frozen=True, slots=True)
 class GrowthTables:
-    """Cells and prices that blocks grow by.
+    """Cells of the grid, and prices that decide how blocks grow.
 
     Attributes
     ----------
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells that must be covered.
-    barred
+    is_barred
         (nx, ny, nz) bool, true for cells that no block may take: those of the other half of a cut model.
     seconds
         (boxes,) float32 of `BoxTables`: +inf if a box does not fit.
@@ -35,8 +35,8 @@ class GrowthTables:
         (boxes,) float32 O, the least overhang of its six poses, in units of P.
     """
 
-    needed: Bools
-    barred: Bools
+    is_needed: Bools
+    is_barred: Bools
     seconds: npt.NDArray[np.float32]
     pieces: npt.NDArray[np.int16]
     printing: npt.NDArray[np.float32]
@@ -45,7 +45,7 @@ class GrowthTables:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Shape of the grid, in cells."""
-        nx, ny, nz = self.needed.shape
+        nx, ny, nz = self.is_needed.shape
         return nx, ny, nz
 
     def restrict_to_half(self, axis: int, plane: int, keeps_upper: bool) -> GrowthTables:
@@ -58,10 +58,12 @@ class GrowthTables:
         keeps_upper
             Whether the side above the plane is kept.
         """
-        is_other_half = np.zeros(self.needed.shape, dtype=np.bool_)
+        is_other_half = np.zeros(self.is_needed.shape, dtype=np.bool_)
         side = slice(None, plane) if keeps_upper else slice(plane, None)
         is_other_half[tuple(side if a == axis else slice(None) for a in range(3))] = True
-        return replace(self, needed=self.needed & ~is_other_half, barred=self.barred | is_other_half)
+        return replace(
+            self, is_needed=self.is_needed & ~is_other_half, is_barred=self.is_barred | is_other_half
+        )
 
 
 def make_time_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
@@ -76,7 +78,12 @@ def make_time_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
     """
     zero_overhangs = np.zeros(len(boxes.seconds), np.float32)
     return GrowthTables(
-        grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, zero_overhangs
+        grid.is_needed,
+        np.zeros_like(grid.is_needed),
+        boxes.seconds,
+        boxes.pieces,
+        boxes.seconds,
+        zero_overhangs,
     )
 
 
@@ -91,7 +98,7 @@ def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
         Tables of its boxes.
     """
     columns = np.concatenate(
-        [grid.sums[..., [VOLUME]], grid.area[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
+        [grid.sums[..., [VOLUME]], grid.area_mm2[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
     )
     prefix = np.zeros([n + 1 for n in grid.shape] + [columns.shape[3]])
     prefix[1:, 1:, 1:] = columns.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
@@ -104,8 +111,8 @@ def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
     printing, overhang = _compute_paper_prices(
         prefix, cut_sums[0], cut_sums[1], cut_sums[2], len(boxes.seconds), SPEED_MM_S
     )
-    no_cells = np.zeros_like(grid.needed)
-    return GrowthTables(grid.needed, no_cells, boxes.seconds, boxes.pieces, printing, overhang)
+    no_cells = np.zeros_like(grid.is_needed)
+    return GrowthTables(grid.is_needed, no_cells, boxes.seconds, boxes.pieces, printing, overhang)
 
 
 @jit

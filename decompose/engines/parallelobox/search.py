@@ -4,7 +4,7 @@ The sections are orientation and symmetry cut (`alignment`), then for each half 
 fill (`growth`), over many attempts (`attempts`).
 
 `--faithful` takes the best attempt by the paper's score. Otherwise blocks also grow from the same seeds by
-prices in seconds, by both readings of the score, on a finer grid, and without the symmetry cut. The
+prices in seconds, by both interpretations of the score, on a finer grid, and without the symmetry cut. The
 engine then takes the attempt, faithful or not, whose pieces end soonest in their printing poses.
 """
 
@@ -39,10 +39,12 @@ MAX_HALF_ATTEMPTS = 100  # maximum number of attempts on a half that are combine
 def apply_paper_settings(options: Options) -> Options:
     """Set options to those of the paper's table; its speeds and overhang tolerance are in `growth_tables`.
 
-    The table does not define the sign of the score: the reading of the paper's text is the default.
+    The table does not define the sign of the score: the interpretation in the paper's text is the default.
     """
-    reading = Score.HIGH if options.parallelobox.score is Score.BOTH else options.parallelobox.score
-    return replace(options, granularity="vfine", parallelobox=ParalleloboxOptions(tries=3, score=reading))
+    interpretation = Score.HIGH if options.parallelobox.score is Score.BOTH else options.parallelobox.score
+    return replace(
+        options, granularity="vfine", parallelobox=ParalleloboxOptions(tries=3, score=interpretation)
+    )
 
 
 def cut_by_parallelobox(problem: Problem) -> Partition:
@@ -165,8 +167,8 @@ def _search_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     candidates: list[_Candidate] = []
     for halves in _list_halves(space, points, len(problem.printers)):
         attempts_by_half = [_grow_half(half, space, problem) for half in halves]
-        reading = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
-        paper_attempts = [by_space.get((0, reading), []) for by_space in attempts_by_half]
+        interpretation = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
+        paper_attempts = [by_space.get((0, interpretation), []) for by_space in attempts_by_half]
         candidates += _find_first_fit(_rank_partitions(paper_attempts, lambda a: a.max_price), space, problem)
         if problem.options.faithful:
             if candidates:
@@ -182,7 +184,7 @@ def _search_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
 
 
 Half = tuple[tuple[GrowthTables, ...], Floats, int]  # growth tables, points for seeds, and printers of a half
-# Attempts on a half, by the number of the table set and the reading of the score.
+# Attempts on a half, by the number of the table set and the interpretation of the score.
 GrownHalf = dict[tuple[int, Score], list[BlockPartition]]
 # Prices of partitions in ascending order, the paper's P or times in s, and their boxes.
 RankedPartitions = list[tuple[float, list[Box]]]
@@ -197,7 +199,7 @@ def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator
                 tuple(t.restrict_to_half(axis, int(plane), upper) for t in space.table_sets)
                 for upper in (False, True)
             ]
-            volumes_mm3 = [float(space.grid.sums[side[0].needed][:, VOLUME].sum()) for side in sides]
+            volumes_mm3 = [float(space.grid.sums[side[0].is_needed][:, VOLUME].sum()) for side in sides]
             odd_printer = printers % 2
             shares = [
                 printers // 2 + odd_printer * (volumes_mm3[0] >= volumes_mm3[1]),
@@ -219,15 +221,15 @@ def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
     if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered_count):
         return {}
     run = map if problem.executor is None else problem.executor.map
-    source = SeedSource(points, space.grid, table_sets[0].barred)
+    source = SeedSource(points, space.grid, table_sets[0].is_barred)
     seed_sets = draw_seed_sets(source, printers, options.parallelobox.tries, options.seed, run)
     problem.effort.record(Work.POINT_CLUSTERED, clustered_count)
-    attempts = len(seed_sets) * len(table_sets) * len(options.parallelobox.score.readings)
-    problem.effort.record(Work.CELL_GROWN, attempts * space.grid.needed.size)
+    attempts = len(seed_sets) * len(table_sets) * len(options.parallelobox.score.interpretations)
+    problem.effort.record(Work.CELL_GROWN, attempts * space.grid.is_needed.size)
     return {
-        (number, reading): run_attempts(seed_sets, tables, printers, reading, run)
+        (number, interpretation): run_attempts(seed_sets, tables, printers, interpretation, run)
         for number, tables in enumerate(table_sets)
-        for reading in options.parallelobox.score.readings
+        for interpretation in options.parallelobox.score.interpretations
     }
 
 

@@ -29,7 +29,7 @@ from decompose.printers import TargetPrinter
 MAX_HULL_FACETS, MAX_FLAT_FACES = 24, 12  # maximum number of candidates of each kind, the largest first
 DIRECTION_STEPS = 1000  # coordinates of directions are compared after rounding to 1 / DIRECTION_STEPS
 MIN_DIFFERENCE_DEG = 2.0  # minimum angle between two candidates
-MAX_MEASURED = 24  # maximum number of measured candidates, in the order of their prices
+MAX_MEASURED_POSES = 24  # maximum number of measured candidates, in the order of their prices
 ESTIMATE_COLUMNS = 1_500  # approximate number of columns for an estimate
 CERTAIN_SUPPORT_SHARE = 0.8  # share of an estimated support that is certainly needed
 YAWS_RAD: Floats = np.radians(np.arange(90.0))
@@ -76,7 +76,7 @@ def find_best_pose(
     measured_count = 0
     for i in np.argsort(max_s, kind="stable"):
         if best is not None and best.rank[:3] == (0, 0.0, 0.0):
-            if min_s[i] >= best.price_s or measured_count >= MAX_MEASURED:
+            if min_s[i] >= best.price_s or measured_count >= MAX_MEASURED_POSES:
                 continue
             support_s = _estimate_support_s(vertices, faces, hull.points, rotations[i], cost)
             if min_s[i] + CERTAIN_SUPPORT_SHARE * support_s >= best.price_s:

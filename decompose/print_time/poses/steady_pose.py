@@ -24,7 +24,7 @@ from decompose.printers import TargetPrinter
 MAX_STEADY_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
 MAX_SLENDERNESS_RATIO = 0.8  # maximum slenderness of a steadier pose, as a share of that of the fastest pose
 MAX_TIME_RATIO = 1.02  # maximum time of a steadier pose, as a multiple of that of the fastest pose
-MAX_MEASURED = 4  # maximum number of measured poses, the steadiest by their flat faces first
+MAX_MEASURED_POSES = 4  # maximum number of measured poses, the steadiest by their flat faces first
 
 
 def compute_steady_limit_s(fastest_pose: Pose, spare_limit_s: float) -> float:
@@ -94,7 +94,7 @@ def find_steady_pose(
         ):
             return pose
         measured_count += 1
-        if measured_count == MAX_MEASURED:
+        if measured_count == MAX_MEASURED_POSES:
             break
     return fastest_pose
 

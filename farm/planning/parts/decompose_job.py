@@ -80,7 +80,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
             ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,  # they end with the worker
         ):
             assemble_s = ASSEMBLE_S * task.assembly_ratio
-            goal = CountGoal(assemble_s=assemble_s, glued=task.options.assembled_by is not None)
+            goal = CountGoal(assemble_s=assemble_s, includes_gluing=task.options.assembled_by is not None)
             decomposition = ModelCutter(model, printers, options, cost, threads, goal).cut(task)
             search = PausedSearch(decomposition, model, cost, threads)
         return finish_job(search, task)
@@ -168,7 +168,7 @@ class ModelCutter:
     Attributes
     ----------
     goal
-        A person's time for each part; its `glued` is True if a time limit includes gluing.
+        A person's time for each part; its `includes_gluing` is True if a time limit includes gluing.
     """
 
     model: Model
@@ -197,7 +197,7 @@ class ModelCutter:
 
     def cut_for_worthwhile_printers(self, within_s: float | None = None) -> Decomposition:
         """Cut the model for as many printers as save time, or for the fewest that finish within a time."""
-        goal = replace(self.goal, within_s=within_s)
+        goal = replace(self.goal, time_limit_s=within_s)
         return decompose_auto(self.model, self.printers, self.options, self.cost, self.executor, goal)
 
     def keep_whole(self) -> Decomposition | None:

@@ -18,7 +18,7 @@ shapes = st.tuples(st.integers(1, 5), st.integers(1, 4), st.integers(1, 4))
 def test_shares_cover_all_cells_and_weights_exceed_no_box(shape: Shape, seed: int, limit_s: float) -> None:
     tables, is_needed = make_tables(shape, seed)
     is_needed[0, 0, 0] = True
-    tables.trimmed[index_box((0, 0, 0, 1, 1, 1), shape)] = index_box((0, 0, 0, 1, 1, 1), shape)
+    tables.trimmed_box[index_box((0, 0, 0, 1, 1, 1), shape)] = index_box((0, 0, 0, 1, 1, 1), shape)
     result = cover_cells(tables, is_needed, limit_s, 3, is_needed / is_needed.sum())
     assert not result.weights[~is_needed].any()
     assert (result.weights >= 0.0).all()

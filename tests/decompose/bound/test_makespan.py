@@ -26,7 +26,7 @@ def list_printable_boxes(tables: BoxTables) -> list[tuple[Box, float, int]]:
     results = []
     for box in list_boxes(tables.shape):
         index = index_box(box, tables.shape)
-        if tables.trimmed[index] == index and np.isfinite(tables.seconds[index]):
+        if tables.trimmed_box[index] == index and np.isfinite(tables.seconds[index]):
             results.append((box, float(tables.seconds[index]), int(tables.pieces[index])))
     return results
 
@@ -122,7 +122,7 @@ def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
     is_needed = np.ones(shape, bool)
     for box in list_boxes(shape):
         index = index_box(box, shape)
-        tables.trimmed[index], tables.pieces[index] = index, 1
+        tables.trimmed_box[index], tables.pieces[index] = index, 1
         tables.seconds[index] = 10.0 * (box[3] - box[0])
     assert bound_makespan(tables, is_needed, 3, 30.0).seconds == 30.0
 

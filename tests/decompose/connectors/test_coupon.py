@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from decompose.connectors import Coupon, make_coupon
-from decompose.connectors.coupon import UP
+from decompose.connectors.coupon import UP_DIRECTION
 from decompose.connectors.keys import choose_key_lengths_mm
 from decompose.connectors.pins import END_GAP_MM, choose_depths_mm
 from decompose.connectors.tools import MAX_GROOVE_SIN, MAX_HOLE_SIN, closes_in_a_step, compute_overhang_sin
@@ -95,5 +95,5 @@ def test_coupon_prints_without_support_in_two_pieces_and_is_a_closed_stl(
         ([*coupon_result.grooves, *(g for m in coupon_result.marks for g in m.grooves)], MAX_GROOVE_SIN),
     ):
         for tool in tools:
-            assert compute_overhang_sin(tool.points_mm, tool.inward_normal, UP) <= limit_sin
-            assert not closes_in_a_step(tool, UP)
+            assert compute_overhang_sin(tool.points_mm, tool.inward_normal, UP_DIRECTION) <= limit_sin
+            assert not closes_in_a_step(tool, UP_DIRECTION)

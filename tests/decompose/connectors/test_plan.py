@@ -69,7 +69,7 @@ def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
     assert long_key.key_direction is not None and short_key.key_direction is not None
     assert long_key.length_mm > short_key.length_mm + 2.0
     assert measure_distance_mm(long_key, short_key) > 0.7 * np.hypot(60.0, 40.0)
-    assert not connectors.unpinned and not connectors.unmarked
+    assert not connectors.unpinned_steps and not connectors.unmarked_joints
 
 
 def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
@@ -79,7 +79,7 @@ def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
     assert deep_pin.depth_mm > shallow_pin.depth_mm + 2.0
     assert measure_distance_mm(deep_pin, shallow_pin) > 0.75 * np.hypot(60.0, 40.0)
     assert [deep_pin.position_mm[2], shallow_pin.position_mm[2]] == pytest.approx([20.0, 20.0])
-    assert not connectors.unpinned
+    assert not connectors.unpinned_steps
 
 
 def test_marks_are_readable_from_outside_and_their_arrows_agree():
@@ -118,8 +118,8 @@ def test_arrow_of_a_turned_text_still_points_up():
 def test_missing_pins_and_digits_of_a_thin_joint_are_reported():
     connectors, parts = plan_and_drill(make_boxes(((0, 0, 0), (60, 40, 3)), ((60, 0, 0), (120, 40, 3))))
     assert not connectors.pins and not connectors.tools
-    assert [reason for _, reason in connectors.unpinned] == ["too small for a pin"]
-    assert [reason for _, reason in connectors.unmarked] == ["too small"]
+    assert [reason for _, reason in connectors.unpinned_steps] == ["too small for a pin"]
+    assert [reason for _, reason in connectors.unmarked_joints] == ["too small"]
     assert parts.drilled_solids[0].volume_mm3 == pytest.approx(7200.0)
 
 
@@ -143,7 +143,7 @@ def test_keys_and_pins_avoid_a_hollow_below_a_joint(up: np.ndarray, rim_mm: floa
 def test_face_that_leans_over_in_its_pose_is_not_marked():
     connectors, _ = plan_and_drill(HALVES, [LEANING_AXIS, UPRIGHT_AXIS])
     assert {mark.part for mark in connectors.marks} == {1}
-    assert connectors.unmarked == ((0, "a face overhangs in its part's pose"),)
+    assert connectors.unmarked_joints == ((0, "a face overhangs in its part's pose"),)
     assert len(connectors.pins) == 2  # their holes have a roof that follows the pose
 
 
@@ -202,7 +202,9 @@ def test_random_partitions_break_no_rule_and_no_two_pairs_are_alike(random: Rand
     distances_mm = sorted(measure_distance_mm(*pair) for pair in find_pairs(connectors.pins).values())
     assert all(b - a > 1.0 for a, b in pairwise(distances_mm))
     steps = len(pieces) - 1
-    assert len({pin.step for pin in connectors.pins} | {step for step, _ in connectors.unpinned}) == steps
+    assert (
+        len({pin.step for pin in connectors.pins} | {step for step, _ in connectors.unpinned_steps}) == steps
+    )
 
 
 def test_level_faces_name_only_the_neighbour_and_each_part_has_its_number_once():
@@ -239,4 +241,4 @@ def test_thin_wall_takes_pins_whose_roof_points_along_it():
     """Use a wall thinner than the circle around a hole; a roof makes a hole higher than wide."""
     walls = make_boxes(((0, 0, 0), (60, 6.4, 60)), ((60, 0, 0), (120, 6.4, 60)))
     connectors, _ = plan_and_drill(walls, options=ConnectorOptions(2.85))
-    assert len(connectors.pins) == 2 and not connectors.unpinned
+    assert len(connectors.pins) == 2 and not connectors.unpinned_steps

@@ -29,7 +29,7 @@ def read_pixels(canvas: Canvas) -> np.ndarray:
 def test_picture_has_the_size_of_the_drawing(oversample: int) -> None:
     canvas = make_canvas(oversample)
     pixels = read_pixels(canvas)
-    assert pixels.shape[:2] == canvas.drawing.visible.shape
+    assert pixels.shape[:2] == canvas.drawing.front_shapes.shape
     fine = canvas.drawing.pixels[::-1].astype(float)
     height, width = pixels.shape[:2]
     mean = fine.reshape(height, oversample, width, oversample, 3).mean(axis=(1, 3))
@@ -40,7 +40,7 @@ def test_places_are_counted_from_the_lower_left_corner() -> None:
     canvas = make_canvas()
     canvas.draw_dots(np.array([[20.0, 30.0], [20.0, 30.0]]), 4.0, "red")
     rows, columns = np.nonzero((read_pixels(canvas)[:, :, 0] > 200) & (read_pixels(canvas)[:, :, 1] < 60))
-    height = len(canvas.drawing.visible)
+    height = len(canvas.drawing.front_shapes)
     assert columns.mean() == pytest.approx(20.0, abs=0.6)
     assert height - 1 - rows.mean() == pytest.approx(30.0, abs=0.6)
 
@@ -49,7 +49,7 @@ def test_label_is_written_where_its_shape_is_visible() -> None:
     canvas = make_canvas()
     assert canvas.write_labels(["7", "hidden"]) == ["hidden"]
     rows, columns = np.nonzero(read_pixels(canvas).max(axis=2) < 60)
-    height, width = canvas.drawing.visible.shape
+    height, width = canvas.drawing.front_shapes.shape
     assert len(rows) > 10
     assert height - 1 - rows.mean() == pytest.approx(height / 2, abs=3)
     assert (np.ptp(columns), np.ptp(rows)) < (20, 30)

@@ -179,7 +179,7 @@ def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
 def test_every_picture_shows_glue_pins_and_codes(step_pictures: list[StepPictures]) -> None:
     for step in step_pictures:
         both_picture, moved_picture = (
-            Image.open(BytesIO(png)).convert("RGB") for png in (step.both, step.moved)
+            Image.open(BytesIO(png)).convert("RGB") for png in (step.both_bodies, step.moved_body)
         )
         assert (
             count_colour(both_picture, GLUE_COLOUR) > 1000 and count_colour(moved_picture, GLUE_COLOUR) > 1000
@@ -192,7 +192,7 @@ def test_chosen_view_shows_pins_and_codes(drilled_table: Decomposition) -> None:
         pose = find_pose(step.direction)
         scene = build_both_bodies(number, drilled_table, 60.0 * step.direction)
         camera = make_camera(*choose_view(scene, pose, ELEVATIONS_DEG, None)) @ pose
-        visible_numbers = draw_shapes(scene.shapes, camera, 400, oversample=1).visible
+        visible_numbers = draw_shapes(scene.shapes, camera, 400, oversample=1).front_shapes
         visible_counts = [(visible_numbers == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
         assert len(visible_counts) >= 2 and min(visible_counts) > 0
         ink_numbers = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK_COLOUR).all()]
@@ -227,7 +227,7 @@ def test_step_without_pins_states_the_reason(
         (((1, "too small for a pin"),), "too small for a pin"),
         ((), "its holes were left out"),
     ):
-        connectors = replace(drilled_table.connectors, pins=other_pins, unpinned=unpinned)
+        connectors = replace(drilled_table.connectors, pins=other_pins, unpinned_steps=unpinned)
         text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))
         assert f"No pins ({reason}): align the faces by their rims." in text
 
@@ -237,7 +237,7 @@ def test_faces_point_away_from_the_fixed_body_even_where_they_slide(pinwheel: De
     for step in pinwheel.assembly.steps:
         for entry in find_glued_faces(step, pinwheel):
             inside_mm = np.array(entry.face.outline.representative_point().coords[0]) @ entry.face.axes
-            point = inside_mm + entry.face.offset_mm * entry.face.normal - 0.5 * entry.outward
+            point = inside_mm + entry.face.offset_mm * entry.face.normal - 0.5 * entry.outward_normal
             bounds = [pinwheel.parts[part].solid.bounds_mm for part in step.fixed_parts]
             assert any((lo < point).all() and (point < hi).all() for lo, hi in bounds)
 
@@ -323,6 +323,6 @@ def test_step_looks_the_same_drawn_alone_or_among_all_steps(
         *draw_steps(drilled_table, 0, middle),
         *draw_steps(drilled_table, middle, len(step_pictures)),
     ]
-    assert [(step.both, step.moved, step.top) for step in separate_pictures] == [
-        (step.both, step.moved, step.top) for step in step_pictures
+    assert [(step.both_bodies, step.moved_body, step.top_direction) for step in separate_pictures] == [
+        (step.both_bodies, step.moved_body, step.top_direction) for step in step_pictures
     ]

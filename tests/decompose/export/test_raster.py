@@ -40,7 +40,7 @@ def test_outlines_are_drawn_only_at_steps_in_depth() -> None:
     drawing = draw_plate_and_cube(1)
     shade = (AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * LIGHT_DIRECTION[2]) * COLOUR[2]
     row = int(drawing.find_pixels(np.array([[0.0, 0.0, 0.5]]))[0, 1])
-    blue = drawing.pixels[row, drawing.visible[row] == 1, 2] / 255.0
+    blue = drawing.pixels[row, drawing.front_shapes[row] == 1, 2] / 255.0
     is_outline = blue < shade * (1.0 + OUTLINE_BRIGHTNESS) / 2.0
     assert blue[is_outline] == pytest.approx(shade * OUTLINE_BRIGHTNESS, abs=0.002)
     assert blue[~is_outline] == pytest.approx(shade, abs=0.002)

@@ -14,14 +14,14 @@ from decompose.geometry import (
     find_smallest_rectangle,
     measure_rectangles,
 )
-from decompose.geometry.convex import MIN_FILTERED
+from decompose.geometry.convex import MIN_FILTERED_POINTS
 
 coordinates = st.integers(-20, 20).map(lambda v: v / 2.0)
 few_points = st.lists(st.tuples(coordinates, coordinates), min_size=3, max_size=30).map(np.array)
 many_points = st.builds(  # so many that inner points are dropped first
     lambda seed, count: np.random.default_rng(seed).integers(-40, 41, (count, 2)) / 2.0,
     st.integers(0, 2**32 - 1),
-    st.integers(MIN_FILTERED, 4 * MIN_FILTERED),
+    st.integers(MIN_FILTERED_POINTS, 4 * MIN_FILTERED_POINTS),
 )
 point_lists = st.one_of(few_points, many_points)
 

@@ -11,7 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.geometry import load_model
-from decompose.geometry.weld import SAME_MM, count_edge_uses, number_rows, select_distinct, weld_triangles
+from decompose.geometry.weld import (
+    SAME_VERTEX_MM,
+    count_edge_uses,
+    number_rows,
+    select_distinct,
+    weld_triangles,
+)
 
 FACES = st.lists(st.tuples(*[st.integers(0, 5)] * 3), min_size=1, max_size=20)
 PEAK_BYTES_PER_TRIANGLE = 300
@@ -36,8 +42,10 @@ def test_more_rows_than_the_first_table_holds_are_numbered() -> None:
 
 
 def test_vertices_that_differ_by_rounding_are_the_same() -> None:
-    rows = np.array([[0.0, 1.0, 2.0], [-0.0, 1.0 + 0.2 * SAME_MM, 2.0], [0.0, 1.0 + 2 * SAME_MM, 2.0]])
-    assert number_rows(rows, 1.0 / SAME_MM)[0].tolist() == [0, 0, 1]
+    rows = np.array(
+        [[0.0, 1.0, 2.0], [-0.0, 1.0 + 0.2 * SAME_VERTEX_MM, 2.0], [0.0, 1.0 + 2 * SAME_VERTEX_MM, 2.0]]
+    )
+    assert number_rows(rows, 1.0 / SAME_VERTEX_MM)[0].tolist() == [0, 0, 1]
 
 
 @given(FACES)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from decompose.geometry import Solid
 from decompose.grid import (
-    CLEAR_MM,
+    PLANE_CLEARANCE_MM,
     VOLUME,
     BoxTables,
     Cell,
@@ -68,13 +68,13 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     assert grid.sums[cells][..., VOLUME].sum() == pytest.approx(clipped_solid.volume_mm3, rel=1e-9, abs=1e-6)
     index = index_box(box, grid.shape)  # type: ignore[arg-type]
     if clipped_solid.is_empty:
-        assert tables.trimmed[index] == -1
+        assert tables.trimmed_box[index] == -1
         return
     extents = grid.extents[cells].reshape(-1, 6)
     assert np.allclose(extents[:, :3].min(axis=0), clipped_solid.bounds_mm[0], atol=1e-9)
     assert np.allclose(extents[:, 3:].max(axis=0), clipped_solid.bounds_mm[1], atol=1e-9)
     # The table contains the price of the solid in its best pose, which depends on all other terms.
-    if tables.trimmed[index] == index:
+    if tables.trimmed_box[index] == index:
         times_s = price_axis_poses_s(*clipped_solid.arrays(), default_cost)
         assert tables.seconds[index] == pytest.approx(times_s.min(), rel=1e-6)
         assert tables.pieces[index] <= len(clipped_solid.list_pieces())
@@ -99,7 +99,7 @@ def test_separate_rods_in_one_cell_are_counted_separately(
     tables = price_boxes(grid, [printer], default_cost)
     box = data.draw(draw_box(grid.shape))
     index = index_box(box, grid.shape)  # type: ignore[arg-type]
-    if tables.trimmed[index] == index and np.isfinite(tables.seconds[index]):
+    if tables.trimmed_box[index] == index and np.isfinite(tables.seconds[index]):
         assert tables.pieces[index] == len(comb.clip(*grid.find_bounds_mm(box)).list_pieces())
 
 
@@ -128,7 +128,7 @@ def test_cells_are_classified(grid: Grid, ring_with_bar: Solid) -> None:
 def test_hollow_cells_keep_their_distance_from_the_surface(min_wall_mm: float) -> None:
     corners = Solid.box((0, 0, 0), (200, 160, 120)).arrays()
     grid = build_grid(corners[0][corners[1]], 12, GridRules(min_wall_mm, False, 0.7, 0.75))
-    hollow_cells = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
+    hollow_cells = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.is_needed)
     assert len(hollow_cells)
     lo = np.array([[grid.planes[a][c[a]] for a in range(3)] for c in hollow_cells])
     hi = np.array([[grid.planes[a][c[a] + 1] for a in range(3)] for c in hollow_cells])
@@ -146,7 +146,7 @@ def test_planes_ascend_and_avoid_flat_faces(flats_mm: list[float], count: int) -
     assert planes[0] < 0.0
     assert planes[-1] > 100.0
     if len(flats_mm) == 1 and count > 1:
-        assert np.abs(planes[1:-1] - flats_mm[0]).min() >= min(CLEAR_MM, 0.2 * 100.0 / count) - 1e-9
+        assert np.abs(planes[1:-1] - flats_mm[0]).min() >= min(PLANE_CLEARANCE_MM, 0.2 * 100.0 / count) - 1e-9
 
 
 def test_flat_faces_of_a_box_are_found() -> None:
@@ -179,5 +179,5 @@ def test_tables_are_the_same_when_threads_share_the_work(
 ) -> None:
     with ThreadPoolExecutor(1) as executor:
         shared_tables = price_boxes(grid, [HUGE_PRINTER], default_cost, executor)
-    for name in ("seconds", "trimmed", "pieces", "cut_mm2"):
+    for name in ("seconds", "trimmed_box", "pieces", "cut_mm2"):
         np.testing.assert_array_equal(getattr(shared_tables, name), getattr(tables, name))

@@ -43,7 +43,7 @@ def test_hollow_leaves_the_minimum_wall(
     solid = make_solid()
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 14, GridRules(min_wall_mm, False, cost.overhang_cos, cost.skin_cos))
-    hollow_cells = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
+    hollow_cells = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.is_needed)
     assert len(hollow_cells) > 0
     hollow = Solid.union([Solid.box(*grid.find_bounds_mm((*cell, *(cell + 1)))) for cell in hollow_cells])
     lo, hi = solid.bounds_mm
@@ -57,5 +57,5 @@ def test_grid_supports_no_wall_and_a_kept_interior(cost: CostModel) -> None:
     vertices, faces = make_block().arrays()
     boundary_grid = build_grid(vertices[faces], 10, GridRules(0.0, False, cost.overhang_cos, cost.skin_cos))
     solid_grid = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))
-    assert (boundary_grid.needed == (boundary_grid.cells == Cell.BOUNDARY)).all()
-    assert solid_grid.needed.all()
+    assert (boundary_grid.is_needed == (boundary_grid.cells == Cell.BOUNDARY)).all()
+    assert solid_grid.is_needed.all()

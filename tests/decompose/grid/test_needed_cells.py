@@ -37,7 +37,9 @@ def list_corners_mm(cells: NeededCells, mask: np.ndarray) -> np.ndarray:
 
 def refine_needed_cells(grid: Grid, cells: NeededCells) -> np.ndarray:
     """Return the needed cells of a grid as a mask of finer cells."""
-    return np.kron(grid.needed, np.ones(np.array(cells.needed.shape) // np.array(grid.shape))).astype(bool)
+    return np.kron(grid.is_needed, np.ones(np.array(cells.is_needed.shape) // np.array(grid.shape))).astype(
+        bool
+    )
 
 
 @given(
@@ -52,18 +54,18 @@ def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_
     triangles = make_block(rotation)
     grid = make_grid(triangles, cost, count, wall_mm)
     cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, max_cells=200_000)
-    assert not (cells.needed & ~refine_needed_cells(grid, cells)).any()
+    assert not (cells.is_needed & ~refine_needed_cells(grid, cells)).any()
 
     def compute_depths_mm(mask: np.ndarray) -> np.ndarray:
         """Return the depth (8, k) in the block of the corners of marked cells; it is negative outside."""
         local_mm = rotation.inv().apply(list_corners_mm(cells, mask).reshape(-1, 3))
         return np.asarray((SIDES_MM / 2.0 - np.abs(local_mm)).min(axis=1).reshape(8, -1))
 
-    empty_depths_mm = compute_depths_mm(~cells.needed & refine_needed_cells(grid, cells))
+    empty_depths_mm = compute_depths_mm(~cells.is_needed & refine_needed_cells(grid, cells))
     is_inside = empty_depths_mm.max(axis=0, initial=-np.inf) > 1e-9
     assert (empty_depths_mm[:, is_inside] >= wall_mm - 1e-9).all()
     cell_mm = max(float(np.diff(planes).max()) for planes in cells.planes)
-    assert (compute_depths_mm(cells.needed).min(axis=0) <= np.sqrt(3.0) * (wall_mm + 2.0 * cell_mm)).all()
+    assert (compute_depths_mm(cells.is_needed).min(axis=0) <= np.sqrt(3.0) * (wall_mm + 2.0 * cell_mm)).all()
 
 
 def test_kept_interior_is_needed(cost: CostModel) -> None:
@@ -72,7 +74,7 @@ def test_kept_interior_is_needed(cost: CostModel) -> None:
     kept_cells, shell_cells = (
         refine_cells(grid, triangles, 10.0, keep_interior, 200_000) for keep_interior in (True, False)
     )
-    assert (kept_cells.needed >= shell_cells.needed).all()
+    assert (kept_cells.is_needed >= shell_cells.is_needed).all()
     volume_mm3 = np.prod(np.meshgrid(*map(np.diff, kept_cells.planes), indexing="ij"), axis=0)
-    assert volume_mm3[kept_cells.needed].sum() >= np.prod(SIDES_MM)
-    assert volume_mm3[shell_cells.needed].sum() < np.prod(SIDES_MM)
+    assert volume_mm3[kept_cells.is_needed].sum() >= np.prod(SIDES_MM)
+    assert volume_mm3[shell_cells.is_needed].sum() < np.prod(SIDES_MM)

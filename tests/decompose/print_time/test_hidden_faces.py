@@ -139,7 +139,7 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
     tables = price_boxes(grid, [TargetPrinter("huge", ((1e4, 1e4, 1e4),))], cost)
     cost = replace(cost, hidden_side_share=MEAN_RUN_SHARE * side_share)
     cheaper_count = 0
-    for index in np.flatnonzero(tables.trimmed == np.arange(len(tables.trimmed)))[::9]:
+    for index in np.flatnonzero(tables.trimmed_box == np.arange(len(tables.trimmed_box)))[::9]:
         lo, hi = grid.find_bounds_mm(find_box(int(index), grid.shape))
         mesh = ring_with_bar.clip(lo, hi).arrays()
         planes = [[*axis, end[i]] for end in (lo, hi) for i, axis in enumerate(np.eye(3).tolist())]

@@ -94,7 +94,9 @@ def add_material(parts: DrilledParts) -> DrilledParts:
 
 
 def turn_parts_over(parts: DrilledParts) -> DrilledParts:
-    return replace(parts, blanks=[replace(blank, up=np.array([0.0, 0.8, -0.6])) for blank in parts.blanks])
+    return replace(
+        parts, blanks=[replace(blank, up_direction=np.array([0.0, 0.8, -0.6])) for blank in parts.blanks]
+    )
 
 
 def separate_holes(parts: DrilledParts) -> DrilledParts:
@@ -192,7 +194,7 @@ def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
 
 def test_prices_grow_only_with_the_tools_of_a_part(drilled_parts: DrilledParts) -> None:
     connectors = drilled_parts.connectors
-    up_axes = [blank.up for blank in drilled_parts.blanks]
+    up_axes = [blank.up_direction for blank in drilled_parts.blanks]
     prices_s = [price_connectors(connectors, n, up, PART_PRICE_S) for n, up in enumerate(up_axes)]
     fewer_connectors = replace(connectors, pins=connectors.pins[1:])
     fewer_prices_s = [price_connectors(fewer_connectors, n, up, PART_PRICE_S) for n, up in enumerate(up_axes)]

@@ -16,7 +16,7 @@ from decompose.engines.baselines import cube_skeleton
 from decompose.engines.baselines.cube_skeleton import _PieceMerger
 from decompose.engines.baselines.hollow import (
     ACCURACY_MM,
-    cover_by_boxes,
+    cover_with_boxes,
     find_largest_cube,
     hollow_model,
     list_cubes_around,
@@ -26,7 +26,7 @@ from decompose.engines.baselines.hollow import (
 )
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, round_triangles
-from decompose.grid import CLEAR_MM, Cell, GridRules, build_grid, fill_grid, find_flat_coordinates
+from decompose.grid import PLANE_CLEARANCE_MM, Cell, GridRules, build_grid, fill_grid, find_flat_coordinates
 from decompose.options import Engine, Interior, Options
 from decompose.pieces import Piece, list_box_planes
 from decompose.print_time import CostModel
@@ -53,7 +53,7 @@ def make_ball(radius_mm: float) -> Model:
 def test_blocks_cover_each_cell_once(shape: tuple[int, int, int], seed: int, share: float) -> None:
     cells = np.random.default_rng(seed).random(shape) < share
     cover_count = np.zeros(shape, int)
-    for x0, y0, z0, x1, y1, z1 in cover_by_boxes(cells):
+    for x0, y0, z0, x1, y1, z1 in cover_with_boxes(cells):
         cover_count[x0:x1, y0:y1, z0:z1] += 1
     assert (cover_count == cells).all()
 
@@ -154,7 +154,7 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
     assert (sides_mm[0] >= cube_mm[0]).all() and (sides_mm[1] <= cube_mm[1]).all()
     for axis in range(3):
         flats_mm = find_flat_coordinates(vertices[faces], axis)
-        assert np.abs(sides_mm[:, axis, None] - flats_mm).min(initial=np.inf) >= CLEAR_MM - 1e-9
+        assert np.abs(sides_mm[:, axis, None] - flats_mm).min(initial=np.inf) >= PLANE_CLEARANCE_MM - 1e-9
     old_bounds_mm = grid.find_bounds_mm(first_cube)
     assert np.prod(sides_mm[1] - sides_mm[0]) > 1.1 * np.prod(old_bounds_mm[1] - old_bounds_mm[0])
     grid = fill_grid(vertices[faces], planes, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))

@@ -14,7 +14,7 @@ from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, draw_mirrors, find_good_mirrors
 from decompose.geometry.symmetry import MIN_ANGLE_RAD
-from decompose.grid import CLEAR_MM
+from decompose.grid import PLANE_CLEARANCE_MM
 from decompose.options import Engine, Options
 from decompose.pieces import Piece, find_cut_faces
 from decompose.print_time import CostModel
@@ -92,7 +92,7 @@ def test_cut_plane_keeps_its_distance_from_faces() -> None:
     step = Solid.union([Solid.box((0, 0, 0), (100, 40, 40)), Solid.box((0, 0, 0), (50, 40, 90))])
     direction = np.array([1.0, 0.0, 0.0])
     assert place_plane_clear_of_faces(step, direction, 30.0) == 30.0
-    assert abs(place_plane_clear_of_faces(step, direction, 50.5) - 50.0) == pytest.approx(CLEAR_MM)
+    assert abs(place_plane_clear_of_faces(step, direction, 50.5) - 50.0) == pytest.approx(PLANE_CLEARANCE_MM)
 
 
 def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:

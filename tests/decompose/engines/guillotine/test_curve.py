@@ -101,7 +101,9 @@ def test_knee_includes_the_work_of_a_person() -> None:
 
 def test_fewest_printers_in_time_or_else_the_fastest_are_chosen() -> None:
     points = [CurvePoint(1, 9.0), CurvePoint(2, 5.0), CurvePoint(3, 4.0), CurvePoint(4, 4.0)]
-    assert [find_fewest_in_time(points, within_s).printers for within_s in (9.0, 8.9, 5.0, 4.5, 3.0)] == [
+    assert [
+        find_fewest_in_time(points, time_limit_s).printers for time_limit_s in (9.0, 8.9, 5.0, 4.5, 3.0)
+    ] == [
         1,
         2,
         2,
@@ -118,4 +120,4 @@ def test_gluing_time_counts_if_the_parts_must_be_glued_in_time() -> None:
     assert find_fewest_in_time(points, 100.0, handling_s=50.0).printers == 1  # one part is not glued
     assert find_fewest_in_time(points, 10.0, handling_s=20.0).printers == 1
     assert CountGoal(0.0, 5.0, 69.0).choose_point(points).printers == 2
-    assert CountGoal(0.0, 5.0, 69.0, glued=True).choose_point(points).printers == 3
+    assert CountGoal(0.0, 5.0, 69.0, includes_gluing=True).choose_point(points).printers == 3

@@ -25,7 +25,7 @@ PRINTERS = tuple(TargetPrinter(str(i), ((220.0, 220.0, 200.0),)) for i in range(
 @pytest.fixture
 def task(ball: Model, cost: CostModel) -> Problem:
     options = Options(Engine.GUILLOTINE, 7, fit_first_layer=False, prove=False)
-    return Problem(ball, PRINTERS, cost, options, thorough=True)
+    return Problem(ball, PRINTERS, cost, options, is_thorough=True)
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_looser_partitions_are_complete_without_more_work(
         for a, b, c, d, e, f in partition:
             cover_count[a:d, b:e, c:f] += 1
         assert cover_count.max() == 1
-        assert cover_count[search.grid.needed].all()
+        assert cover_count[search.grid.is_needed].all()
         assert sum(len(search.cut[box]) for box in partition) <= len(PRINTERS)
     assert min(compute_work_s(search, partition) for partition in results) <= compute_work_s(
         search, best_partition
@@ -92,7 +92,7 @@ def test_partitions_far_above_the_best_are_not_improved(
 
     monkeypatch.setattr(ExactSearch, "list_looser_partitions", refuse_to_list)
     exact_search.cut_for_uniform_printers(
-        replace(task, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough)
+        replace(task, best_known_s=best_known_s, effort=Effort(budget_s), is_thorough=thorough)
     )
 
 

@@ -51,7 +51,9 @@ def test_improved_partition_is_valid_and_no_slower(shape: Shape, seed: int, spar
     cells = count_cover(shape, improved_partition)
     assert cells.max() <= 1
     assert (cells[is_needed] == 1).all()
-    assert all(tables.trimmed[index_box(box, shape)] == index_box(box, shape) for box in improved_partition)
+    assert all(
+        tables.trimmed_box[index_box(box, shape)] == index_box(box, shape) for box in improved_partition
+    )
     assert sort_times_s(tables, improved_partition) <= sort_times_s(tables, partition)
     assert improve_locally(tables, partition, printers) == improved_partition
 

@@ -258,7 +258,7 @@ def test_more_printers_of_another_class_never_end_later(
 
 def cut_at_random(tables: BoxTables, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
     """Divide a box by random guillotine cuts until all boxes end in time; return None if that fails."""
-    index = int(tables.trimmed[index_box(box, tables.shape)])
+    index = int(tables.trimmed_box[index_box(box, tables.shape)])
     if index < 0:
         return []
     box = find_box(index, tables.shape)
@@ -293,7 +293,7 @@ def make_greedy_partition(tables: BoxTables, printers: int) -> list[Box]:
     """Cut the slowest box at its best plane while printers are available."""
 
     def trim_box(box: list[int]) -> Box | None:
-        index = int(tables.trimmed[index_box((*box,), tables.shape)])  # type: ignore[arg-type]
+        index = int(tables.trimmed_box[index_box((*box,), tables.shape)])  # type: ignore[arg-type]
         return None if index < 0 else find_box(index, tables.shape)
 
     def get_seconds(box: Box) -> float:
@@ -349,9 +349,11 @@ def rotate_tables(
     new_index = np.array(
         [index_box(rotate_box(find_box(i, tables.shape)), shape) for i in range(len(tables.seconds))]
     )
-    result = BoxTables(shape, *(np.empty_like(t) for t in (tables.seconds, tables.trimmed, tables.pieces)))
+    result = BoxTables(
+        shape, *(np.empty_like(t) for t in (tables.seconds, tables.trimmed_box, tables.pieces))
+    )
     result.seconds[new_index], result.pieces[new_index] = tables.seconds, tables.pieces
-    result.trimmed[new_index] = np.where(tables.trimmed < 0, -1, new_index[tables.trimmed])
+    result.trimmed_box[new_index] = np.where(tables.trimmed_box < 0, -1, new_index[tables.trimmed_box])
     return result
 
 

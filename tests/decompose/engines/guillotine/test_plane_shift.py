@@ -14,7 +14,7 @@ from decompose.engines.guillotine import plane_shift
 from decompose.engines.guillotine.box_part import BoxPart
 from decompose.engines.guillotine.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
-from decompose.grid import CLEAR_MM, Box, NeededCells, find_flat_coordinates
+from decompose.grid import PLANE_CLEARANCE_MM, Box, NeededCells, find_flat_coordinates
 from decompose.options import Engine, Interior, Options
 from decompose.pieces import Piece, cut_cells
 from decompose.print_time import CostModel, Pose
@@ -119,7 +119,7 @@ def start_shift(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     pieces_by_box = {box: cut_cells(task.model.solid, grid, box) for box in make_halves(task)}
     boxes_mm = np.array([grid.find_bounds_mm(box) for box in pieces_by_box])
     cell_mm = np.array([np.diff(item).min() for item in grid.planes])
-    cells = NeededCells(grid.planes, grid.needed)
+    cells = NeededCells(grid.planes, grid.is_needed)
     result = _PlaneShift(task, cells, cell_mm, boxes_mm, list(pieces_by_box.values()))
     return result, result.pose_start_parts()
 
@@ -243,7 +243,7 @@ def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
     task = replace(task, options=replace(task.options, min_wall_mm=24.0))
     grid = task.build_grid(task.model)
     assert grid.shape == (8, 8, 8)
-    assert not grid.needed[2:6, 2:6, 2:6].any()
+    assert not grid.is_needed[2:6, 2:6, 2:6].any()
     end_layers = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
     walls = [(0, 0, 2, 2, 8, 6), (6, 0, 2, 8, 8, 6), (2, 0, 2, 6, 2, 6), (2, 6, 2, 6, 8, 6)]
     old_pieces, new_pieces = shift_boxes(task, [*end_layers, *walls])
@@ -255,13 +255,13 @@ def test_next_search_continues_from_the_result_of_the_last(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Limit the reach of a search; with `thorough`, several searches reach the best position."""
-    task = replace(make_problem(cone, cost, 2, cells=2), thorough=True)
+    task = replace(make_problem(cone, cost, 2, cells=2), is_thorough=True)
     _, far_pieces = shift_boxes(task, make_halves(task))
     monkeypatch.setattr(plane_shift, "MAX_MOVE_SHARE", 0.05)
     old_pieces, new_pieces = shift_boxes(task, make_halves(task))
     assert compute_longest_s(task, new_pieces) < 1.03 * compute_longest_s(task, far_pieces)
     assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
-    _, quick_pieces = shift_boxes(replace(task, thorough=False), make_halves(task))
+    _, quick_pieces = shift_boxes(replace(task, is_thorough=False), make_halves(task))
     assert compute_longest_s(task, quick_pieces) > 1.05 * compute_longest_s(task, new_pieces)
 
 
@@ -293,7 +293,7 @@ def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> N
         float(piece.boxes_mm[0, 0, 0]) for piece in old_pieces
     }
     assert new_planes_mm
-    assert all(np.abs(flats_mm - plane_mm).min() >= CLEAR_MM - 1e-6 for plane_mm in new_planes_mm)
+    assert all(np.abs(flats_mm - plane_mm).min() >= PLANE_CLEARANCE_MM - 1e-6 for plane_mm in new_planes_mm)
     assert compute_longest_s(task, new_pieces) < compute_longest_s(task, old_pieces)
 
 

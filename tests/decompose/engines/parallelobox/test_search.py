@@ -68,26 +68,26 @@ def count_cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
     shape=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 4)),
     seed=st.integers(0, 10**6),
     share=st.floats(0.0, 1.0),
-    score=st.sampled_from(Score.BOTH.readings),
+    score=st.sampled_from(Score.BOTH.interpretations),
 )
 def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share: float, score: Score) -> None:
     tables = make_random_tables(shape, seed)
-    cells = np.argwhere(tables.needed)
+    cells = np.argwhere(tables.is_needed)
     seeds = cells[: math.ceil(share * len(cells))].tolist()
     blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in seeds], tables, score)
     assert len(blocks) == len(seeds)
     assert ((count_cover(blocks, shape) == 1) == (owner != FREE_CELL)).all()
     assert count_cover(blocks, shape).max(initial=0) <= 1
-    free_count = int((tables.needed & (owner == FREE_CELL)).sum())
+    free_count = int((tables.is_needed & (owner == FREE_CELL)).sum())
     filled_blocks = fill_voids(blocks, owner, tables, free_count)
     assert filled_blocks is not None  # a block for each cell would be enough
     assert count_cover(filled_blocks, shape).max(initial=0) <= 1
-    assert (count_cover(filled_blocks, shape)[tables.needed] == 1).all()
+    assert (count_cover(filled_blocks, shape)[tables.is_needed] == 1).all()
     for block in filled_blocks:
         index = index_box((*block.tolist(),), shape)
         assert np.isfinite(tables.seconds[index])
         assert tables.pieces[index] == 1
-        assert tables.needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
+        assert tables.is_needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
 
 
 def make_simple_tables(shape: Shape, seconds: np.ndarray, price_s: np.ndarray) -> GrowthTables:
@@ -180,28 +180,30 @@ def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray)
     assert gaps.min() >= 2
 
 
-@pytest.mark.parametrize("score", Score.BOTH.readings)
+@pytest.mark.parametrize("score", Score.BOTH.interpretations)
 def test_attempts_cover_the_model_and_are_deterministic(
     score: Score, ball_grid: Grid, ball_tables: BoxTables, ball_points: np.ndarray
 ) -> None:
     tables = make_time_tables(ball_grid, ball_tables)
-    seed_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.barred), 14, 2, 5)
+    seed_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.is_barred), 14, 2, 5)
     result = run_attempts(seed_sets, tables, 14, score)
     assert result
     for item in result:
         count = count_cover(np.array(item.blocks), ball_grid.shape)
         assert count.max() == 1
-        assert (count[ball_grid.needed] == 1).all()
+        assert (count[ball_grid.is_needed] == 1).all()
         indices = [index_box(block, ball_grid.shape) for block in item.blocks]
-        assert (ball_tables.trimmed[indices] == indices).all()  # no block ends in an empty layer
+        assert (ball_tables.trimmed_box[indices] == indices).all()  # no block ends in an empty layer
         assert item.parts == ball_tables.pieces[indices].sum() <= 14
         assert item.max_price == ball_tables.seconds[indices].max() < np.inf
     assert [a.max_price for a in result] == sorted(a.max_price for a in result)
     with ThreadPoolExecutor(2) as pool:
-        threaded_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.barred), 14, 2, 5, pool.map)
+        threaded_sets = draw_seed_sets(
+            SeedSource(ball_points, ball_grid, tables.is_barred), 14, 2, 5, pool.map
+        )
         assert threaded_sets == seed_sets
         assert run_attempts(threaded_sets, tables, 14, score, pool.map) == result
-    other_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.barred), 14, 2, 6)
+    other_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.is_barred), 14, 2, 6)
     assert result != run_attempts(other_sets, tables, 14, score)
 
 
