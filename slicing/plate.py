@@ -86,9 +86,9 @@ class PlateResult:
     height_mm: float
     min_mm: tuple[float, float, float]  # of all extrusion, from the bed's centre
     max_mm: tuple[float, float, float]
-    cached: bool
+    is_cached: bool
     features: FeatureTimes  # of `sliced_s`
-    unprinted: tuple[UnprintedWall, ...] = ()  # walls too thin to print, the largest first
+    unprinted_walls: tuple[UnprintedWall, ...] = ()  # walls too thin to print, the largest first
 
 
 def slice_plate(request: PlateRequest, progress: Progress | None = None) -> PlateResult:
@@ -207,10 +207,10 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
         min_extrusion_c=min_extrusion_c,
     )
     output.check_parking(facts, settings.printer.code.park_retraction_mm)
-    unprinted: tuple[UnprintedWall, ...] = ()
+    unprinted_walls: tuple[UnprintedWall, ...] = ()
     if layout is not None:
         # The outer walls stay as the engine has printed them; its inner walls are checked as well.
-        unprinted = check_outline(
+        unprinted_walls = check_outline(
             engine_toolpath,
             corners,
             layout,
@@ -223,7 +223,7 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
             add_times(gcode, toolpath), engine_output.log, facts.sliced_s, facts.filament_mm
         ),
         facts,
-        unprinted,
+        unprinted_walls,
         measure_feature_times(toolpath, motion_limits),
     )
 
@@ -264,7 +264,7 @@ def _build_result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> 
         height_mm=facts.max_mm[2],
         min_mm=(low_mm[0], low_mm[1], low_mm[2]),
         max_mm=(high_mm[0], high_mm[1], high_mm[2]),
-        cached=cached,
+        is_cached=cached,
         features=sliced.features,
-        unprinted=sliced.unprinted,
+        unprinted_walls=sliced.unprinted_walls,
     )

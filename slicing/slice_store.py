@@ -27,7 +27,7 @@ class CheckedSlice:
 
     gcode: bytes
     facts: GcodeFacts
-    unprinted: tuple[UnprintedWall, ...]
+    unprinted_walls: tuple[UnprintedWall, ...]
     features: FeatureTimes
 
 
@@ -71,8 +71,10 @@ class StoredSlice:
                 return None
             facts = dict(entry["facts"])
             facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
-            unprinted = tuple(UnprintedWall(**wall) for wall in entry["unprinted"])
-            sliced = CheckedSlice(gcode, GcodeFacts(**facts), unprinted, FeatureTimes(**entry["features"]))
+            unprinted_walls = tuple(UnprintedWall(**wall) for wall in entry["unprinted"])
+            sliced = CheckedSlice(
+                gcode, GcodeFacts(**facts), unprinted_walls, FeatureTimes(**entry["features"])
+            )
         except (OSError, ValueError, KeyError, TypeError):
             return None
         with contextlib.suppress(OSError):  # `slicing.cache` reads the file's time as its last use
@@ -87,7 +89,7 @@ class StoredSlice:
         entry = {
             "sha256": hashlib.sha256(sliced.gcode).hexdigest(),
             "facts": asdict(sliced.facts),
-            "unprinted": [asdict(wall) for wall in sliced.unprinted],
+            "unprinted": [asdict(wall) for wall in sliced.unprinted_walls],
             "features": asdict(sliced.features),
         }
         write_atomically(self.folder / f"{self.key}.gcode", sliced.gcode)

@@ -53,7 +53,7 @@ def main() -> int:
     args = parser.parse_args()
     hundredths = range(round(100 * args.from_mm), round(100 * args.to_mm) + 1)
     rows = []
-    for quality in (name for name, quality in FARM_QUALITIES.items() if quality.exact_height):
+    for quality in (name for name, quality in FARM_QUALITIES.items() if quality.fits_layers):
         for printer, nozzles_mm in PRINTERS.items():
             for nozzle_mm in nozzles_mm:
                 request = SettingsRequest(

@@ -83,7 +83,7 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
     lines = 0
     try:
         result = slice_plate(request)
-        unprinted_walls = result.unprinted
+        unprinted_walls = result.unprinted_walls
         lines = result.gcode.read_bytes().count(b"\n")
     except SliceRejected as error:
         refusal = str(error)

@@ -77,8 +77,8 @@ def store_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFa
         family=PROFILES[section.model].family,
         printer=section.name,
         time_factor=time_factors.compute_factor(features.shares),
-        cached=result.cached,
-        warnings=(*warnings, *map(str, result.unprinted[:MAX_WARNINGS])),
+        cached=result.is_cached,
+        warnings=(*warnings, *map(str, result.unprinted_walls[:MAX_WARNINGS])),
     )
 
 

@@ -113,7 +113,7 @@ class PlanBuilder:
         def count_slice(result: PlateResult) -> None:
             nonlocal sliced_count, cached_count
             sliced_count += 1
-            cached_count += result.cached
+            cached_count += result.is_cached
             report_progress()
             if sliced_count < len(decomposed_job.parts) and self._workers.has_idle_worker:
                 self._drawings.start(task, decomposed_job)

@@ -86,7 +86,7 @@ def measure_feature_times(path: Toolpath, limits: MotionLimits) -> FeatureTimes:
     layer_moves = slice(int(bounds[0]), int(bounds[-1]))
     scaled_s = seconds[layer_moves] * np.repeat(scales, np.diff(bounds))
     groups = [names.index(_GROUPS.get(feature, "travel_s")) for feature in path.features]
-    extrudes = (path.extruded_mm > 0.0) & path.is_move
+    extrudes = (path.extruded_mm > 0.0) & path.moves_head
     group = np.where(extrudes, np.array(groups)[path.feature], names.index("travel_s"))
     return FeatureTimes(*np.bincount(group[layer_moves], weights=scaled_s, minlength=len(names)).tolist())
 

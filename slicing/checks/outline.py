@@ -28,8 +28,8 @@ MIN_WALL_MM2 = 5.0
 MIN_REJECTED_MM2 = 1.0
 """Minimum area of a missing or extra piece for which a slice is rejected."""
 MAX_LOST_MM2, MAX_LOST_SHARE = 50.0, 0.02
-"""Maximum area that the inner walls may lack: a constant, plus a share of the layer. A corner that the engine
-loses has 2000 mm2."""
+"""Maximum area that the inner walls may lack: a constant, plus a share of the layer. CuraEngine has
+lost corners of about 2000 mm2."""
 TIP_MM = 1.0
 """Height that may be missing at a sharp edge or a tip."""
 MAX_EXACT_LAYERS = 24
@@ -188,7 +188,7 @@ class _Sections:
         self._layout = layout
 
     def cut_section(self, z_mm: float, layer: int) -> Geometry:
-        """Build the area at a height where the winding number is positive, expanded as in `layer`."""
+        """Build the area with a positive winding number at a height, expanded as for `layer`."""
         pieces = list(cut_sections(self._corners, np.array([z_mm])))
         if not pieces:
             return shapely.Polygon()

@@ -56,7 +56,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     min_extrusion_c
         Nozzle temperature, in C, below which the firmware does not extrude.
     """
-    extruded_mm, has_moved = path.extruded_mm, path.is_move
+    extruded_mm, has_moved = path.extruded_mm, path.moves_head
     is_printing = (extruded_mm > 0) & has_moved & (path.layer != NO_LAYER)
     layers = path.layer[is_printing]
     last = int(np.flatnonzero(is_printing)[-1]) if is_printing.any() else -1

@@ -76,8 +76,8 @@ class Toolpath:
         return self.end[:, 3] - self.start[:, 3]
 
     @property
-    def is_move(self) -> npt.NDArray[np.bool_]:
-        """Mask (n,) of the moves that move the head."""
+    def moves_head(self) -> npt.NDArray[np.bool_]:
+        """Mask (n,) of the moves in which the head moves, rather than only the filament."""
         return np.asarray((self.end[:, :3] != self.start[:, :3]).any(axis=1))
 
     @property

@@ -34,7 +34,7 @@ of speeds up to this one, the layer stays above the minimum."""
 def speed_up_hidden_walls(
     gcode: bytes, path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings
 ) -> bytes:
-    """Print the walls along hidden sides at up to `EngineSettings.limit_hidden_wall_mm_s`.
+    """Print the walls along hidden sides at up to `EngineSettings.compute_hidden_wall_speed_mm_s`.
 
     Walls in layers that the slicer slows down, and in the slow first layers, keep their speed.
 
@@ -83,7 +83,7 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
     is_line = find_level_lines(path) & find_long_layers(path, min_time_s)
     fast_moves = FastMoves(np.zeros(len(is_line)), np.zeros(len(is_line)))
     for wall in list_wall_lines(settings):
-        fast_mm_s = settings.limit_hidden_wall_mm_s(wall.speed_mm_s)
+        fast_mm_s = settings.compute_hidden_wall_speed_mm_s(wall.speed_mm_s)
         if fast_mm_s <= wall.speed_mm_s:
             continue
         has_full_speed = path.feed_mm_min > 60.0 * wall.speed_mm_s - 1.0
@@ -96,13 +96,13 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
     return fast_moves
 
 
-def _find_fast_share(walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_mm: float) -> Floats:
+def _find_fast_share(walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_depth_mm: float) -> Floats:
     """Compute the share (k,) of each wall, from its start, that is printed faster along a side.
 
     The parameters are those of `list_side_runs`.
     """
     share = np.zeros(len(walls))
-    for line in list_side_runs(walls, lengths_mm, depths_mm, wall_mm):
+    for line in list_side_runs(walls, lengths_mm, depths_mm, wall_depth_mm):
         to_end_mm = np.cumsum(lengths_mm[line][::-1])[::-1]  # from the start of each move
         if to_end_mm[0] >= MIN_LINE_MM:
             share[line] = np.clip((to_end_mm - RUN_OUT_MM) / lengths_mm[line], 0.0, 1.0)

@@ -130,14 +130,14 @@ class Backing:
 
 
 def _find_outer_wall(
-    path: Toolpath, points_mm: tuple[Floats, Floats], walls: Indices, side: HiddenSide, wall_mm: float
+    path: Toolpath, points_mm: tuple[Floats, Floats], walls: Indices, side: HiddenSide, wall_depth_mm: float
 ) -> _Band:
     """Find the ends of the runs of the outer wall, with moves (k,), along a side."""
     starts_mm, ends_mm = (points[walls] for points in points_mm)
     lengths_mm = np.hypot(*(ends_mm - starts_mm).T)
     depths_mm = np.stack([side.measure_depths_mm(points) for points in (starts_mm, ends_mm)])
     layers, positions_mm = [], []
-    for run in list_side_runs(walls, lengths_mm, depths_mm, wall_mm):
+    for run in list_side_runs(walls, lengths_mm, depths_mm, wall_depth_mm):
         layers += 2 * [path.layer[walls[run[0]]]]
         positions_mm += [starts_mm[run[0]], ends_mm[run[-1]]]
     positions = side.measure_positions_mm(np.array(positions_mm).reshape(-1, 2))
@@ -209,7 +209,7 @@ def _find_infill_ends(path: Toolpath) -> tuple[npt.NDArray[np.bool_], Indices]:
     is_other = is_line & ~is_fill
     is_end = is_fill | np.append(is_fill[1:], False)
     is_end &= (
-        path.is_move & ~is_other & ~np.append(is_other[1:], False) & (path.end[:, 2] == path.start[:, 2])
+        path.moves_head & ~is_other & ~np.append(is_other[1:], False) & (path.end[:, 2] == path.start[:, 2])
     )
     return is_fill, np.flatnonzero(is_end)
 

@@ -35,15 +35,26 @@ MIN_REMOVED_MM = 10.0
 _LAYER_TIME_RATIO = 2.0
 """Minimum ratio of a layer's time to the minimum layer time at which its inner walls are removed; they take
 at most half of the layer's time."""
-_CLOSED_MM = 0.02
+_CLOSURE_TOLERANCE_MM = 0.02
+"""Maximum distance between the ends of a closed loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Removal:
-    """Shares (n,) of each move between which it is removed, moves (n,) to skip, and the stretches."""
+    """Removed parts of the moves of inner walls.
 
-    first: Floats
-    last: Floats
+    Attributes
+    ----------
+    first_share, last_share
+        (n,) shares of each move, from its start, between which it is removed; equal if nothing is.
+    is_skipped
+        (n,) bool, true for moves that are left out without a travel in their place.
+    stretches
+        Parts of hidden sides along which the wall is removed.
+    """
+
+    first_share: Floats
+    last_share: Floats
     is_skipped: Bools
     stretches: list[Stretch]
 
@@ -98,7 +109,7 @@ def remove_inner_walls(
     travel_mm_min = 60.0 * settings.speed_travel_mm_s
     segments = dict(_list_remaining_segments(path, removal, travel_mm_min))
     segments |= stretch_infill(path, points_mm[1], sides, removal.stretches, fill_mm, spacing_mm)
-    shorten_travel(path, removal.first, removal.last, removal.is_skipped, segments)
+    shorten_travel(path, removal.first_share, removal.last_share, removal.is_skipped, segments)
     new_gcode = replace_moves(gcode, path, segments)
     return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
 
@@ -108,10 +119,10 @@ def _find_removal(
     points_mm: tuple[Floats, Floats],
     sides: Sequence[HiddenSide],
     settings: EngineSettings,
-    wall_mm: float,
+    wall_depth_mm: float,
     backing: Backing,
 ) -> _Removal:
-    """Find the moves of inner walls at the depth `wall_mm` that are removed."""
+    """Find the moves of inner walls at the depth `wall_depth_mm` that are removed."""
     count = len(path.layer)
     removal = _Removal(np.zeros(count), np.zeros(count), np.zeros(count, np.bool_), [])
     min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
@@ -120,7 +131,7 @@ def _find_removal(
     if len(walls) == 0:
         return removal
     loops = _list_loops(path, walls, points_mm)
-    side_numbers = _find_sides(loops, points_mm, sides, wall_mm)
+    side_numbers = _find_sides(loops, points_mm, sides, wall_depth_mm)
     for loop in loops:
         for moves in _list_loop_runs(loop, side_numbers[loop.moves] >= 0):
             starts_mm, deltas_mm = points_mm[0][moves], points_mm[1][moves] - points_mm[0][moves]
@@ -133,7 +144,7 @@ def _find_removal(
             layer = int(path.layer[moves[0]])
             stretches = _list_stretches(layer, side_numbers[moves], ends_mm, last > first, sides)
             if all(backing.supports(stretch) for stretch in stretches):
-                removal.first[moves], removal.last[moves] = first, last
+                removal.first_share[moves], removal.last_share[moves] = first, last
                 removal.is_skipped[moves] = is_whole
                 removal.stretches.extend(stretches)
     return removal
@@ -141,22 +152,22 @@ def _find_removal(
 
 @dataclass(frozen=True, slots=True)
 class _Loop:
-    """Successive moves (k,) of an inner wall in one layer; a closed loop begins with its longest move."""
+    """Successive moves (k,) of an inner wall in one layer: a closed loop or a part of one."""
 
     moves: Indices
     is_closed: bool
 
 
 def _list_loops(path: Toolpath, walls: Indices, points_mm: tuple[Floats, Floats]) -> list[_Loop]:
-    """Divide the moves (k,) of inner walls into lines.
+    """Divide the moves (k,) of inner walls into loops.
 
-    A closed line begins at its longest move, because CuraEngine may begin it in a notch of a hidden side.
+    A closed loop begins at its longest move, because CuraEngine may begin it in a notch of a hidden side.
     """
     starts_mm, ends_mm = points_mm
     is_first = (np.diff(walls) != 1) | (np.diff(path.layer[walls]) != 0)
     loops = []
     for moves in np.split(walls, np.flatnonzero(is_first) + 1):
-        is_closed = bool(np.hypot(*(ends_mm[moves[-1]] - starts_mm[moves[0]])) < _CLOSED_MM)
+        is_closed = bool(np.hypot(*(ends_mm[moves[-1]] - starts_mm[moves[0]])) < _CLOSURE_TOLERANCE_MM)
         if is_closed:
             longest = int(np.argmax(np.hypot(*(ends_mm[moves] - starts_mm[moves]).T)))
             moves = np.roll(moves, -longest)
@@ -165,7 +176,10 @@ def _list_loops(path: Toolpath, walls: Indices, points_mm: tuple[Floats, Floats]
 
 
 def _find_sides(
-    loops: Sequence[_Loop], points_mm: tuple[Floats, Floats], sides: Sequence[HiddenSide], wall_mm: float
+    loops: Sequence[_Loop],
+    points_mm: tuple[Floats, Floats],
+    sides: Sequence[HiddenSide],
+    wall_depth_mm: float,
 ) -> npt.NDArray[np.int_]:
     """Find the number of the hidden side along which each move (n,) lies; -1 for none."""
     moves = np.concatenate([loop.moves for loop in loops])
@@ -174,13 +188,13 @@ def _find_sides(
     side_numbers = np.full(len(points_mm[0]), -1)
     for number, side in enumerate(sides):
         depths_mm = np.stack([side.measure_depths_mm(points) for points in (starts_mm, ends_mm)])
-        for run in list_side_runs(numbers, np.hypot(*(ends_mm - starts_mm).T), depths_mm, wall_mm):
+        for run in list_side_runs(numbers, np.hypot(*(ends_mm - starts_mm).T), depths_mm, wall_depth_mm):
             side_numbers[moves[run]] = number
     return side_numbers
 
 
 def _list_loop_runs(loop: _Loop, is_hidden: Bools) -> Iterator[Indices]:
-    """Yield runs of successive hidden moves of a line; a run of a closed line may pass its start."""
+    """Yield runs of successive hidden moves of a loop; a run of a closed loop may pass its start."""
     order = np.arange(len(is_hidden))
     if loop.is_closed and not is_hidden.all():
         order = np.roll(order, -int(np.argmin(is_hidden)))
@@ -190,7 +204,7 @@ def _list_loop_runs(loop: _Loop, is_hidden: Bools) -> Iterator[Indices]:
 
 
 def _trim_run(lengths_mm: Floats, margin_mm: float) -> tuple[Floats, Floats]:
-    """Compute the shares (k,) of moves between which they are at least a margin from the ends of a run."""
+    """Shorten a run of moves by a margin at each end; return the shares (k,) of the moves that remain."""
     end_mm = np.cumsum(lengths_mm)
     begin_mm = end_mm - lengths_mm
     first = np.clip((margin_mm - begin_mm) / lengths_mm, 0.0, 1.0)
@@ -221,10 +235,10 @@ def _list_remaining_segments(
     path: Toolpath, removal: _Removal, travel_mm_min: float
 ) -> Iterator[tuple[int, list[Segment]]]:
     """Yield the segments that replace each move of a removed wall: the removed part becomes travel."""
-    for move in np.flatnonzero(removal.last > removal.first).tolist():
+    for move in np.flatnonzero(removal.last_share > removal.first_share).tolist():
         start_mm, feed_mm_min = path.start[move, :2], float(path.feed_mm_min[move])
         delta_mm = path.end[move, :2] - start_mm
-        first, last = float(removal.first[move]), float(removal.last[move])
+        first, last = float(removal.first_share[move]), float(removal.last_share[move])
         pieces = [(first, feed_mm_min, True), (last, travel_mm_min, False), (1.0, feed_mm_min, True)]
         segments = []
         begin = 0.0

@@ -81,7 +81,7 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
 
 def _is_replaceable(path: Toolpath) -> Bools:
     """Mark the moves (n,) of the head on one level, without a retraction."""
-    is_level = path.is_move & (path.end[:, 2] == path.start[:, 2])
+    is_level = path.moves_head & (path.end[:, 2] == path.start[:, 2])
     return np.asarray(is_level & (path.extruded_mm >= 0.0))
 
 

@@ -24,7 +24,7 @@ MAX_NOTCH_LENGTH_MM = 6.0
 """Maximum path through a notch; letters are 5 mm high. A longer path may lie along a visible wall."""
 _NOTCH_RATIO = 0.5
 """Depth of a wall's line below a notch, as a share of the wall's depth: 1 / sin(42 deg) - 1 in a gutter."""
-_ON_LINE_MM = 0.05
+_LINE_TOLERANCE_MM = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ def find_long_layers(path: Toolpath, min_time_s: float) -> Bools:
 
 
 def list_side_runs(
-    walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_mm: float
+    walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_depth_mm: float
 ) -> Iterator[Indices]:
     """Yield runs of successive moves along a side, as indices of `walls`.
 
@@ -108,13 +108,15 @@ def list_side_runs(
         (k,) lengths of the moves.
     depths_mm
         (2, k) depths of their ends behind the side.
-    wall_mm
+    wall_depth_mm
         Depth of the wall along a side without notches.
     """
-    depths_mm = depths_mm - wall_mm
+    depths_mm = depths_mm - wall_depth_mm
     deepest_mm, shallowest_mm = depths_mm.max(axis=0), depths_mm.min(axis=0)
-    is_near = (shallowest_mm > -_ON_LINE_MM) & (deepest_mm < MAX_NOTCH_DEPTH_MM + _NOTCH_RATIO * wall_mm)
-    on_side = np.flatnonzero((shallowest_mm > -_ON_LINE_MM) & (deepest_mm < _ON_LINE_MM))
+    is_near = (shallowest_mm > -_LINE_TOLERANCE_MM) & (
+        deepest_mm < MAX_NOTCH_DEPTH_MM + _NOTCH_RATIO * wall_depth_mm
+    )
+    on_side = np.flatnonzero((shallowest_mm > -_LINE_TOLERANCE_MM) & (deepest_mm < _LINE_TOLERANCE_MM))
     if len(on_side) == 0:
         return
     first, second = on_side[:-1], on_side[1:]

@@ -32,7 +32,7 @@ def shorten_travel(
     first, last
         (n,) shares of each move between which it is removed.
     is_skipped
-        (n,) bool, true if a move belongs to a closed line that is left out.
+        (n,) bool, true if a move belongs to a closed loop that is left out.
     segments
         Segments that replace moves; those of removed moves and of travel moves are changed.
     """
@@ -70,7 +70,7 @@ def _list_omitted_points(points_mm: Floats, area: shapely.Geometry) -> Iterator[
 def _list_gaps(path: Toolpath, first: Floats, last: Floats) -> Iterator[Indices]:
     """Yield runs of successive moves without extrusion that include removed lines."""
     is_removed = last > first
-    is_level = (path.end[:, 2] == path.start[:, 2]) & path.is_move
+    is_level = (path.end[:, 2] == path.start[:, 2]) & path.moves_head
     is_gap = is_removed | (is_level & (path.extruded_mm == 0.0) & (path.layer >= 0))
     begin, end = np.where(is_removed, first, 0.0), np.where(is_removed, last, 1.0)
     has_command = np.zeros(len(is_gap), np.bool_)

@@ -44,10 +44,10 @@ class AcceptedGcode:
     layers
         Number of layers that the file marks, or of heights at which it prints if it marks none.
     min_mm, max_mm
-        Corners of all extrusion, in the printer's coordinates; in X and Y also of all moves as low as the
-        bed's clips.
+        Corners of the box around all extrusion and, in X and Y, around the moves as low as the bed's clips,
+        in the printer's coordinates.
     reach_min_mm, reach_max_mm
-        Corners of all moves.
+        Corners of the box around all moves.
     filament_type
         Material that the file was sliced for, such as PLA; None if it does not say.
     notices
@@ -110,10 +110,10 @@ def accept_gcode(
         print_time_s=print_time_s,
         filament_mm=extent.filament_mm,
         layers=writer.layers,
-        min_mm=_to_point(extent.low),
-        max_mm=_to_point(extent.high),
-        reach_min_mm=_to_point(extent.reach_low),
-        reach_max_mm=_to_point(extent.reach_high),
+        min_mm=_to_point(extent.low_mm),
+        max_mm=_to_point(extent.high_mm),
+        reach_min_mm=_to_point(extent.reach_low_mm),
+        reach_max_mm=_to_point(extent.reach_high_mm),
         filament_type=survey.machine.filament_type,
         notices=_build_notices(survey.is_ultigcode, interpreter.omitted_properties) + warnings,
     )
@@ -135,7 +135,7 @@ def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, targe
     """Refuse a file with missing lines, by its slicer's figures and the filament that its moves feed."""
     extent = interpreter.head.extent
     problem = interpreter.gaps.describe_loss() or figures.describe_missing_height(
-        extent.low[2], extent.reach_high[2]
+        extent.low_mm[2], extent.reach_high_mm[2]
     )
     if problem is None and figures.filament is not None:
         printed_mm = extent.filament_mm - extent.stray_mm
@@ -172,7 +172,7 @@ def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, noz
     """
     section_mm2 = extent.filament_mm * target.filament_mm2 / extent.path_mm
     # A spiral vase has no flat layers: its turns are marked, or taken to be as high as the nozzle allows.
-    mean_mm = min(extent.high[2] / max(1, layers), MAX_LAYER_SHARE * nozzle_mm)
+    mean_mm = min(extent.high_mm[2] / max(1, layers), MAX_LAYER_SHARE * nozzle_mm)
     layer_mm = max(extent.layer_mm, mean_mm)
     nominal_mm2 = nozzle_mm * layer_mm
     ratio = section_mm2 / nominal_mm2

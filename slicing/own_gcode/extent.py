@@ -19,19 +19,19 @@ class Extent:
 
     Attributes
     ----------
-    low, high
-        Corners of all extrusion, and in X and Y of the moves as low as the bed's clips.
-    reach_low, reach_high
-        Corners of all moves up to the last one that printed.
+    low_mm, high_mm
+        Corners of the box around all extrusion and, in X and Y, around the moves as low as the bed's clips.
+    reach_low_mm, reach_high_mm
+        Corners of the box around all moves up to the last one that printed.
     filament_mm
-        Filament fed, without what had been retracted before.
+        Filament fed, excluding the return of retracted filament.
     path_mm, lines
         Length and number of all printed lines.
     """
 
     def __init__(self) -> None:
-        self.low, self.high = [math.inf] * 3, [-math.inf] * 3
-        self.reach_low, self.reach_high = [math.inf] * 3, [-math.inf] * 3
+        self.low_mm, self.high_mm = [math.inf] * 3, [-math.inf] * 3
+        self.reach_low_mm, self.reach_high_mm = [math.inf] * 3, [-math.inf] * 3
         self.filament_mm = 0.0
         self.path_mm = 0.0
         self.lines = 0
@@ -81,16 +81,16 @@ class Extent:
         self.filament_mm += self._fed_mm
         self._fed_mm = 0.0
         for point in self._moves:
-            _extend_box(self.reach_low, self.reach_high, point)
+            _extend_box(self.reach_low_mm, self.reach_high_mm, point)
             if point[2] < CLIP_HEIGHT_MM:
-                _extend_box(self.low, self.high, point[:2])
+                _extend_box(self.low_mm, self.high_mm, point[:2])
         self._moves.clear()
-        _extend_box(self.low, self.high, start)
-        _extend_box(self.low, self.high, target)
+        _extend_box(self.low_mm, self.high_mm, start)
+        _extend_box(self.low_mm, self.high_mm, target)
 
     @property
     def layer_mm(self) -> float:
-        """Median height of a layer in mm, by the length of path; 0 without layers."""
+        """Median height of a layer in mm, weighted by the length of its path; 0 without layers."""
         sum_mm = 0.0
         for step_mm, path_mm in sorted(self._path_on_step_mm.items()):
             sum_mm += path_mm

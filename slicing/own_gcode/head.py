@@ -58,7 +58,7 @@ class Head:
         marks_layers: bool,
     ) -> None:
         self.extent = Extent()
-        self.position: Point = [math.nan] * 3  # printer's mm; NaN if it is not known
+        self.position_mm: Point = [math.nan] * 3  # in the printer's coordinates; NaN if it is not known
         self._code = code
         self._writer = writer
         self._clearance = clearance
@@ -71,7 +71,7 @@ class Head:
 
     def forget_position(self) -> None:
         """Mark the position as unknown, as after homing."""
-        self.position = [math.nan] * 3
+        self.position_mm = [math.nan] * 3
 
     def begin_print(self, retraction_mm_s: float) -> None:
         """Begin the print, with the head over the bed and primed."""
@@ -100,7 +100,7 @@ class Head:
         bool
             Whether it prints a line.
         """
-        start, self.position = self.position, target
+        start, self.position_mm = self.position_mm, target
         retracted_mm = self._retracted_mm
         self._retracted_mm = max(0.0, retracted_mm - extruded_mm)
         if not self._objections.is_printing:
@@ -156,7 +156,7 @@ class Head:
                 )
 
     def _approach_start(self, start: Point, target: Point, extruded_mm: float, speed_mm_s: float) -> bool:
-        """Move from above to the place of the first extrusion; return False before it."""
+        """Move from above to the place of the first extrusion; return False until it is reached."""
         if self._has_approached:
             return True
         x, y, z = start
@@ -182,7 +182,7 @@ class Head:
 
     def _check_clearance(self, start: Point, target: Point) -> None:
         """Object to a move through printed lines."""
-        if min(start[2], target[2]) >= self.extent.high[2]:
+        if min(start[2], target[2]) >= self.extent.high_mm[2]:
             return
         obstacle_mm = self._clearance.find_obstacle_mm(start, target)
         if obstacle_mm is not None:
@@ -193,7 +193,7 @@ class Head:
 
     def _print_line(self, start: Point, target: Point) -> None:
         self._objections.check_printed_line()
-        z_mm, highest_mm = min(start[2], target[2]), self.extent.high[2]
+        z_mm, highest_mm = min(start[2], target[2]), self.extent.high_mm[2]
         if z_mm <= 0:
             self._objections.refuse(f"prints at Z {z_mm:g}: it has to be above the bed")
         if highest_mm - z_mm > MAX_DROP_MM:

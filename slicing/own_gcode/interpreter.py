@@ -14,7 +14,7 @@ from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.completeness import LayerGaps, read_layer_number
 from slicing.own_gcode.head import MAX_CROSS_SECTION_RATIO, Head
 from slicing.own_gcode.objections import Objections
-from slicing.own_gcode.survey import Survey, is_layer
+from slicing.own_gcode.survey import Survey, is_layer_mark
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Writer
 
@@ -106,7 +106,7 @@ class Interpreter:
         code, rest, comment = split_line(raw, number)
         if number == self._survey.first_line:
             self._begin_print()
-        if self._is_printing and is_layer(comment):
+        if self._is_printing and is_layer_mark(comment):
             self._writer.begin_layer()
             if (layer := read_layer_number(comment)) is not None:
                 self.gaps.begin_layer(layer)
@@ -193,7 +193,7 @@ class Interpreter:
     def _find_target(self, words: Words) -> list[float]:
         return [
             current if (value := words.get(axis)) is None else value + (current if self._is_relative else 0.0)
-            for axis, current in zip("XYZ", self.head.position, strict=True)
+            for axis, current in zip("XYZ", self.head.position_mm, strict=True)
         ]
 
     def _find_extruded_mm(self, words: Words) -> float:
@@ -207,14 +207,14 @@ class Interpreter:
 
     def _move_on_arc(self, is_clockwise: bool, words: Words) -> None:
         self._set_speed(words)
-        x, y, z = self.head.position
+        x, y, z = self.head.position_mm
         i, j = words.get("I", 0.0), words.get("J", 0.0)
         if "R" in words or not (i or j):
             self._objections.refuse("an arc needs I and J: switch arc fitting off in your slicer")
         end = self._find_target(words)
         extruded_mm, previous_share = self._find_extruded_mm(words), 0.0
         if math.isnan(x + y + end[0] + end[1]):
-            self.head.position = end
+            self.head.position_mm = end
             self._objections.add("an arc starts at an unknown position: the file has not set X and Y yet")
             return
         arc = Arc((x, y), (end[0], end[1]), (x + i, y + j), is_clockwise)
@@ -247,7 +247,7 @@ class Interpreter:
             self._is_retracted = not self._is_retracted
             length_mm = self._printer.retraction_mm
             extruded_mm = -length_mm if self._is_retracted else length_mm
-            self._move_to(self.head.position, extruded_mm, self._printer.retraction_mm_s)
+            self._move_to(self.head.position_mm, extruded_mm, self._printer.retraction_mm_s)
 
     def _reset_e(self, words: Words) -> None:
         if words.keys() == {"E"}:

@@ -63,7 +63,7 @@ class Survey:
     figures: StatedFigures
 
 
-def is_layer(comment: bytes) -> bool:
+def is_layer_mark(comment: bytes) -> bool:
     """Check whether a comment marks the start of a layer."""
     return _LAYER.match(comment) is not None
 
@@ -163,7 +163,7 @@ class _Scan:
 
     def _read_comment(self, comment: bytes) -> None:
         self.completeness.read_comment(comment, self.number)
-        if is_layer(comment):
+        if is_layer_mark(comment):
             self.layer_line = self.layer_line or self.number
             self.completeness.count_layer()
         elif (fact := _FACT.match(comment)) is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 E_RESET_MM = 1000.0
-"""Maximum E, which is then reset, because the firmware computes in single precision."""
+"""Value of E beyond which it is reset, because the firmware computes in single precision."""
 MAX_MARK_INTERVAL_S = 60.0
 """Maximum time between two marks of the timeline."""
 

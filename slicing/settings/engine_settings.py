@@ -83,7 +83,7 @@ class EngineSettings:
     filament_diameter_mm: float
     scale_xy: float  # factors by which a part is printed larger, because it shrinks
     scale_z: float
-    hidden: HiddenLayers  # solid layers at the hidden faces of a part
+    hidden_layers: HiddenLayers  # solid layers at the hidden faces of a part
     hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
     # Whether inner walls are left out along hidden sides, where infill is next to these sides.
     has_single_hidden_walls: bool = False
@@ -91,7 +91,7 @@ class EngineSettings:
         None  # fits the layers to the height of a part; None to leave them as they are
     )
 
-    def limit_hidden_wall_mm_s(self, speed_mm_s: float) -> float:
+    def compute_hidden_wall_speed_mm_s(self, speed_mm_s: float) -> float:
         """Compute the speed of a wall on hidden sides from its usual speed: at most that of infill."""
         return max(speed_mm_s, min(self.hidden_wall_ratio * speed_mm_s, self.speed_infill_mm_s))
 
@@ -161,7 +161,7 @@ def build_engine_settings(
         density_g_cm3=density_g_cm3,
         scale_xy=scale[0],
         scale_z=scale[1],
-        hidden=HiddenLayers(bottom_layers, top_layers),
+        hidden_layers=HiddenLayers(bottom_layers, top_layers),
         has_single_hidden_walls=False,
         layer_fit=None,
         **{name: values.read_number(key) for name, key in _KEYS.items()},
@@ -239,5 +239,5 @@ def _compute_brim_mm(adhesion: str, values: _ExtruderValues) -> float:
 
 
 def _format_value(value: Any) -> str:
-    """Write a value as CuraEngine reads it: Python's own words for numbers, booleans and lists."""
+    """Format a value as CuraEngine reads it: numbers, booleans and lists as in Python."""
     return "" if value is None else str(value)

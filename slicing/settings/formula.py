@@ -27,7 +27,7 @@ def _restrict_to_numbers(operation: Callable[[Any, Any], Any]) -> Callable[[Any,
     return operate
 
 
-_BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
+_BINARY_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: _restrict_to_numbers(operator.mul),
@@ -36,7 +36,7 @@ _BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Mod: _restrict_to_numbers(operator.mod),
     ast.Pow: math.pow,  # of floats: a power of integers has no bound
 }
-_UNARY: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {
+_UNARY_OPERATORS: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
     ast.Not: operator.not_,
@@ -54,7 +54,7 @@ _COMPARISONS: Mapping[type[ast.cmpop], Callable[[Any, Any], bool]] = {
 _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     f.__name__: f for f in (abs, all, any, float, int, len, map, max, min, round, str, sum)
 }
-_MATH = frozenset(
+_MATH_NAMES = frozenset(
     {"atan", "ceil", "cos", "floor", "log", "log10", "pi", "radians", "degrees", "sin", "sqrt", "tan"}
 )
 
@@ -113,12 +113,12 @@ class _Evaluator:
                 return constant
             case ast.Name(id=name):
                 return self._evaluate_name(name)
-            case ast.Attribute(value=ast.Name(id="math"), attr=attribute) if attribute in _MATH:
+            case ast.Attribute(value=ast.Name(id="math"), attr=attribute) if attribute in _MATH_NAMES:
                 return getattr(math, attribute)
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-                return _BINARY[type(op)](self.evaluate(left), self.evaluate(right))
-            case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
-                return _UNARY[type(op)](self.evaluate(operand))
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY_OPERATORS:
+                return _BINARY_OPERATORS[type(op)](self.evaluate(left), self.evaluate(right))
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY_OPERATORS:
+                return _UNARY_OPERATORS[type(op)](self.evaluate(operand))
             case ast.BoolOp(op=op, values=parts):
                 return self._evaluate_boolean(isinstance(op, ast.Or), parts)
             case ast.Compare(left=left, ops=ops, comparators=rights) if all(

@@ -64,7 +64,7 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
     ----------
     height_mm
         Height of the part.
-    nominal
+    nominal_heights
         Heights of the quality. Layers differ from them by 4 % at most, the first one by the least of
         `FIRST_LAYER_CHANGES` that is enough.
     max_first_mm
@@ -104,12 +104,12 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
 class LayerFit:
     """Rule by which layers are fitted to parts: the arguments of `fit_heights`."""
 
-    nominal: LayerHeights
+    nominal_heights: LayerHeights
     max_first_mm: float
 
     def fit(self, height_mm: float) -> LayerHeights:
         """Fit the layers to the height of a part; see `fit_heights`."""
-        return fit_heights(height_mm, self.nominal, max_first_mm=self.max_first_mm)
+        return fit_heights(height_mm, self.nominal_heights, max_first_mm=self.max_first_mm)
 
     def compute_mean_layer_mm(self) -> float:
         """Compute the mean height of the layers of parts of usual heights."""

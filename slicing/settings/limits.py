@@ -28,7 +28,7 @@ _SHAPE_REASON = "it changes the shape of the part; leave it out"
 _HEAT_REASON = "its temperatures are not checked; leave it out, and set material_print_temperature"
 _MOTION_REASON = "accelerations depend on the printer and the material; leave it out"
 
-_RESERVED: Mapping[str, str] = {
+_RESERVED_KEYS: Mapping[str, str] = {
     "material_diameter": _PRINTER_REASON,
     "gantry_height": _PRINTER_REASON,
     "material_guid": _PRINTER_REASON,
@@ -88,7 +88,7 @@ def find_reserved_reason(key: str) -> str | None:
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER_REASON
     reasons = (reason for prefix, reason in _RESERVED_PREFIXES.items() if key.startswith(prefix))
-    return _RESERVED.get(key) or next(reasons, None)
+    return _RESERVED_KEYS.get(key) or next(reasons, None)
 
 
 @dataclass(frozen=True, slots=True)

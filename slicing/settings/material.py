@@ -41,10 +41,10 @@ _GRAPH, _GRAPH_KEY = "processing temperature graph", "material_flow_temp_graph"
 _BOOLEANS = {"yes": "True", "no": "False"}  # in elements with the keys of Cura's settings
 
 NO_SHRINKAGE = (1.0, 1.0)
-# Factors (XY, Z) by which parts are printed larger. Material files of Cura 4.13 and 5.0 give 100 % or none.
-# Those of PLA, Tough PLA and PETG are Cura 5.0's own, from its profiles for the Ultimaker S3 and S5. The
-# others are [assumed]: typical shrinkage of printed parts, which is lower than in data sheets for moulded
-# ones, and half as much in Z as in X and Y, as in Cura's figures for PLA.
+# Factors (XY, Z) by which parts are printed larger. Material files of Cura 4.13 and 5.0 give 100 % or no
+# value. The factors of PLA, Tough PLA and PETG are Cura 5.0's own, from its profiles for the Ultimaker S3 and
+# S5. The others are [assumed]: typical shrinkage of printed parts, which is lower than in data sheets for
+# moulded ones, and half as much in Z as in X and Y, as in Cura's figures for PLA.
 _SHRINKAGE: Mapping[str, tuple[float, float]] = {
     kind: (1 + xy_percent / 100, 1 + z_percent / 100)
     for kind, xy_percent, z_percent in (
@@ -131,7 +131,7 @@ def _read_points(graph: ET.Element) -> list[list[float]]:
 
 
 def read_material_kind(root: ET.Element) -> str:
-    """Read the kind of a material, such as PLA, whose colours and brands all have the same qualities."""
+    """Read the kind of a material, such as PLA; all colours and brands of a kind have the same qualities."""
     return root.findtext("m:metadata/m:name/m:material", default="", namespaces=NAMESPACES)
 
 

@@ -68,7 +68,7 @@ class PartSettings:
         Horizontal expansion of the first layer on each side; negative to compensate for elephant's foot.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are hidden once the parts are glued. Hidden faces get
-        the layers of `Quality.hidden`, and hidden tops get no slow uppermost layer.
+        the layers of `Quality.hidden_layers`, and hidden tops get no slow uppermost layer.
     """
 
     height_mm: float | None = None
@@ -116,7 +116,7 @@ def resolve_settings(
 def _find_layer_fit(request: SettingsRequest, settings: EngineSettings) -> LayerFit | None:
     """Find the rule that fits layers to parts; None if the quality or the user sets their height."""
     quality = FARM_QUALITIES.get(request.quality)
-    if quality is None or not quality.exact_height or _has_own_heights(request):
+    if quality is None or not quality.fits_layers or _has_own_heights(request):
         return None
     return LayerFit(
         LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm),
@@ -185,7 +185,7 @@ def _resolve_settings(
         hidden_wall_ratio=quality.hidden_wall_ratio,
         has_single_hidden_walls=quality.has_single_hidden_walls and _WALL_KEYS.isdisjoint(user_keys),
     )
-    return _reduce_hidden_layers(settings, quality.hidden, part)
+    return _reduce_hidden_layers(settings, quality.hidden_layers, part)
 
 
 def _reduce_hidden_layers(
@@ -205,7 +205,7 @@ def _reduce_hidden_layers(
         layers["initial_bottom_layers"] = str(reduced_layers.bed_layers)
     if part.tops_hidden:
         layers |= {"top_layers": str(reduced_layers.top_layers), "roofing_layer_count": "0"}
-    return replace(settings, hidden=reduced_layers, extruder={**settings.extruder, **layers})
+    return replace(settings, hidden_layers=reduced_layers, extruder={**settings.extruder, **layers})
 
 
 def _is_cura_value(violation: Violation, resources: Resources, request_key: _RequestKey) -> bool:

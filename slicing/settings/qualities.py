@@ -48,10 +48,10 @@ class Quality:
 
     bases: tuple[str, ...]  # the first one that exists for the nozzle and the material
     changes: Mapping[str, Any]
-    exact_height: bool = False  # layer heights are fitted to each part's height
+    fits_layers: bool = False  # layer heights are fitted to each part's height
     compensates_shrinkage: bool = False  # parts are printed larger by the shrinkage of their material
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
-    hidden: HiddenLayers | None = None  # None if they have as many as visible faces
+    hidden_layers: HiddenLayers | None = None  # None if they have as many as visible faces
     # Walls on hidden sides are printed at the speed of infill, at most this multiple of their own.
     hidden_wall_ratio: float = 1.0
     # Hidden sides have one wall; not if the user sets the number of walls or their thickness.
@@ -97,12 +97,12 @@ _GLUE = Quality(
         "speed_roofing": Formula(f"min(speed_topbottom, {_CURA_ROOF_SPEED})"),
         "roofing_layer_count": Formula("1 if top_layers > 1 else 0"),
     },
-    exact_height=True,
+    fits_layers=True,
     compensates_shrinkage=True,
     fits_first_layer=True,
     # [assumed] Two crossing layers on the bed carry the load of a glued joint to the walls and the
     # infill; three close a top over light infill well enough for glue.
-    hidden=HiddenLayers(2, 3),
+    hidden_layers=HiddenLayers(2, 3),
     # [assumed] Walls with the flow of infill are good enough on hidden sides.
     hidden_wall_ratio=1.5,
     # [assumed] A glued face needs one wall: the infill ends at it, and carries the load through the part.
@@ -112,13 +112,13 @@ _GLUE = Quality(
 FARM_QUALITIES: Mapping[str, Quality] = {
     "paper": _PAPER,
     # The paper's settings with fewer layers of hidden faces, to measure the saving.
-    "paper-hidden": replace(_PAPER, hidden=HiddenLayers(1, 2)),
+    "paper-hidden": replace(_PAPER, hidden_layers=HiddenLayers(1, 2)),
     "glue": _GLUE,
     # The same without the assumptions on strength, for joints that bear a load.
     "glue-strong": replace(
         _GLUE,
         changes={**_GLUE.changes, "gradual_infill_steps": 0},
-        hidden=None,
+        hidden_layers=None,
         hidden_wall_ratio=1.0,
         has_single_hidden_walls=False,
     ),

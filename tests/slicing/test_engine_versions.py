@@ -56,7 +56,7 @@ def test_slice_of_cura_5_is_accepted_with_the_figures_of_its_log(make_cura_5_req
     text = result.gcode.read_bytes()
     assert b"MINX:2.14748" not in text
     assert b"Cura_SteamEngine 5.0.0" in text
-    assert result.unprinted == ()  # the fin is a separate line here
+    assert result.unprinted_walls == ()  # the fin is a separate line here
     with result.gcode.open("rb") as lines:
         program = read_program(lines, ULTIMAKER2_PLUS)
     assert program.time_s == result.sliced_s

@@ -81,5 +81,5 @@ def test_slowly_widening_part_keeps_its_corners(make_request, make_settings):
     settings = make_settings(infill_sparse_density="0", layer_height=0.1)
     request = make_request(make_slab((84.6, 51.0), (85.4, 51.3), 42.0), settings=settings)
     result = slice_plate(request)
-    assert result.unprinted == ()
+    assert result.unprinted_walls == ()
     assert result.height_mm == pytest.approx(42.0, abs=0.11)

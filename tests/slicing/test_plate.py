@@ -87,7 +87,7 @@ def make_prism(bottom_mm, top_mm, height_mm):
 def test_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(make_request, make_settings, mesh):
     """Use an outer wall whose centre line is 84.642 x 50.742 mm: 2**32 square micrometres."""
     result = slice_plate(make_request(mesh, settings=make_settings(infill_sparse_density="0")))
-    assert result.unprinted == ()
+    assert result.unprinted_walls == ()
     assert result.height_mm == pytest.approx(mesh.extents[2], abs=0.11)
     assert result.max_mm[0] < mesh.extents[0] / 2 + 8.1  # including the brim
 
@@ -167,10 +167,10 @@ def test_repeated_slice_runs_no_engine(make_request, cube_20, tmp_path, make_set
     request = make_request(cube_20, cache=tmp_path / "cache")
     first_result = slice_plate(request)
     second_result = slice_plate(replace(request, output_path=tmp_path / "again.gcode"))
-    assert (first_result.cached, second_result.cached) == (False, True)
-    assert second_result == replace(first_result, gcode=second_result.gcode, cached=True)
+    assert (first_result.is_cached, second_result.is_cached) == (False, True)
+    assert second_result == replace(first_result, gcode=second_result.gcode, is_cached=True)
     assert second_result.gcode.read_bytes() == first_result.gcode.read_bytes()
-    assert not slice_plate(replace(request, settings=make_settings("paper"))).cached
+    assert not slice_plate(replace(request, settings=make_settings("paper"))).is_cached
     with pytest.raises(SliceRejected, match="build volume"):
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
 
@@ -191,7 +191,7 @@ def test_reading_a_cache_entry_counts_as_use(make_request, cube_20, tmp_path):
     slice_plate(request)
     (entry,) = (tmp_path / "cache").glob("*.json")
     os.utime(entry, (1000, 1000))
-    assert slice_plate(request).cached
+    assert slice_plate(request).is_cached
     assert entry.stat().st_mtime > 1000
 
 
@@ -202,10 +202,10 @@ def test_damaged_cache_entry_is_sliced_again(make_request, cube_20, tmp_path):
     for path in cache.glob("*.gcode"):
         path.write_text("G28")
     second_result = slice_plate(request)
-    assert (second_result.cached, second_result.sha256) == (False, first_result.sha256)
+    assert (second_result.is_cached, second_result.sha256) == (False, first_result.sha256)
     for path in cache.glob("*.json"):
         path.write_text("{}")
-    assert not slice_plate(request).cached
+    assert not slice_plate(request).is_cached
 
 
 def test_only_an_incomplete_stored_slice_needs_the_engine(
@@ -215,9 +215,9 @@ def test_only_an_incomplete_stored_slice_needs_the_engine(
     cache = tmp_path / "cache"
     request = replace(make_request(cube_20, cache=cache), engine=engine_script)
     first_result = slice_plate(request)
-    assert not first_result.cached
+    assert not first_result.is_cached
     write_script("echo '[ERROR] was asked to slice'; exit 1")  # the same program fails from now on
-    assert slice_plate(request) == replace(first_result, cached=True)
+    assert slice_plate(request) == replace(first_result, is_cached=True)
     (entry,) = cache.glob("*.json")
     entry.unlink()  # as if the worker was killed between the writes of the two files
     with pytest.raises(EngineFailed, match="was asked to slice"):

@@ -190,9 +190,9 @@ def _build_report(
         "filament_mm3": result.filament_mm3,
         "grams": result.grams,
         "layers": result.layers,
-        "cached": result.cached,
-        "unprinted": [asdict(wall) for wall in result.unprinted],
-        "warnings": [str(wall) for wall in result.unprinted],
+        "cached": result.is_cached,
+        "unprinted": [asdict(wall) for wall in result.unprinted_walls],
+        "warnings": [str(wall) for wall in result.unprinted_walls],
         "settings": {"global": settings.global_, "extruder": settings.extruder},
     }
 

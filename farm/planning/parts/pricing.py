@@ -142,8 +142,8 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         outer_line_width_mm=settings.line_width_0_mm,
         wall_count=settings.wall_count,
         skin_layers=(settings.top_layers + settings.bottom_layers) / 2,
-        bed_layers_saved=settings.bottom_layers - settings.hidden.bed_layers,
-        top_layers_saved=settings.top_layers - settings.hidden.top_layers,
+        bed_layers_saved=settings.bottom_layers - settings.hidden_layers.bed_layers,
+        top_layers_saved=settings.top_layers - settings.hidden_layers.top_layers,
         infill_line_distance_mm=settings.infill_line_distance_mm,
         infill_connected=is_connected,
         infill_steps=int(extruder["gradual_infill_steps"]),
@@ -152,7 +152,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         outer_wall_mm_s=settings.speed_wall_0_mm_s,
         inner_wall_mm_s=settings.speed_wall_x_mm_s,
         infill_mm_s=settings.speed_infill_mm_s,
-        hidden_outer_wall_mm_s=settings.limit_hidden_wall_mm_s(settings.speed_wall_0_mm_s),
+        hidden_outer_wall_mm_s=settings.compute_hidden_wall_speed_mm_s(settings.speed_wall_0_mm_s),
         hidden_inner_wall_mm_s=_find_hidden_inner_wall_mm_s(settings),
         skin_mm_s=settings.speed_topbottom_mm_s,
         roof_layers=int(extruder["roofing_layer_count"]),
@@ -175,7 +175,7 @@ def _find_hidden_inner_wall_mm_s(settings: EngineSettings) -> float:
     """Return the speed at which the head moves where the inner wall of a hidden side is, or would be."""
     if removes_inner_walls(settings):
         return settings.speed_travel_mm_s
-    return settings.limit_hidden_wall_mm_s(settings.speed_wall_x_mm_s)
+    return settings.compute_hidden_wall_speed_mm_s(settings.speed_wall_x_mm_s)
 
 
 def _compute_retraction_s(extruder: Mapping[str, str]) -> float:

@@ -103,7 +103,7 @@ def store_resliced_part(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedP
     FarmError
         `slice` if walls are too thin for this printer that were not too thin for the first.
     """
-    thin_walls = sliced_part.result.unprinted
+    thin_walls = sliced_part.result.unprinted_walls
     if len(thin_walls) > len(task.plate.warnings):
         raise FarmError(f"{task.part.id}: {thin_walls[0]}", ErrorCode.SLICE)
     names = PlateNames(task.plate.job, task.part.id, make_next_plate_id(task.plate.id))

@@ -15,7 +15,7 @@ _COUNT = re.compile(
 _NUMBERED_LAYER = re.compile(rb"LAYER:\s*(-?\d+)\Z", re.IGNORECASE)
 _BLOCK = re.compile(rb"(\w+_BLOCK)_(START|END)\Z|(\w+_config) = (begin|end)\Z")
 _SETTINGS = re.compile(rb"SETTING_3 (.*)\Z", re.DOTALL)
-_ESCAPED = re.compile(r"\\(.)")
+_ESCAPE_SEQUENCE = re.compile(r"\\(.)")
 
 _CLOSING_MARKS: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
     (re.compile(generator, re.IGNORECASE), re.compile(mark, re.IGNORECASE))
@@ -174,7 +174,7 @@ class Completeness:
 
 def _is_json(escaped: bytes) -> bool:
     """Check whether Cura's settings are complete JSON; backslashes and newlines in it are escaped twice."""
-    text = _ESCAPED.sub(
+    text = _ESCAPE_SEQUENCE.sub(
         lambda match: {"n": "\n", "r": "\r"}.get(match[1], match[1]), escaped.decode("utf-8", "replace")
     )
     try:

@@ -55,7 +55,7 @@ class StatedFilament:
         Parameters
         ----------
         filament_mm
-            Filament that the file's layers extrude, without what was retracted before.
+            Filament that the file's layers extrude, excluding the return of retracted filament.
         filament_mm2
             Cross-section of the filament.
         lines

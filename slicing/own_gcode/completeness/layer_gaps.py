@@ -94,7 +94,8 @@ class LayerGaps:
         length_mm
             Length of the move.
         fed_mm
-            Filament, without what was retracted before; negative while a retraction is only partly undone.
+            Filament, excluding the return of retracted filament; negative while a retraction is only partly
+            undone.
         line
             Number of its line.
         """

@@ -27,7 +27,7 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
             replace(decomposition.parts[1], print_options=PartPrintOptions(stands=False)),
         ),
     )
-    slices[0] = replace(slices[0], unprinted=(thin_wall,) * 9)
+    slices[0] = replace(slices[0], unprinted_walls=(thin_wall,) * 9)
     draw_job_parts(task, decomposition.drawing_record)
     plan = store_plan(join_slices(task, decomposition, plate_tasks, slices), files)
     assert [p.warnings for p in plan.plates] == [(str(thin_wall),) * MAX_WARNINGS, (MAY_FALL_WARNING,)]

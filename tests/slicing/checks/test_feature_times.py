@@ -87,7 +87,7 @@ def test_feature_times_match_the_firmware_planner(make_request):
     assert min(astuple(result.features)) > 0.0
     planned_s = simulate_move_times_s(path)
     estimated_s = estimate_move_seconds(path, LIMITS)
-    is_extrusion = (path.extruded_mm > 0.0) & path.is_move & (path.layer >= 0)
+    is_extrusion = (path.extruded_mm > 0.0) & path.moves_head & (path.layer >= 0)
     for name in ("WALL-OUTER", "WALL-INNER", "SKIN", "FILL", "SKIRT"):
         mask = path.is_feature(name) & is_extrusion
         assert estimated_s[mask].sum() == pytest.approx(planned_s[mask].sum(), rel=0.03), name
@@ -96,7 +96,7 @@ def test_feature_times_match_the_firmware_planner(make_request):
 def test_cached_slice_has_the_same_feature_times(make_request, tmp_path):
     request = make_request(trimesh.creation.box((12, 10, 4)), cache=tmp_path / "cache")
     first_result, second_result = slice_plate(request), slice_plate(request)
-    assert second_result.cached
+    assert second_result.is_cached
     assert first_result.features == second_result.features
 
 

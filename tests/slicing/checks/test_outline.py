@@ -221,7 +221,7 @@ CLOSED_MESHES = {
 
 @pytest.mark.parametrize("mesh", CLOSED_MESHES.values(), ids=CLOSED_MESHES.keys())
 def test_real_slices_of_sound_models_pass(make_request, mesh):
-    assert slice_plate(make_request(mesh)).unprinted == ()
+    assert slice_plate(make_request(mesh)).unprinted_walls == ()
 
 
 def test_thin_fins_of_a_real_slice_are_reported(make_request, tmp_path):
@@ -230,10 +230,10 @@ def test_thin_fins_of_a_real_slice_are_reported(make_request, tmp_path):
     model = trimesh.boolean.union(block + fins)
     request = make_request(model, cache=tmp_path / "cache")
     result = slice_plate(request)
-    assert sorted(round(wall.x_mm) for wall in result.unprinted) == [-10, 0, 10]
-    assert all(wall.area_mm2 == pytest.approx(30 * 8.5, rel=0.05) for wall in result.unprinted)
+    assert sorted(round(wall.x_mm) for wall in result.unprinted_walls) == [-10, 0, 10]
+    assert all(wall.area_mm2 == pytest.approx(30 * 8.5, rel=0.05) for wall in result.unprinted_walls)
     assert all(
-        (wall.from_z_mm, wall.to_z_mm) == pytest.approx((5, 13.5), abs=0.2) for wall in result.unprinted
+        (wall.from_z_mm, wall.to_z_mm) == pytest.approx((5, 13.5), abs=0.2) for wall in result.unprinted_walls
     )
     second_result = slice_plate(request)
-    assert second_result == replace(result, cached=True)
+    assert second_result == replace(result, is_cached=True)

@@ -174,7 +174,7 @@ def test_cache_distinguishes_hidden_sides(make_request, tmp_path):
     plain_result, _ = slice_toolpath(make_request, cache=tmp_path / "cache")
     fast_result, _ = slice_toolpath(make_request, [SIDE], cache=tmp_path / "cache")
     repeated_result, _ = slice_toolpath(make_request, [SIDE], cache=tmp_path / "cache")
-    assert [r.cached for r in (plain_result, fast_result, repeated_result)] == [False, False, True]
+    assert [r.is_cached for r in (plain_result, fast_result, repeated_result)] == [False, False, True]
     assert plain_result.sha256 != fast_result.sha256 == repeated_result.sha256
 
 

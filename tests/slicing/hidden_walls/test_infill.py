@@ -24,6 +24,6 @@ def test_lines_of_infill_reach_the_outer_wall_after_a_retraction():
     path = read_toolpath(GCODE)
     segments = stretch_infill(path, path.end[:, :2], [SIDE], [STRETCH], 0.7, 0.325)
     new_path = read_toolpath(replace_moves(GCODE, path, segments))
-    assert new_path.extruded_mm[~new_path.is_move].tolist() == [-4.5, 4.5]
+    assert new_path.extruded_mm[~new_path.moves_head].tolist() == [-4.5, 4.5]
     assert new_path.end[4].tolist()[:2] == [9.525, 8.0]
     assert new_path.extruded_mm[5] == pytest.approx(7.525 / 7.2, abs=1e-5)

@@ -36,7 +36,7 @@ def slice_walls(make_request):
 
 def list_lines(path, feature, layers=None):
     """Return the lines (n, 2, 2) of a feature in bed-centred mm, and their layers (n,)."""
-    is_line = path.is_feature(feature) & (path.extruded_mm > 0.0) & path.is_move
+    is_line = path.is_feature(feature) & (path.extruded_mm > 0.0) & path.moves_head
     if layers is not None:
         is_line &= np.isin(path.layer, layers)
     lines_mm = np.stack((path.start[is_line, :2], path.end[is_line, :2]), axis=1) - CENTRE_MM
@@ -48,7 +48,7 @@ def sum_lengths_mm(lines_mm):
 
 
 def list_travel_mm(path, layers):
-    is_travel = (path.extruded_mm == 0.0) & path.is_move & np.isin(path.layer, layers)
+    is_travel = (path.extruded_mm == 0.0) & path.moves_head & np.isin(path.layer, layers)
     return np.stack((path.start[is_travel, :2], path.end[is_travel, :2]), axis=1) - CENTRE_MM
 
 
@@ -110,7 +110,7 @@ def test_all_other_lines_are_those_of_the_engine(slice_walls):
     for feature in ("WALL-OUTER", "SKIN", "SKIRT"):
         lines_mm, _ = list_lines(path, feature)
         assert lines_mm == pytest.approx(list_lines(plain_path, feature)[0])
-        filament_mm = [p.extruded_mm[p.is_feature(feature) & p.is_move].sum() for p in (plain_path, path)]
+        filament_mm = [p.extruded_mm[p.is_feature(feature) & p.moves_head].sum() for p in (plain_path, path)]
         assert filament_mm[1] == pytest.approx(filament_mm[0], abs=0.01)
 
 
@@ -120,7 +120,7 @@ def test_lines_extrude_the_same_amount_for_each_mm(slice_walls):
     for feature in ("WALL-INNER", "FILL"):
         flow_ratios = []
         for p in (plain_path, path):
-            is_line = p.is_feature(feature) & (p.extruded_mm > 0.0) & p.is_move & (p.layer > 0)
+            is_line = p.is_feature(feature) & (p.extruded_mm > 0.0) & p.moves_head & (p.layer > 0)
             lengths_mm = np.hypot(*(p.end - p.start)[:, :2].T)
             flow_ratios.append(p.extruded_mm[is_line].sum() / lengths_mm[is_line].sum())
         assert flow_ratios[1] == pytest.approx(flow_ratios[0], rel=1e-3)
@@ -142,7 +142,7 @@ def test_filament_time_and_header_are_those_of_the_new_lines(slice_walls):
 def test_end_of_the_file_retracts_as_before(slice_walls):
     _, plain_path = slice_walls()
     _, path = slice_walls(RIGHT)
-    retracted_mm = [p.extruded_mm[~p.is_move & (p.extruded_mm < 0.0)][-2:] for p in (plain_path, path)]
+    retracted_mm = [p.extruded_mm[~p.moves_head & (p.extruded_mm < 0.0)][-2:] for p in (plain_path, path)]
     assert retracted_mm[1] == pytest.approx(retracted_mm[0], abs=1e-4)
 
 
@@ -233,7 +233,7 @@ def test_cache_distinguishes_single_walls(slice_walls, make_settings, tmp_path):
         )[0]
         for value in (False, True, True)
     ]
-    assert [result.cached for result in results] == [False, False, True]
+    assert [result.is_cached for result in results] == [False, False, True]
     assert results[0].sha256 != results[1].sha256 == results[2].sha256
 
 

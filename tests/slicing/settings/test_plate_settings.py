@@ -86,7 +86,7 @@ def test_model_without_its_own_qualities_uses_those_of_all_machines(resources):
 def test_hidden_faces_get_fewer_solid_layers(resources, make_settings, quality, bed_layers, top_layers):
     request = SettingsRequest(UM2_PLUS, quality)
     settings = make_settings(quality)
-    assert (settings.hidden.bed_layers, settings.hidden.top_layers) == (bed_layers, top_layers)
+    assert (settings.hidden_layers.bed_layers, settings.hidden_layers.top_layers) == (bed_layers, top_layers)
     hidden_settings = resolve_settings(
         request, resources, PartSettings(bed_face_hidden=True, tops_hidden=True)
     )

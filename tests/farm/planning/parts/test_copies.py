@@ -190,7 +190,7 @@ class FakeSliceResult:
         self.gcode, self.sha256, self.sliced_s = gcode, "0" * 64, 600.0
         self.grams, self.filament_mm, self.layers = 5.0, 600.0, 20
         self.min_mm, self.max_mm = (-10.0, -10.0, 0.0), (10.0, 10.0, 28.0)
-        self.cached, self.unprinted = False, ()
+        self.is_cached, self.unprinted_walls = False, ()
         self.features = FeatureTimes(300.0, 100.0, 100.0, 40.0, 60.0)
 
 
