@@ -76,7 +76,7 @@ class JobPlanning:
                 **self.revisions.reserved_printers,
                 **list_reservations(situation, reserved_printers),
             },
-            reserved=frozenset(reserved_printers),
+            replan_printers=frozenset(reserved_printers),
             is_starting=is_starting,
         )
         decisions = list(self._admission.decide(books, situation, fleet))

@@ -93,7 +93,7 @@ class Situations:
         """Return the current situation, with all waiting plates except those held back."""
         farm = self._farm
         return Situation(
-            waiting=self._builder.describe_waiting_plates(farm.books),
+            waiting_plates=self._builder.describe_waiting_plates(farm.books),
             printers=self.describe_printers(),
             rules=farm.rules,
             now_s=self.now_s,
@@ -130,7 +130,7 @@ class Situations:
 
     def prepare(self) -> None:
         """Fill the cache with all printers and plates, so that the first run is as fast as later ones."""
-        waiting = self.build(self.find_held_back_plates()).waiting
+        waiting = self.build(self.find_held_back_plates()).waiting_plates
         _ = waiting.planned_printers, waiting.demands  # each job caches its values
 
     def update(self, situation: Situation, starts: Collection[Assignment]) -> Situation:

@@ -89,7 +89,7 @@ class Availability:
         The fleet; at least one printer matches.
     reservations
         Free printers that are reserved, each with its purpose: a plate or a job.
-    reserved
+    replan_printers
         Printers for which plates are being replanned: chosen only if there are no others.
     is_starting
         True just after the start of the farm: jobs wait for printers that are still connecting.
@@ -99,7 +99,7 @@ class Availability:
 
     printers: tuple[FleetPrinter, ...]
     reservations: Mapping[str, str] = field(default_factory=dict)
-    reserved: frozenset[str] = frozenset()
+    replan_printers: frozenset[str] = frozenset()
     is_starting: bool = False
     unattended_blocked: frozenset[str] = frozenset()
 
@@ -144,7 +144,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
     if starting_printers and availability.is_starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(starting_printers)}")
     usable_printers = list_usable_printers(matching_printers, availability)
-    reserved_names = availability.reserved | availability.reservations.keys()
+    reserved_names = availability.replan_printers | availability.reservations.keys()
     idle = [p for p in usable_printers if p.find_obstacle() is None and p.name not in reserved_names]
     candidates = idle if idle and not request.starts_later else usable_printers
     number, min_parts = request.limit_printers(len(candidates)), request.min_parts
@@ -167,7 +167,9 @@ def list_usable_printers(
     ]
     blocked_names = availability.unattended_blocked
     startable = [p for p in usable_printers if p.name not in blocked_names] or usable_printers
-    return [p for p in startable if p.name not in availability.reserved] or startable or matching_printers
+    return (
+        [p for p in startable if p.name not in availability.replan_printers] or startable or matching_printers
+    )
 
 
 def choose_unreserved_printers(
@@ -192,7 +194,7 @@ def choose_unreserved_printers(
     """
     plans = list(pending_plans)
     all_reserved = availability.with_pending_plans(plans)
-    reserved_names = all_reserved.reserved | all_reserved.reservations.keys()
+    reserved_names = all_reserved.replan_printers | all_reserved.reservations.keys()
     free = (p for p in availability.printers if p.find_obstacle() is None and p.name not in reserved_names)
     if any(request.requirements.matches(p.capabilities) for p in free):
         return choose_printers(request, all_reserved)

@@ -53,8 +53,8 @@ def assign_plates(situation: Situation) -> list[Assignment]:
 
 def select_possible_assignments(assignments: Iterable[Assignment], situation: Situation) -> list[Assignment]:
     """Select the assignments of an earlier situation that are still possible together in this one."""
-    free, fleet = {p.name for p in situation.free}, situation.fleet
-    waiting = {plate.id: plate for plate in situation.waiting}
+    free, fleet = {p.name for p in situation.free_printers}, situation.fleet
+    waiting = {plate.id: plate for plate in situation.waiting_plates}
     limit, started_by_job = _count_allowed_starts(situation), Counter[int]()
     starts: list[Assignment] = []
     for assignment in assignments:
@@ -99,15 +99,15 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     reasons = HoldReasons(
         situation, frozenset(printer_by_plate.values()), situation.spare_printers, limit_reached
     )
-    extra_printers = situation.waiting.extra_printers
-    for plate in situation.waiting:
+    extra_printers = situation.waiting_plates.extra_printers
+    for plate in situation.waiting_plates:
         if plate.id in printer_by_plate and plate.job in extra_printers:
             extra_printers[plate.job] -= 1
     return {
         plate.id: reasons.make_job_limit_hold()
         if extra_printers.get(plate.job) == 0
         else reasons.find_hold(plate)
-        for plate in situation.waiting
+        for plate in situation.waiting_plates
         if plate.id not in printer_by_plate
     }
 
@@ -116,29 +116,29 @@ def _count_allowed_starts(situation: Situation) -> int:
     """Return the number of printers that may start to heat now."""
     limit = situation.rules.max_heating
     if limit is None:
-        return len(situation.free)
+        return len(situation.free_printers)
     return max(0, limit - sum(printer.heating for printer in situation.printers))
 
 
 def _match_plates(situation: Situation) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one."""
-    kinds = {printer.capabilities for printer in situation.free}
+    kinds = {printer.capabilities for printer in situation.free_printers}
     met_demands = {
-        demand for demand in situation.waiting.demands if any(kind.meets(demand) for kind in kinds)
+        demand for demand in situation.waiting_plates.demands if any(kind.meets(demand) for kind in kinds)
     }
     used_kinds = {kind for kind in kinds if any(kind.meets(demand) for demand in met_demands)}
-    free = [printer for printer in situation.free if printer.capabilities in used_kinds]
+    free = [printer for printer in situation.free_printers if printer.capabilities in used_kinds]
     if not free:
         return {}
     inputs = MatchingInputs(
         fleet=situation.fleet,
-        free=frozenset(printer.name for printer in free),
+        free_printers=frozenset(printer.name for printer in free),
         order=FleetOrder.from_printers(free),
-        planned_printers=situation.waiting.planned_printers,
+        planned_printers=situation.waiting_plates.planned_printers,
         spare_printers=situation.spare_printers,
-        extra_printers=situation.waiting.extra_printers,
+        extra_printers=situation.waiting_plates.extra_printers,
         starts=_count_allowed_starts(situation),
         rules=situation.rules,
         now_s=situation.now_s,
     )
-    return match_plates(situation.waiting.list_plates_with_demands(met_demands), inputs)
+    return match_plates(situation.waiting_plates.list_plates_with_demands(met_demands), inputs)

@@ -98,7 +98,7 @@ def forecast_in_steps(situation: Situation, include_bound: bool = True) -> Gener
     bound_s = now_s
     if include_bound:
         started_plates = {slot.plate for slot in slots}
-        plates = [plate for plate in situation.waiting if plate.id in started_plates]
+        plates = [plate for plate in situation.waiting_plates if plate.id in started_plates]
         ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in usable_printers}
         bound_s = _compute_lower_bound_s(
             plates, _find_fitting_printers(plates, usable_printers), ready_s, rules, now_s
@@ -115,23 +115,23 @@ class _Simulation:
 
     def __init__(self, situation: Situation, usable_printers: Sequence[FleetPrinter]) -> None:
         self.slots: list[Slot] = []
-        self.queue = {job.rank: {p.id: p for p in job.plates} for job in situation.waiting.jobs}
+        self.queue = {job.rank: {p.id: p for p in job.plates} for job in situation.waiting_plates.jobs}
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         # Number of plates to print by job, including those being printed.
-        self._remaining_plates = Counter(plate.job for plate in situation.waiting)
+        self._remaining_plates = Counter(plate.job for plate in situation.waiting_plates)
         self._fleet = {printer.name: make_idle(printer) for printer in usable_printers}
         self._order = FleetOrder.from_printers(self._fleet.values())
-        self._planned_plates = Counter(plate.planned_printer for plate in situation.waiting)
-        self._extra_printers = situation.waiting.extra_printers
+        self._planned_plates = Counter(plate.planned_printer for plate in situation.waiting_plates)
+        self._extra_printers = situation.waiting_plates.extra_printers
         self._heating_count = 0
         self._idle: set[str] = set()
         self._blocked_printers: set[str] = set()
         self._changes: list[tuple[float, int, str, object]] = []
         for printer in usable_printers:
             # A printer that matches no plate starts none, but may be kept as a spare.
-            is_used = self._spares or any(map(printer.capabilities.meets, situation.waiting.demands))
+            is_used = self._spares or any(map(printer.capabilities.meets, situation.waiting_plates.demands))
             self._add_printer(printer, bool(is_used))
-        for at_s in situation.waiting.starts_s:
+        for at_s in situation.waiting_plates.starts_s:
             self._push_change(at_s, _JOB_START, "")
 
     def _add_printer(self, printer: FleetPrinter, is_used: bool) -> None:
@@ -182,8 +182,8 @@ class _Simulation:
 
     def _find_next_edge_s(self) -> float:
         edges = (
-            self._rules.attended.find_next_edge_s(self._now_s),
-            self._rules.quiet.find_next_edge_s(self._now_s),
+            self._rules.attended_hours.find_next_edge_s(self._now_s),
+            self._rules.quiet_hours.find_next_edge_s(self._now_s),
         )
         return min((edge_s for edge_s in edges if edge_s is not None), default=math.inf)
 
@@ -217,7 +217,7 @@ class _Simulation:
         planned_printers = self._planned_plates.keys()
         inputs = MatchingInputs(
             fleet=self._fleet,
-            free=free,
+            free_printers=free,
             order=self._order,
             planned_printers=planned_printers,
             spare_printers=self._choose_spare_printers(planned_printers),

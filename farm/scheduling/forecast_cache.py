@@ -84,7 +84,7 @@ class ForecastCache:
         if age_s <= interval_s or (books is self._books and age_s <= _MAX_AGE_S):
             return None
         situation = self._find_situation()
-        self._is_large = len(situation.waiting) >= LARGE_QUEUE_SIZE
+        self._is_large = len(situation.waiting_plates) >= LARGE_QUEUE_SIZE
         return self._forecast_ends(situation, books, self._ends)
 
     def _forecast_ends(

@@ -48,7 +48,7 @@ class MatchingInputs:
     ----------
     fleet
         All printers by name, in their current state.
-    free
+    free_printers
         Printers to match: idle and clear.
     order
         Order and kinds of the printers.
@@ -61,11 +61,11 @@ class MatchingInputs:
     starts
         Number of printers that may start to heat up now.
     rules, now_s
-        Hours, and seconds since the epoch.
+        Attended and quiet hours, and the present time in seconds since the epoch.
     """
 
     fleet: Mapping[str, FleetPrinter]
-    free: Collection[str]
+    free_printers: Collection[str]
     order: FleetOrder
     planned_printers: Collection[str]
     spare_printers: Collection[str]
@@ -81,7 +81,7 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     See `farm.scheduling.assignment.assign_plates` for the order and the choice.
     """
     matching = _Matching(inputs)
-    max_starts = min(inputs.starts, len(inputs.free))
+    max_starts = min(inputs.starts, len(inputs.free_printers))
     extra_printers = dict(inputs.extra_printers)
     unplaced_plates: list[WaitingPlate] = []
     for (*_, job), plates in queue:
@@ -115,7 +115,7 @@ class _PrinterKind:
 
     capabilities: Capabilities
     names: list[str]
-    unassigned: list[str]  # may contain assigned ones; the best for a plate of another plan is last
+    unassigned_printers: list[str]  # may contain assigned ones; the best for a plate of another plan is last
     grams: float  # largest amount on a reel
     window: StartWindow
 
@@ -125,10 +125,11 @@ class _PrinterKind:
         first = inputs.fleet[names[0]]
         grams = max(_read_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.find_start_window(first.unattended, inputs.now_s)
-        unassigned, planned_printers, rank = names.copy(), inputs.planned_printers, inputs.order.rank_by_name
+        planned_printers, rank = inputs.planned_printers, inputs.order.rank_by_name
+        unassigned_printers = names.copy()
         if len(names) > 1:
-            unassigned = sorted(names, key=lambda name: (name in planned_printers, rank[name]), reverse=True)
-        return cls(first.capabilities, names, unassigned, grams, window)
+            unassigned_printers.sort(key=lambda name: (name in planned_printers, rank[name]), reverse=True)
+        return cls(first.capabilities, names, unassigned_printers, grams, window)
 
 
 class _Matching:
@@ -140,7 +141,7 @@ class _Matching:
         kind = inputs.order.kind_by_name
         self._choices_by_plate: dict[str, list[str]] = {}
         kinds: dict[int, list[str]] = {}
-        for name in inputs.free:
+        for name in inputs.free_printers:
             kinds.setdefault(kind[name], []).append(name)
         self._kinds = {number: _PrinterKind.from_printers(names, inputs) for number, names in kinds.items()}
 
@@ -187,11 +188,11 @@ class _Matching:
         inputs, assigned, grams = self._inputs, self.plate_by_printer, compute_needed_grams(plate)
         best: str | None = None
         for kind in self._list_kinds(plate, grams):
-            while kind.unassigned and kind.unassigned[-1] in assigned:
-                kind.unassigned.pop()
-            names = reversed(kind.unassigned)
+            while kind.unassigned_printers and kind.unassigned_printers[-1] in assigned:
+                kind.unassigned_printers.pop()
+            names = reversed(kind.unassigned_printers)
             if (
-                plate.planned_printer in inputs.free
+                plate.planned_printer in inputs.free_printers
                 and self._kinds[inputs.order.kind_by_name[plate.planned_printer]] is kind
             ):
                 names = chain((plate.planned_printer,), names)

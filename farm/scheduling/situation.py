@@ -17,7 +17,7 @@ class Situation:
 
     Attributes
     ----------
-    waiting
+    waiting_plates
         The plates that may go to a printer, in the order in which they are served.
     printers
         The fleet, in any order.
@@ -32,7 +32,7 @@ class Situation:
         (`--spares`).
     """
 
-    waiting: PlateQueue
+    waiting_plates: PlateQueue
     printers: tuple[FleetPrinter, ...]
     rules: StartRules
     now_s: float
@@ -45,7 +45,7 @@ class Situation:
         return {printer.name: printer for printer in sorted(self.printers, key=lambda p: p.name)}
 
     @cached_property
-    def free(self) -> tuple[FleetPrinter, ...]:
+    def free_printers(self) -> tuple[FleetPrinter, ...]:
         """Printers that are idle and clear, by name."""
         return tuple(printer for printer in self.fleet.values() if printer.find_obstacle() is None)
 
@@ -54,10 +54,10 @@ class Situation:
         """Free printers that are kept for plates that failed elsewhere."""
         if not self.spares or self.rules.is_attended(self.now_s):
             return frozenset()
-        return choose_spares(self.printers, self.waiting.planned_printers, max(self.spares.values()))
+        return choose_spares(self.printers, self.waiting_plates.planned_printers, max(self.spares.values()))
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
-        """Return whether hours and start times let a plate start on a printer now."""
+        """Return whether fleet.yaml and the plate's start time let it start on a printer now."""
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
 
     def find_next_change_s(self) -> float:
@@ -65,16 +65,16 @@ class Situation:
 
         Until then, scheduling the same plates and printers gives the same result.
         """
-        starts_s = (at_s for at_s in self.waiting.starts_s if at_s > self.now_s)
-        return min((self.rules.find_next_change_s(self.waiting, self.printers, self.now_s), *starts_s))
+        starts_s = (at_s for at_s in self.waiting_plates.starts_s if at_s > self.now_s)
+        return min((self.rules.find_next_change_s(self.waiting_plates, self.printers, self.now_s), *starts_s))
 
     def without(self, plates: Collection[str]) -> Situation:
         """Return the situation without some of the waiting plates."""
-        return replace(self, waiting=self.waiting.without(plates)) if plates else self
+        return replace(self, waiting_plates=self.waiting_plates.without(plates)) if plates else self
 
-    def with_waiting(self, plates: Iterable[WaitingPlate]) -> Situation:
+    def with_waiting_plates(self, plates: Iterable[WaitingPlate]) -> Situation:
         """Return the situation with other waiting plates."""
-        return replace(self, waiting=PlateQueue.from_plates(plates))
+        return replace(self, waiting_plates=PlateQueue.from_plates(plates))
 
     def with_printers(self, printers: tuple[FleetPrinter, ...]) -> Situation:
         """Return the situation with another fleet."""

@@ -246,7 +246,7 @@ class SituationBuilder:
 
     def describe_job_plates(self, books: Books, jobs: Iterable[Job]) -> PlateQueue:
         """Describe the waiting plates of some printing jobs."""
-        return PlateQueue.from_jobs(self._describe_job(books, job).waiting for job in jobs)
+        return PlateQueue.from_jobs(self._describe_job(books, job).waiting_plates for job in jobs)
 
     def may_hold_back(self, books: Books, job: Job) -> bool:
         """Return whether a plate of a printing job may be held back by the job's own state."""
@@ -279,7 +279,7 @@ class _CachedPrinter:
 class _JobDescription:
     """Waiting plates of a job, and whether the job's state may hold one back."""
 
-    waiting: JobPlates
+    waiting_plates: JobPlates
     may_hold_back: bool
 
 
@@ -351,7 +351,7 @@ def count_spares(books: Books) -> dict[int, int]:
 def may_start_now(
     attempt: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
 ) -> bool:
-    """Return whether hours still allow a start that the agent has not confirmed yet.
+    """Return whether the attended and quiet hours still allow a start that the agent has not confirmed yet.
 
     The agent may have been unreachable since the evening, and the start may not be allowed at night.
     """

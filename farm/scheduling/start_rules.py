@@ -81,8 +81,8 @@ class StartWindow:
 class StartRules:
     """Rules of `fleet.yaml`: attended hours, quiet hours, first layers, and the limit on heating printers."""
 
-    attended: Hours
-    quiet: Hours
+    attended_hours: Hours
+    quiet_hours: Hours
     first_layers_attended: bool = False
     max_heating: int | None = None
 
@@ -90,15 +90,15 @@ class StartRules:
     def from_config(section: FleetSection) -> StartRules:
         zone = ZoneInfo(section.timezone)
         return StartRules(
-            attended=Hours(section.attended, zone),
-            quiet=Hours(section.quiet, zone),
+            attended_hours=Hours(section.attended, zone),
+            quiet_hours=Hours(section.quiet, zone),
             first_layers_attended=section.first_layers_attended,
             max_heating=section.max_heating,
         )
 
     @property
     def zone(self) -> tzinfo:
-        return self.attended.zone
+        return self.attended_hours.zone
 
     def format_moment(self, at_s: float, now_s: float) -> str:
         """Format a time for users, like `Fri 22:00`; with its date if it is more than six days from now."""
@@ -140,8 +140,8 @@ class StartRules:
 
     def find_start_window(self, is_unattended: bool, at_s: float) -> StartWindow:
         """Return the limits on prints that start at `at_s` on printers with this permission."""
-        quiet = self.quiet.find_span(at_s) or self.quiet.find_next_span(at_s)
-        attended_span = self.attended.find_span(at_s)
+        quiet = self.quiet_hours.find_span(at_s) or self.quiet_hours.find_next_span(at_s)
+        attended_span = self.attended_hours.find_span(at_s)
         return StartWindow(
             at_s=at_s,
             quiet_s=math.inf if quiet is None else quiet[0],
@@ -152,7 +152,7 @@ class StartRules:
 
     def _skip_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
         """Return the start after the quiet hours that a print from `at_s` would reach, or None."""
-        quiet = self.quiet.find_span(at_s) or self.quiet.find_next_span(at_s)
+        quiet = self.quiet_hours.find_span(at_s) or self.quiet_hours.find_next_span(at_s)
         if quiet is None or at_s + plate.expected_s * DELAY_FACTOR <= quiet[0]:
             return None
         if quiet[1] == float("inf"):
@@ -172,10 +172,10 @@ class StartRules:
         rule = "first layers are printed only in attended hours"
         if not printer.unattended:
             rule = f"{printer.name} prints only in attended hours ({printer.attended_reason})"
-        span = self.attended.find_span(at_s)
+        span = self.attended_hours.find_span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
             return None
-        next_span = self.attended.find_next_span(at_s)
+        next_span = self.attended_hours.find_next_span(at_s)
         if next_span is None:
             text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
@@ -197,7 +197,7 @@ class StartRules:
         self, plates: Iterable[WaitingPlate], printers: Collection[FleetPrinter], at_s: float
     ) -> Iterator[float]:
         """Yield the latest start in the hours around `at_s` for each plate on each printer."""
-        quiet, attended_span = self.quiet.find_next_span(at_s), self.attended.find_span(at_s)
+        quiet, attended_span = self.quiet_hours.find_next_span(at_s), self.attended_hours.find_span(at_s)
         for plate in plates:
             before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * DELAY_FACTOR
             for printer in printers:
@@ -216,8 +216,8 @@ class StartRules:
         """
         # `unattended` is the only field of a printer on which the allowed hours depend.
         kinds = {printer.unattended: printer for printer in printers}
-        times_s = [self.attended.find_next_edge_s(now_s), self.quiet.find_next_edge_s(now_s)]
-        if self.quiet.windows or self.attended.windows:
+        times_s = [self.attended_hours.find_next_edge_s(now_s), self.quiet_hours.find_next_edge_s(now_s)]
+        if self.quiet_hours.windows or self.attended_hours.windows:
             times_s += [
                 at_s + _TOLERANCE_S for at_s in self._list_latest_starts_s(plates, kinds.values(), now_s)
             ]
@@ -227,7 +227,7 @@ class StartRules:
         """Return the latest end of a print that runs at `at_s`; None if it may continue unattended."""
         if printer.unattended:
             return None
-        span = self.attended.find_span(at_s)
+        span = self.attended_hours.find_span(at_s)
         if span is not None and math.isinf(span[1]):
             return None
         return at_s if span is None else span[1] - CLEARING_RESERVE_S
@@ -237,7 +237,7 @@ class StartRules:
         latest_end_s = self.find_latest_end_s(printer, now_s)
         if latest_end_s is None or now_s < latest_end_s:
             return None
-        next_span = self.attended.find_next_span(now_s)
+        next_span = self.attended_hours.find_next_span(now_s)
         hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)} ({self.zone})"
         return f"{printer.name} prints only in attended hours ({printer.attended_reason}){hint}"
 
@@ -249,9 +249,9 @@ class StartRules:
         ValueError
             If fleet.yaml has no attended hours, or hours that never end, or requires attended first layers.
         """
-        if not self.attended.windows:
+        if not self.attended_hours.windows:
             raise ValueError("--overnight needs `attended` hours in fleet.yaml")
-        span = self.attended.find_span(now_s)
+        span = self.attended_hours.find_span(now_s)
         if span is not None and math.isinf(span[1]):
             raise ValueError(
                 "--overnight starts when nobody is there, and the `attended` hours of fleet.yaml never end: "
@@ -259,8 +259,8 @@ class StartRules:
             )
         if self.first_layers_attended:
             while span is not None and span[1] - FIRST_LAYER_S <= now_s:
-                span = self.attended.find_next_span(span[1])
-            span = span or self.attended.find_next_span(now_s)
+                span = self.attended_hours.find_next_span(span[1])
+            span = span or self.attended_hours.find_next_span(now_s)
             latest = None if span is None else datetime.fromtimestamp(span[1] - FIRST_LAYER_S, self.zone)
             example = "" if latest is None else f", like --at '{latest:%a %H:%M}'"
             raise ValueError(
@@ -271,13 +271,13 @@ class StartRules:
 
     def is_attended(self, at_s: float) -> bool:
         """Return whether a time is within the attended hours; False if fleet.yaml has none."""
-        return self.attended.find_span(at_s) is not None
+        return self.attended_hours.find_span(at_s) is not None
 
     def find_bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
         """Return the earliest time by which a person can clear the bed of an ended print."""
-        if not self.attended.windows or self.attended.find_span(ended_s) is not None:
+        if not self.attended_hours.windows or self.attended_hours.find_span(ended_s) is not None:
             return ended_s + clearing_s
-        next_span = self.attended.find_next_span(ended_s)
+        next_span = self.attended_hours.find_next_span(ended_s)
         return (next_span[0] if next_span is not None else ended_s) + clearing_s
 
 

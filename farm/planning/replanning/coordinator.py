@@ -87,7 +87,7 @@ class ReplanCoordinator:
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
         """Yield the plates that have just failed and whose parts are cut before they are assigned."""
-        for waiting_plate in situation.waiting.repeats:
+        for waiting_plate in situation.waiting_plates.repeats:
             plate = books.plates[waiting_plate.id]
             key = (plate.id, len(plate.prints))
             if (
@@ -110,24 +110,26 @@ class ReplanCoordinator:
             The plates that remain after the assignment, and the fleet after it.
         """
         if situation.now_s < self._search_due_s:
-            self.next_search_s = self._search_due_s if situation.waiting else math.inf
+            self.next_search_s = self._search_due_s if situation.waiting_plates else math.inf
             return
         self.next_search_s = math.inf
-        if not situation.waiting:
+        if not situation.waiting_plates:
             return
         self._search_due_s = situation.now_s + _SEARCH_INTERVAL_S * situation.time_scale
         reserved_printers = self.reserved_printers
-        free_printers = [printer for printer in situation.free if printer.name not in reserved_printers]
+        free_printers = [
+            printer for printer in situation.free_printers if printer.name not in reserved_printers
+        ]
         kinds = {printer.capabilities for printer in free_printers}
         demands = {
             demand
-            for demand in situation.waiting.demands
+            for demand in situation.waiting_plates.demands
             if any(policy.is_other_kind(demand, k) for k in kinds)
         }
         holds = find_holds(situation, ()) if demands else {}
         end_forecast = policy.EndForecast(situation)
         for waiting_plate in [
-            waiting_plate for waiting_plate in situation.waiting if waiting_plate.demand in demands
+            waiting_plate for waiting_plate in situation.waiting_plates if waiting_plate.demand in demands
         ]:
             plate = books.plates[waiting_plate.id]
             if not free_printers or waiting_plate.id in self._running or not _may_be_replanned(books, plate):
@@ -173,7 +175,7 @@ class ReplanCoordinator:
         replan = self._running.pop(name, None)
         plate = books.plates[name]
         waiting_plate = next(
-            (waiting_plate for waiting_plate in situation.waiting if waiting_plate.id == name), None
+            (waiting_plate for waiting_plate in situation.waiting_plates if waiting_plate.id == name), None
         )
         if replan is None or waiting_plate is None:
             return None  # the plate was cancelled or printed meanwhile
@@ -213,7 +215,9 @@ class ReplanCoordinator:
         plate = books.plates[waiting_plate.id]
         history = {"prints": plate.prints, "counted_from": plate.counted_from}
         new_plates = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
-        new_situation = situation.with_waiting((*situation.waiting.without({plate.id}), *new_plates))
+        new_situation = situation.with_waiting_plates(
+            (*situation.waiting_plates.without({plate.id}), *new_plates)
+        )
         compute_end_s = policy.compute_one_piece_end_s if cut else policy.compute_expected_end_s
         after_s = max(policy.compute_expected_end_s(piece_plate, new_situation) for piece_plate in new_plates)
         after_s += policy.JOINING_TIME_S * len(new_plates) if cut else 0.0

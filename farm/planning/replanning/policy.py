@@ -86,7 +86,7 @@ class EndForecast:
     @cached_property
     def _ends_s(self) -> dict[str, float]:
         situation = self._situation
-        if situation.rules.attended.windows:
+        if situation.rules.attended_hours.windows:
             inspected_printers = (
                 p if p.attention_reason is None else replace(p, attention_reason=None, bed=Bed.NOT_CLEAR)
                 for p in situation.printers
@@ -102,7 +102,7 @@ def compute_expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
 
 def compute_one_piece_end_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return the expected end of a waiting plate's part in one piece, resliced if that is sooner."""
-    other_printer = _find_best_printer(plate, situation.free, situation)
+    other_printer = _find_best_printer(plate, situation.free_printers, situation)
     planned_end_s = compute_expected_end_s(plate, situation)
     return (
         planned_end_s
@@ -189,14 +189,14 @@ def _list_unneeded_printers(
     plate: WaitingPlate, piece: WaitingPlate, situation: Situation
 ) -> list[FleetPrinter]:
     """List the free printers that could start a piece of a plate and that no other waiting plate needs."""
-    other_plates = situation.waiting.without({plate.id})
+    other_plates = situation.waiting_plates.without({plate.id})
     used_printers = {
         assignment.printer
-        for assignment in assign_plates(replace(situation, waiting=other_plates, spares={}))
+        for assignment in assign_plates(replace(situation, waiting_plates=other_plates, spares={}))
     }
     return [
         p
-        for p in situation.free
+        for p in situation.free_printers
         if p.name not in used_printers and _has_same_filament(plate, p) and _could_start(piece, p, situation)
     ]
 

@@ -82,7 +82,7 @@ def choose_revision(
         return None
     plate_ids = {plate.id for plate in job.plates}
     plates = estimate_plates(job, best)
-    new_situation = situation.with_waiting((*situation.waiting.without(plate_ids), *plates))
+    new_situation = situation.with_waiting_plates((*situation.waiting_plates.without(plate_ids), *plates))
     is_final = (
         _find_best_printers(
             replace(job, plates=plates, planned_for=best, end_s=None), new_situation, printer_sets
@@ -100,7 +100,9 @@ def _find_best_printers(
         return None
     plate_ids = {plate.id for plate in job.plates}
     # Later jobs do not delay this job; without them the forecast is fast.
-    earlier_jobs = replace(situation, waiting=situation.waiting.limit_to_rank(job.plates[0].queue_rank))
+    earlier_jobs = replace(
+        situation, waiting_plates=situation.waiting_plates.limit_to_rank(job.plates[0].queue_rank)
+    )
     before_s = find_end_s(plate_ids, earlier_jobs) if job.end_s is None else job.end_s
     if job.done_by_s is not None and before_s <= job.done_by_s:
         return None
@@ -108,8 +110,8 @@ def _find_best_printers(
     for names in candidates:
         if _may_save(job, names, before_s, situation):
             plates = estimate_plates(job, names)
-            other_plates = earlier_jobs.waiting.without(plate_ids)
-            new_situation = earlier_jobs.with_waiting((*other_plates, *plates))
+            other_plates = earlier_jobs.waiting_plates.without(plate_ids)
+            new_situation = earlier_jobs.with_waiting_plates((*other_plates, *plates))
             ends_s[names] = find_end_s({p.id for p in plates}, new_situation) + _find_additional_s(job, names)
     best = min(ends_s, key=ends_s.__getitem__, default=None)
     if best is None or math.isinf(ends_s[best]):

@@ -145,7 +145,7 @@ class PlanRevisions:
                 if forecast_size > MAX_FORECAST_SIZE:
                     self._postpone(plates if can_start else ())
                     continue
-                earlier_plates = situation.waiting.limit_to_rank(plates[0].queue_rank)
+                earlier_plates = situation.waiting_plates.limit_to_rank(plates[0].queue_rank)
                 forecast_size += len(situation.printers) + len(earlier_plates)
                 names = choose_revision(planned_job, situation, (idle_printers, usable_printers))
             self._examined_keys = {k for k in self._examined_keys if k[0] in changeable_jobs} | {key}
@@ -219,7 +219,7 @@ def _find_unstarted_jobs(
     """Find the jobs whose plates may all be assigned, each with its plates."""
     return {
         entry.job: entry.plates
-        for entry in situation.waiting.jobs
+        for entry in situation.waiting_plates.jobs
         if entry.job in jobs and len(entry.plates) == len(books.get_job(entry.job).plates)
     }
 
@@ -317,6 +317,6 @@ def _ends_sooner(event: ev.PlanRevised, books: Books, situation: Situation) -> b
     changed_books, _ = apply(event, books)
     job = changed_books.get_job(event.job)
     new_plates = tuple(describe_plates(changed_books.list_plates(job), changed_books))
-    other_plates = tuple(plate for plate in situation.waiting if plate.job != job.id)
+    other_plates = tuple(plate for plate in situation.waiting_plates if plate.job != job.id)
     before_s = find_end_s(set(books.get_job(job.id).plates), situation)
-    return find_end_s(set(job.plates), situation.with_waiting((*other_plates, *new_plates))) < before_s
+    return find_end_s(set(job.plates), situation.with_waiting_plates((*other_plates, *new_plates))) < before_s

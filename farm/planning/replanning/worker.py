@@ -24,7 +24,7 @@ from farm.planning.tasks import cut_part
 log = logging.getLogger(__name__)
 
 CUTTING_LIMIT = Limit("recutting a part", 900.0)
-OnReplan = Callable[[str, "ReplannedPlate | FarmError"], None]
+ReplanListener = Callable[[str, "ReplannedPlate | FarmError"], None]
 
 
 class ReplanWorker:
@@ -40,7 +40,7 @@ class ReplanWorker:
         Called with a plate's id and its replacement, or the error that prevents it.
     """
 
-    def __init__(self, state: StateFolder, workers: Pool, on_replan: OnReplan) -> None:
+    def __init__(self, state: StateFolder, workers: Pool, on_replan: ReplanListener) -> None:
         self._state, self._workers, self._on_replan = state, workers, on_replan
         self._running: set[asyncio.Task[None]] = set()
 

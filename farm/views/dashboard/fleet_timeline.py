@@ -1,4 +1,4 @@
-"""View of the fleet's timeline: a row for each printer, a bar for each print, and a band for hours. Pure."""
+"""View of the fleet's timeline: a row for each printer, a bar for each print, and bands of hours. Pure."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class Chart:
 
     rows: tuple[Row, ...]
     marks: tuple[TimeMark, ...]
-    attended: tuple[Band, ...]
-    quiet: tuple[Band, ...]
+    attended_bands: tuple[Band, ...]
+    quiet_bands: tuple[Band, ...]
     now_x: float
     height: int
     kinds: tuple[tuple[str, str], ...]
@@ -120,7 +120,7 @@ class TimelineView:
         Parts that no printer can take.
     jobs_without_plan
         Jobs without a plan, which the timeline cannot show yet.
-    waiting
+    waiting_jobs
         Jobs with plates that have not started: the jobs that a what-if change can alter.
     change, shifts
         The what-if change, and its effect on each job; None and empty for the present plan.
@@ -133,7 +133,7 @@ class TimelineView:
     table: tuple[TableRow, ...]
     unprintable_parts: tuple[str, ...]
     jobs_without_plan: tuple[WaitingJob, ...]
-    waiting: tuple[WaitingJob, ...]
+    waiting_jobs: tuple[WaitingJob, ...]
     change: Change | None = None
     shifts: tuple[Shift, ...] = ()
 
@@ -175,7 +175,7 @@ def describe_fleet_timeline(
         table=tuple(_make_table_row(context, slot) for slot in plan.prints),
         unprintable_parts=tuple(context.books.plates[name].parts[0] for name in plan.unprintable_plates),
         jobs_without_plan=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
-        waiting=tuple(
+        waiting_jobs=tuple(
             WaitingJob(job.id, job.name) for job in jobs if count_waiting_plates(context.books, job)
         ),
         change=change,
@@ -216,8 +216,8 @@ def _lay_out_chart(context: ViewContext, situation: Situation, plan: FleetPlan, 
     return Chart(
         rows=tuple(rows),
         marks=tuple(axis.list_marks()),
-        attended=_lay_out_bands(axis, list_spans(rules.attended, begin_s, end_s)),
-        quiet=_lay_out_bands(axis, list_spans(rules.quiet, begin_s, end_s)),
+        attended_bands=_lay_out_bands(axis, list_spans(rules.attended_hours, begin_s, end_s)),
+        quiet_bands=_lay_out_bands(axis, list_spans(rules.quiet_hours, begin_s, end_s)),
         now_x=axis.compute_x(context.now_s),
         height=_TOP + _ROW_HEIGHT * len(rows) + 4,
         kinds=tuple((kind, sign) for kind, sign in SIGNS.items() if kind in kinds),

@@ -86,14 +86,14 @@ def change_situation(situation: Situation, books: Books, change: Change, now_s: 
     """
     changed_books = apply_change(books, change, now_s)
     other_plates = tuple(
-        _update_rank(plate, changed_books) for plate in situation.waiting if plate.job != change.job
+        _update_rank(plate, changed_books) for plate in situation.waiting_plates if plate.job != change.job
     )
     plates = (
         p
         for p in books.list_plates(books.get_job(change.job))
         if books.find_plate_state(p) is PlateState.WAITING
     )
-    return situation.with_waiting((*other_plates, *describe_plates(plates, changed_books)))
+    return situation.with_waiting_plates((*other_plates, *describe_plates(plates, changed_books)))
 
 
 def _update_rank(plate: WaitingPlate, books: Books) -> WaitingPlate:

@@ -42,9 +42,11 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     plates = {plate.id: plate for plate in books.list_plates(job)}
     waiting_plates = (p for p in plates.values() if books.find_plate_state(p) is PlateState.WAITING)
     own_plates = tuple(describe_plates(waiting_plates, books))
-    other_plates = tuple(plate for plate in situation.waiting if plate.job != number)
-    forecast = forecast_prints(situation.with_waiting((*other_plates, *own_plates)), include_bound=False)
-    bound_s = forecast_prints(situation.with_waiting(own_plates)).lower_bound_s
+    other_plates = tuple(plate for plate in situation.waiting_plates if plate.job != number)
+    forecast = forecast_prints(
+        situation.with_waiting_plates((*other_plates, *own_plates)), include_bound=False
+    )
+    bound_s = forecast_prints(situation.with_waiting_plates(own_plates)).lower_bound_s
     expected_slots = [slot for slot in forecast.slots if slot.plate in plates]
     slots = [*_list_started_slots(plates.values(), books), *expected_slots]
     slots.sort(key=lambda slot: (slot.starts_s, slot.printer))

@@ -127,8 +127,8 @@ class ForecastSimulation:
         rules, now_s = self.controller.rules, self.clock.now_s
         starts = (job.not_before_s for job in self.controller.books.jobs.values() if not job.state.ended)
         change_times_s = (
-            rules.attended.find_next_edge_s(now_s),
-            rules.quiet.find_next_edge_s(now_s),
+            rules.attended_hours.find_next_edge_s(now_s),
+            rules.quiet_hours.find_next_edge_s(now_s),
             *starts,
         )
         return min(

@@ -163,10 +163,12 @@ def test_updated_situation_equals_one_built_after_the_starts(plate_counts, print
         )
         farm.store.close()
     assert updated_situation.printers == new_situation.printers
-    assert [plate.id for plate in updated_situation.waiting] == [plate.id for plate in new_situation.waiting]
-    assert {printer.name for printer in updated_situation.free} == {p.name for p in old_situation.free} - {
-        start.printer for start in starts
-    }
+    assert [plate.id for plate in updated_situation.waiting_plates] == [
+        plate.id for plate in new_situation.waiting_plates
+    ]
+    assert {printer.name for printer in updated_situation.free_printers} == {
+        p.name for p in old_situation.free_printers
+    } - {start.printer for start in starts}
 
 
 CHANGES = {

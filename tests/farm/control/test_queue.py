@@ -74,12 +74,12 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
     old_ends = list_expected_ends()
     assert old_ends[1] <= old_ends[2] <= old_ends[3]
     move_job(farm, 3, "first")
-    waiting_plates = list(farm.controller.situations.build_for_forecast().waiting)
+    waiting_plates = list(farm.controller.situations.build_for_forecast().waiting_plates)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
     farm.store.close()
     restarted_farm = Farm(tmp_path)  # the order is stored in the books
     assert list_queue(restarted_farm) == [3, 1, 2]
-    waiting_plates = list(restarted_farm.controller.situations.build_for_forecast().waiting)
+    waiting_plates = list(restarted_farm.controller.situations.build_for_forecast().waiting_plates)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
 
 

@@ -65,5 +65,9 @@ def test_reserved_printers_are_avoided_while_another_is_free():
 
 def test_printers_of_a_replan_are_avoided_while_others_exist():
     fleet = (make_printer("a"), make_printer("c", booked=True))
-    assert choose_printers(ANY_PRINTER, Availability(fleet, reserved=frozenset("a"))) == PlanOrder(("c",))
-    assert choose_printers(ANY_PRINTER, Availability(fleet[:1], reserved=frozenset("a"))) == PlanOrder(("a",))
+    assert choose_printers(ANY_PRINTER, Availability(fleet, replan_printers=frozenset("a"))) == PlanOrder(
+        ("c",)
+    )
+    assert choose_printers(ANY_PRINTER, Availability(fleet[:1], replan_printers=frozenset("a"))) == PlanOrder(
+        ("a",)
+    )

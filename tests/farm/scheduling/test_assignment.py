@@ -275,7 +275,7 @@ def test_only_starts_that_are_still_possible_are_selected(waiting_plates, fleet,
     assignments = assignment.assign_plates(situation)
     assert assignment.select_possible_assignments(assignments, situation) == assignments
     possible_assignments = assignment.select_possible_assignments(assignments, later_situation)
-    free_names = {p.name for p in later_situation.free}
+    free_names = {p.name for p in later_situation.free_printers}
     assert all(item in assignments and item.printer in free_names for item in possible_assignments)
     extra_printers = {
         plate.job: plate.extra_printers for plate in waiting_plates if plate.extra_printers is not None

@@ -85,7 +85,7 @@ def test_overnight_is_refused_if_first_layers_need_attendance(now, expected_time
     assert error.value.code is ErrorCode.SETTINGS
     begins_s, _ = parse_start_and_deadline_s(JobOptions(at=expected_time), start_rules, now_s)
     assert begins_s is not None
-    assert start_rules.attended.find_span(begins_s) is not None
+    assert start_rules.attended_hours.find_span(begins_s) is not None
 
 
 @pytest.mark.parametrize("first_layers_attended", [False, True])

@@ -97,9 +97,9 @@ def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s,
         assert printer.bed is Bed.CLEAR
         assert printer.grams is None or plate.grams <= printer.grams
         assert plate.not_before_s is None or plate.not_before_s <= now_s
-        quiet_span = start_rules.quiet.find_span(now_s) or start_rules.quiet.find_next_span(now_s)
+        quiet_span = start_rules.quiet_hours.find_span(now_s) or start_rules.quiet_hours.find_next_span(now_s)
         assert quiet_span is None or now_s + plate.expected_s <= quiet_span[0]
-        attended_span = start_rules.attended.find_span(now_s)
+        attended_span = start_rules.attended_hours.find_span(now_s)
         if not printer.unattended:
             assert (
                 attended_span is not None
@@ -135,7 +135,7 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
             assert start_rules.find_start(plate, printer, latest_s + 1.0).at_s != latest_s + 1.0
         ends_by_s = start_rules.find_latest_end_s(printer, at_s)
         assert (ends_by_s is None) == (
-            printer.unattended or math.isinf(start_rules.attended.find_span(at_s)[1])
+            printer.unattended or math.isinf(start_rules.attended_hours.find_span(at_s)[1])
         )
         assert ends_by_s is None or at_s + plate.expected_s < ends_by_s
 
@@ -363,7 +363,7 @@ def test_longest_plate_of_a_job_is_served_first():
         make_plate("a", "a", expected_s=HOUR_S),
         make_plate("b", "a", expected_s=2 * HOUR_S),
     )
-    assert tuple(make_situation([short_plate, long_plate], [make_printer("a")]).waiting) == (
+    assert tuple(make_situation([short_plate, long_plate], [make_printer("a")]).waiting_plates) == (
         long_plate,
         short_plate,
     )

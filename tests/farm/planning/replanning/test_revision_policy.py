@@ -124,7 +124,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     assert revision in (free_printers, names)
     old_end_s = find_end_s({p.id for p in job.plates}, situation)
     plates = estimate_plates(job, revision)
-    next_situation = situation.with_waiting(plates)
+    next_situation = situation.with_waiting_plates(plates)
     new_end_s = find_end_s({p.id for p in plates}, next_situation)
     gain_s = old_end_s - (new_end_s + planning_s)
     assert gain_s >= max(MIN_GAIN_S, MIN_GAIN_SHARE * (old_end_s - situation.now_s))

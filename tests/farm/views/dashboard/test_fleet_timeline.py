@@ -60,7 +60,7 @@ def test_past_running_and_planned_prints_are_shown_in_order():
         ("2/p01", "planned"),
         ("3/p01", "planned"),
     ]
-    assert [job.id for job in view.waiting] == [1, 2, 3]
+    assert [job.id for job in view.waiting_jobs] == [1, 2, 3]
     rows = {row.printer: row.bars for row in view.chart.rows}
     assert [len(rows[name]) for name in "abc"] == [6, 0, 0]
     assert all(bar.x + bar.width <= view.chart.width for bar in rows["a"])
@@ -76,9 +76,9 @@ def test_prints_before_the_period_are_omitted():
 
 def test_attended_and_quiet_hours_are_in_the_background():
     chart = describe_timeline(make_night_books(), attended=["00:00-12:00"], quiet=["22:00-06:00"]).chart
-    assert len(chart.attended) == 1
-    assert len(chart.quiet) == 1
-    assert chart.quiet[0].x < chart.attended[0].x
+    assert len(chart.attended_bands) == 1
+    assert len(chart.quiet_bands) == 1
+    assert chart.quiet_bands[0].x < chart.attended_bands[0].x
 
 
 def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
