@@ -127,7 +127,7 @@ class UsedResults:
 
     def write(self, task: RemoteTask, files: dict[str, bytes]) -> None:
         """Write files as `remote_task.write_files` does, and count those that are results."""
-        if not set(files) <= set(task.live):
+        if not set(files) <= set(task.live_files):
             self.counts_by_task[(task.limit.work, *task.folders, *task.writes)] += 1
         self._write(task, files)
 

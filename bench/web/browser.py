@@ -96,7 +96,7 @@ async def measure_home(port: int, key: str, seconds: float, folder: Path) -> dic
         "paint_ms": paints_ms[0], "median_paint_ms": statistics.median(paints_ms),
         "phone_paint_ms": phone_paints_ms[0], "median_phone_paint_ms": statistics.median(phone_paints_ms),
         "home_kb": home_kb,
-        "viewer_kb": None if viewer is None else home_kb + len(viewer.compressed) / 1000,
+        "viewer_kb": None if viewer is None else home_kb + len(viewer.compressed_content) / 1000,
     }  # fmt: skip
 
 

@@ -83,7 +83,7 @@ def make_request(rng: random.Random, keys: Mapping[str, str]) -> FuzzedRequest:
     rng
         Source of every choice.
     keys
-        Texts of the callers' keys, by name; an empty text for nobody.
+        Texts of the callers' keys, by name; an empty string for nobody.
     """
     caller = rng.choice(sorted(keys))
     method, template = rng.choice(ROUTES)

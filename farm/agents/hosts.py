@@ -301,7 +301,7 @@ class Hosts:
 
     def _roll_out(self, updating_hosts: tuple[str, ...]) -> None:
         step = plan_rollout({record.host: record.update for record in self.records}, updating_hosts)
-        for host in step.begin:
+        for host in step.begin_hosts:
             connection = self._connections[host]
             try:
                 connection.send(HostMessage(do="update"))
@@ -310,7 +310,7 @@ class Hosts:
                 continue
             connection.record.on_update_begun()
             updating_hosts = updating_hosts if host in updating_hosts else (*updating_hosts, host)
-        for host in step.halt:
+        for host in step.halt_hosts:
             with suppress(AgentError):
                 self._connections[host].send(HostMessage(do="halt"))
         if step.fault is not None:

@@ -14,9 +14,9 @@ class RolloutStep:
 
     Attributes
     ----------
-    begin
+    begin_hosts
         Hosts whose update begins now.
-    halt
+    halt_hosts
         Hosts whose update stops now.
     ended
         True if the update is complete or has failed.
@@ -24,8 +24,8 @@ class RolloutStep:
         Reason to stop early.
     """
 
-    begin: tuple[str, ...] = ()
-    halt: tuple[str, ...] = ()
+    begin_hosts: tuple[str, ...] = ()
+    halt_hosts: tuple[str, ...] = ()
     ended: bool = False
     fault: str | None = None
 
@@ -53,17 +53,18 @@ def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str,
             running_hosts = tuple(
                 other for other in started_hosts if phases.get(other) is UpdatePhase.RUNNING
             )
-            return RolloutStep(halt=running_hosts, ended=True, fault=f"{host}: {update.reason}")
-    todo = tuple(
+            return RolloutStep(halt_hosts=running_hosts, ended=True, fault=f"{host}: {update.reason}")
+    remaining_hosts = tuple(
         host
         for host in sorted(updates)
         if host not in started_hosts and phases[host] in (UpdatePhase.OUTDATED, UpdatePhase.FAILED)
     )
-    if not started_hosts and todo:
-        return RolloutStep(begin=todo[:1])
+    if not started_hosts and remaining_hosts:
+        return RolloutStep(begin_hosts=remaining_hosts[:1])
     outdated_hosts = tuple(host for host in started_hosts if phases.get(host) is UpdatePhase.OUTDATED)
-    next_hosts = todo if started_hosts and phases.get(started_hosts[0]) is UpdatePhase.CURRENT else ()
+    is_first_done = bool(started_hosts) and phases.get(started_hosts[0]) is UpdatePhase.CURRENT
+    next_hosts = remaining_hosts if is_first_done else ()
     if outdated_hosts or next_hosts:
-        return RolloutStep(begin=(*outdated_hosts, *next_hosts))
+        return RolloutStep(begin_hosts=(*outdated_hosts, *next_hosts))
     is_done = all(phase is UpdatePhase.CURRENT for phase in phases.values())
     return RolloutStep(ended=is_done)

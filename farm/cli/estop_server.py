@@ -39,12 +39,12 @@ class RequestProcess(Protocol):
 
 
 @dataclass(slots=True)
-class _Pending:
+class _PendingConnection:
     """Connection whose request has not arrived yet."""
 
     uid: int
     since_s: float
-    received: bytes = b""
+    received_bytes: bytes = b""
 
 
 class EstopServer:
@@ -68,7 +68,7 @@ class EstopServer:
     ) -> None:
         listener.setblocking(False)
         self._listener, self._begin, self._read_uid = listener, begin, read_uid
-        self._pending: dict[socket.socket, _Pending] = {}
+        self._pending: dict[socket.socket, _PendingConnection] = {}
         self._running: list[tuple[int, RequestProcess]] = []
         self._next_accept_s = -math.inf
 
@@ -104,7 +104,7 @@ class EstopServer:
             with connection, suppress(OSError):
                 connection.send(json.dumps(_FULL_ANSWER).encode() + b"\n")
             return
-        self._pending[connection] = _Pending(uid, now_s)
+        self._pending[connection] = _PendingConnection(uid, now_s)
 
     def _read(self, connection: socket.socket) -> None:
         """Read a part of a request; once the request is complete, start its process."""
@@ -115,12 +115,12 @@ class EstopServer:
             return
         except OSError:
             data = b""
-        request.received += data
-        if b"\n" in request.received and len(request.received) <= MAX_REQUEST_BYTES:
+        request.received_bytes += data
+        if b"\n" in request.received_bytes and len(request.received_bytes) <= MAX_REQUEST_BYTES:
             connection.setblocking(True)
             with suppress(OSError):
-                self._running.append((request.uid, self._begin(connection, request.received)))
-        elif data and len(request.received) < MAX_REQUEST_BYTES:
+                self._running.append((request.uid, self._begin(connection, request.received_bytes)))
+        elif data and len(request.received_bytes) < MAX_REQUEST_BYTES:
             return
         self._end(connection)
 

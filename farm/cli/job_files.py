@@ -25,7 +25,7 @@ class FetchedFiles:
 
     by_name: dict[str, Path] = field(default_factory=dict)
     by_sha256: dict[str, Path] = field(default_factory=dict)
-    written: list[str] = field(default_factory=list)
+    written_files: list[str] = field(default_factory=list)
 
     def find(self, path: str) -> Path | None:
         """Return the file for a path on the daemon's host, where the names of stored files are hashes."""
@@ -77,7 +77,7 @@ def fetch_files(
         _refuse_overwriting(folder, missing_files, force)
         for file in missing_files:
             _fetch_file(client, number, file, folder, force)
-            result.written.append(file.name)
+            result.written_files.append(file.name)
     except OSError as error:
         cause = error.strerror or error
         raise FarmError(f"{folder} cannot be written ({cause}); give another folder with --out") from error

@@ -23,7 +23,7 @@ class TaskFiles:
         Files that it writes, besides those folders.
     caches
         Folders that cache results by content; another computer uses folders of its own.
-    live
+    live_files
         Files in `folders` that others read while the task runs, such as its progress.
     """
 
@@ -31,7 +31,7 @@ class TaskFiles:
     folders: tuple[Path, ...] = ()
     writes: tuple[Path, ...] = ()
     caches: tuple[Path, ...] = ()
-    live: tuple[Path, ...] = ()
+    live_files: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

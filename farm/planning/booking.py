@@ -84,7 +84,7 @@ def store_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFa
 
 def store_plan(sliced_job: SlicedJob, files: Path) -> Plan:
     """Put a sliced job's files into the store and return its plan."""
-    task, decomposed_job = sliced_job.task, sliced_job.decomposed
+    task, decomposed_job = sliced_job.task, sliced_job.decomposed_job
     parts, plates = [], []
     for number, part in enumerate(sliced_job.parts, 1):
         names = PlateNames(task.job, f"{task.job}/{part.part.id}", f"{task.job}/{number:02d}")
@@ -136,4 +136,4 @@ def _estimate_serial_s(sliced_job: SlicedJob) -> float:
     overhead_s = compute_overhead_s(first.printer, first.task.settings)
     price_s = sum(part.part.price_s - overhead_s for part in sliced_job.parts)
     sliced_s = sum(float(part.result.sliced_s) for part in sliced_job.parts)
-    return overhead_s + (sliced_job.decomposed.serial_price_s - overhead_s) * sliced_s / price_s
+    return overhead_s + (sliced_job.decomposed_job.serial_price_s - overhead_s) * sliced_s / price_s

@@ -22,8 +22,8 @@ log = logging.getLogger(__name__)
 _RETRY_INTERVAL_S = 5.0  # wall seconds
 MIN_FREE_BYTES = 64 * 1024**2
 """Free bytes on the disk of the state folder below which a failure is attributed to a full disk."""
-OnPlan = Callable[[int, "Plan | FarmError"], None]
-OnProgress = Callable[[int, PlanProgress], None]
+PlanListener = Callable[[int, "Plan | FarmError"], None]
+ProgressListener = Callable[[int, PlanProgress], None]
 
 
 class JobPlanner:
@@ -44,7 +44,12 @@ class JobPlanner:
     """
 
     def __init__(
-        self, state: StateFolder, workers: Pool, budget_s: float, on_plan: OnPlan, on_progress: OnProgress
+        self,
+        state: StateFolder,
+        workers: Pool,
+        budget_s: float,
+        on_plan: PlanListener,
+        on_progress: ProgressListener,
     ) -> None:
         self._state = state
         self._workers = workers

@@ -183,7 +183,7 @@ class SlicedJob:
     """Decomposition with the slice of each part, in the order of its parts."""
 
     task: DecomposeTask
-    decomposed: DecomposedJob
+    decomposed_job: DecomposedJob
     parts: tuple[SlicedPart, ...]
 
     def compute_printer_times_s(self) -> dict[str, float]:
@@ -208,7 +208,7 @@ class SlicedJob:
         printer_times_s = self.compute_printer_times_s()
         delay_s = self.compute_makespan_s() - sum(printer_times_s.values()) / len(printer_times_s)
         min_delay_s = max(MIN_RELEVEL_DELAY_S, MIN_RELEVEL_DELAY_SHARE * self.compute_makespan_s())
-        is_movable = self.decomposed.cut_record is not None and len(printer_times_s) == len(self.parts)
+        is_movable = self.decomposed_job.cut_record is not None and len(printer_times_s) == len(self.parts)
         return is_movable and delay_s >= min_delay_s
 
 

@@ -70,7 +70,7 @@ class PlanBuilder:
         try:
             decomposed_job = await self._decompose_model()
             sliced_job = await self._relevel_job(await self._slice_parts(self.task, decomposed_job))
-            await self._drawings.finish(sliced_job.task, sliced_job.decomposed)
+            await self._drawings.finish(sliced_job.task, sliced_job.decomposed_job)
         finally:
             await self._drawings.stop()
         plan = await asyncio.to_thread(store_plan, sliced_job, self._state.files)
@@ -158,7 +158,7 @@ class PlanBuilder:
         try:
             await asyncio.sleep(0)  # lets the move take a worker before the drawings
             if self._workers.has_idle_worker:
-                self._drawings.start(sliced_job.task, sliced_job.decomposed)
+                self._drawings.start(sliced_job.task, sliced_job.decomposed_job)
             decomposed_job = await move_future
         finally:
             move_future.cancel()

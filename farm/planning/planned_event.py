@@ -40,10 +40,11 @@ def build_planned_event(
         material_names = " and ".join(materials)
         notices = (
             *notices,
-            f"Its parts are of {material_names}, as loaded on their printers: `--material` selects one.",
+            f"Its parts will be printed in {material_names}, as loaded on their printers: "
+            "`--material` selects one.",
         )
     if job.done_by_s is not None or job.assembled_by_s is not None:
-        # In the current state of the printers, beds may not be clear.
+        # Deadlines depend on the present state of the printers; the forecast above assumes idle printers.
         ends_s = forecast_prints(situation.with_printers(tuple(printers))).ends_s
         gluing_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
         notices = (*notices, *_describe_lateness(job, ends_s, gluing_s, rules, now_s))

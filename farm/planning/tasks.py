@@ -20,12 +20,14 @@ if TYPE_CHECKING:
 
 def list_decompose_files(task: DecomposeTask) -> TaskFiles:
     """List the files of `decompose_job`: the model, and the folder of the plan with its progress."""
-    return TaskFiles(reads=(task.model,), folders=(task.folder,), live=(task.folder / PROGRESS_FILE_NAME,))
+    return TaskFiles(
+        reads=(task.model,), folders=(task.folder,), live_files=(task.folder / PROGRESS_FILE_NAME,)
+    )
 
 
 def list_attempt_files(task: DecomposeTask, record: Path, _number: int, folder: Path) -> TaskFiles:
     """List the files of `try_grid`: the model, the record of the search, the folder of the attempt."""
-    return TaskFiles(reads=(task.model, record), folders=(folder,), live=(folder / PROGRESS_FILE_NAME,))
+    return TaskFiles(reads=(task.model, record), folders=(folder,), live_files=(folder / PROGRESS_FILE_NAME,))
 
 
 def list_continue_files(
@@ -33,7 +35,7 @@ def list_continue_files(
 ) -> TaskFiles:
     """List the files of `continue_job`: those of `decompose_job`, the record, the outcomes of the round."""
     reads = (task.model, record, *(file for file in outcomes if isinstance(file, Path)))
-    return TaskFiles(reads=reads, folders=(task.folder,), live=(task.folder / PROGRESS_FILE_NAME,))
+    return TaskFiles(reads=reads, folders=(task.folder,), live_files=(task.folder / PROGRESS_FILE_NAME,))
 
 
 def list_overview_files(drawing_record: Path, out: Path) -> TaskFiles:
@@ -56,7 +58,7 @@ def list_draw_files(
 
 def list_relevel_files(sliced_job: SlicedJob, folder: Path) -> TaskFiles:
     """List the files of `relevel_parts`: the model, the cuts, and the folder of the new parts."""
-    record = sliced_job.decomposed.cut_record
+    record = sliced_job.decomposed_job.cut_record
     reads = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)
     return TaskFiles(reads=reads, folders=(folder,))
 

@@ -31,5 +31,5 @@ LOSSES: frozenset[str] = frozenset(
 """Faults in which a board, or the connection to it, was lost."""
 FAULTS_BY_PEOPLE: frozenset[str] = frozenset({FarmFault.BY_A_PERSON, Fault.ESTOP})
 """Faults of prints that a person ended."""
-UNCHARGED_FAULTS: frozenset[str] = FAULTS_BY_PEOPLE | {Fault.HOURS_ENDED, FarmFault.REFUSED}
+UNCOUNTED_FAULTS: frozenset[str] = FAULTS_BY_PEOPLE | {Fault.HOURS_ENDED, FarmFault.REFUSED}
 """Faults that do not count as an attempt of a plate, because they have other causes."""

@@ -20,15 +20,15 @@ _ERRORS = {
     "4XX": {"description": "The request is refused; the error text gives the remedy.", **_PROBLEM},
     "500": {"description": "The daemon failed.", **_PROBLEM},
 }
-_INVALID = "422"  # FastAPI's status for an invalid request; this application uses 400
+_INVALID_STATUS = "422"  # FastAPI's status for an invalid request; this application uses 400
 _KEYS = {
     "key": {"type": "apiKey", "in": "header", "name": "X-Api-Key"},
     "bearer": {"type": "http", "scheme": "bearer"},
 }
 _DESCRIPTION = (
     "Interface of the farm for programs on the network. Each request needs a key, from `farm key add NAME`; "
-    "`x-role` of an operation is the role that it requires. Times are ISO 8601 in the fleet's time zone, "
-    "durations are in seconds. Later releases may add fields and routes, and neither remove nor redefine any."
+    "`x-role` of an operation is the role that it requires. Times are ISO 8601 in the fleet's time zone, and "
+    "durations are in seconds. Later releases may add fields and routes, but never remove or redefine any."
 )
 
 
@@ -72,7 +72,9 @@ def _list_operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[
 
 def _complete_operation(operation: dict[str, Any], verb: str, path: str, role: Role | None) -> dict[str, Any]:
     """Add the role and the errors to the description of an operation."""
-    answers = {status: answer for status, answer in operation["responses"].items() if status != _INVALID}
+    answers = {
+        status: answer for status, answer in operation["responses"].items() if status != _INVALID_STATUS
+    }
     for answer in answers.values():
         json = answer.get("content", {}).get("application/json")
         if json is not None and not json.get("schema"):

@@ -139,7 +139,7 @@ class NetworkServer:
 
 
 def find_host_names(section: WebSection) -> frozenset[str]:
-    """Return the names of this host in lower case: host name, also with `.local`, and those in fleet.yaml."""
+    """Return the names of this host in lower case, with and without `.local`, and the names in fleet.yaml."""
     name = socket.gethostname().lower()
     names = {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}
     proxy = urlsplit(section.url or "").hostname

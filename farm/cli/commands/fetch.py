@@ -29,16 +29,16 @@ def fetch(
 ) -> None:
     """Fetch the files of a job: parts, G-code, pictures, stills, and a report.
 
-    Each file is compared with its SHA-256, and appears when it is complete. If the command is run again, it
-    fetches only the missing files.
+    Each file is verified against its SHA-256, and appears only when it is complete. If the command is run
+    again, it fetches only the missing files.
     """
     from farm.cli.job_report import render_report  # slow to load
 
     client, folder = connect(paths), out or Path(f"job-{job}")
     result = fetch_files(client, job, folder, force)
-    present_count = len(result.by_name) - len(result.written)
+    present_count = len(result.by_name) - len(result.written_files)
     print(
-        f"{folder}: {format_count(len(result.written), 'file')} of job {job} fetched"
+        f"{folder}: {format_count(len(result.written_files), 'file')} of job {job} fetched"
         + (f", {present_count} already there" if present_count else "")
     )
     report = folder / _REPORT_FILE

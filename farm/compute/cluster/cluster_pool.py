@@ -155,7 +155,7 @@ class ClusterPool:
             folders=tuple(map(str, files.folders)),
             writes=tuple(map(str, files.writes)),
             caches=tuple(map(str, files.caches)),
-            live=tuple(map(str, files.live)),
+            live_files=tuple(map(str, files.live_files)),
         )
         for _ in range(_MAX_ATTEMPTS):
             async with self._slot_queue.take(group, limit.urgent) as has_slot:
@@ -197,7 +197,7 @@ class ClusterPool:
             self._sent_hashes.update(contents)
             if answer.mismatch is not None:
                 raise AttemptLost(f"worker {answer.host}: {answer.mismatch}")
-            if not answer.missing:
+            if not answer.missing_hashes:
                 return answer
         raise AttemptLost(f"worker {answer.host} has lost its files")
 
@@ -253,7 +253,7 @@ class ClusterPool:
             return
         self._running[task.id] = (replace(running_task, host=str(message.get("host"))), task)
         path, content = message.get("path"), message.get("content")
-        if isinstance(content, str) and path in task.live:
+        if isinstance(content, str) and path in task.live_files:
             with suppress(OSError):  # on a full disk the task itself may still succeed
                 write_files(task, {str(path): content.encode()})
 

@@ -29,8 +29,8 @@ _CONNECT_TIMEOUT_S = 10.0
 _HEARTBEAT_TIMEOUT_S = 20.0
 """Wall seconds without a heartbeat after which a worker is removed; one is due every second or two."""
 
-OnMessage = Callable[[dict[str, Any]], None]
-OnWorkers = Callable[[tuple[ClusterWorker, ...]], None]
+MessageListener = Callable[[dict[str, Any]], None]
+WorkersListener = Callable[[tuple[ClusterWorker, ...]], None]
 
 
 class Connection:
@@ -60,8 +60,8 @@ class Connection:
         scheduler: str,
         certificates: Path | None,
         installation: Installation,
-        on_workers: OnWorkers,
-        on_message: OnMessage,
+        on_workers: WorkersListener,
+        on_message: MessageListener,
     ) -> None:
         self._scheduler, self._installation = scheduler, installation
         self._security = make_security(scheduler, certificates)

@@ -27,7 +27,7 @@ class InputFile:
 
 @dataclass(frozen=True, slots=True)
 class RemoteTask:
-    """Task for a worker of a cluster; every path is one of the submitting computer.
+    """Task for a worker of a cluster; all paths are paths on the submitting computer.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class RemoteTask:
         Function and arguments, written by `relocation.dump`.
     installation
         Versions that the worker must have.
-    folders, writes, caches, live
+    folders, writes, caches, live_files
         See `TaskFiles`.
     """
 
@@ -49,7 +49,7 @@ class RemoteTask:
     folders: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
     caches: tuple[str, ...] = ()
-    live: tuple[str, ...] = ()
+    live_files: tuple[str, ...] = ()
 
     def list_hashes(self) -> tuple[str, ...]:
         """Return the hashes of the files that the task reads."""
@@ -64,7 +64,7 @@ class RemoteAnswer:
     ----------
     host
         Name of the worker.
-    missing
+    missing_hashes
         Hashes of files that the worker lacks; if there are any, the task was not run.
     result
         Result, written by `relocation.dump`; None if there is none.
@@ -77,7 +77,7 @@ class RemoteAnswer:
     """
 
     host: str
-    missing: tuple[str, ...] = ()
+    missing_hashes: tuple[str, ...] = ()
     result: bytes | None = None
     error: Exception | None = None
     mismatch: str | None = None

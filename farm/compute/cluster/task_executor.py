@@ -18,7 +18,7 @@ from slicing.cache import trim_cache
 log = logging.getLogger(__name__)
 
 _POLL_S = 0.5  # wall seconds between two readings of a live file
-OnLiveFile = Callable[[str, bytes], None]
+LiveFileListener = Callable[[str, bytes], None]
 
 
 class TaskExecutor:
@@ -45,7 +45,7 @@ class TaskExecutor:
         self._task_folder.mkdir()
 
     async def execute(
-        self, task: RemoteTask, contents: Mapping[str, bytes], on_live: OnLiveFile = lambda *_: None
+        self, task: RemoteTask, contents: Mapping[str, bytes], on_live: LiveFileListener = lambda *_: None
     ) -> RemoteAnswer:
         """Run a task. Cancelling the call ends the process of the task, and the engine that it runs.
 
@@ -67,9 +67,9 @@ class TaskExecutor:
                     await asyncio.to_thread(self._files.store, sha256, content)
             except (OSError, ValueError) as error:
                 return RemoteAnswer(self.host, mismatch=str(error))
-            missing_files = self._files.list_missing_files(task.list_hashes())
-            if missing_files:
-                return RemoteAnswer(self.host, missing=missing_files)
+            missing_hashes = self._files.list_missing_files(task.list_hashes())
+            if missing_hashes:
+                return RemoteAnswer(self.host, missing_hashes=missing_hashes)
             folder = self._task_folder / task.id
             try:
                 folder.mkdir()
@@ -82,7 +82,7 @@ class TaskExecutor:
                 await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
     def _place_files(self, task: RemoteTask, folder: Path) -> Relocation:
-        """Link the files that a task reads into its folder; return the relocation of the task's paths."""
+        """Link the input files of a task into its folder; return the relocation of the task's paths."""
         pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self.installation))
         for number, file in enumerate(task.reads):
             path = folder / f"read-{number}" / Path(file.path).name
@@ -103,8 +103,12 @@ class TaskExecutor:
             pairs.append((name, cache))
         return Relocation.from_pairs(pairs)
 
-    async def _run_task(self, task: RemoteTask, relocation: Relocation, on_live: OnLiveFile) -> RemoteAnswer:
-        watch_task = asyncio.get_running_loop().create_task(_watch_files(task.live, relocation, on_live))
+    async def _run_task(
+        self, task: RemoteTask, relocation: Relocation, on_live: LiveFileListener
+    ) -> RemoteAnswer:
+        watch_task = asyncio.get_running_loop().create_task(
+            _watch_files(task.live_files, relocation, on_live)
+        )
         try:
             result = await self._pool.run(run_relocated, task.call, relocation, limit=task.limit)
         finally:
@@ -128,12 +132,14 @@ def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[s
                 yield f"{name}/{path.relative_to(folder)}", path.read_bytes()
 
 
-async def _watch_files(live: tuple[str, ...], relocation: Relocation, on_live: OnLiveFile) -> None:
+async def _watch_files(
+    live_files: tuple[str, ...], relocation: Relocation, on_live: LiveFileListener
+) -> None:
     """Report live files whenever they change."""
     last_contents: dict[str, bytes] = {}
-    while live:
+    while live_files:
         await asyncio.sleep(_POLL_S)
-        for name in live:
+        for name in live_files:
             try:
                 content = Path(relocation.move(name)).read_bytes()
             except OSError:  # the file is not written yet

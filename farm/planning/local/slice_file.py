@@ -25,7 +25,7 @@ from slicing.errors import suggest_names
 from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
-OnStep = Callable[[str], None]
+StepListener = Callable[[str], None]
 _SIZE_MARGIN = 0.99  # share of the largest size, because the suggested figures are rounded
 
 
@@ -65,7 +65,7 @@ def slice_to_file(
     out: Path,
     options: SliceOptions,
     cache: Path | None = None,
-    on_step: OnStep = lambda _: None,
+    on_step: StepListener = lambda _: None,
 ) -> dict[str, Any]:
     """Slice a model in its own pose, in the middle of the bed; return the report of `farm slice --json`.
 
@@ -124,7 +124,7 @@ def _find_settings(options: SliceOptions) -> tuple[Profile, SettingsRequest]:
     return profile, request
 
 
-def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
+def _read_model(path: Path, options: SliceOptions, on_step: StepListener) -> Model:
     """Read a model, in the requested size."""
     return load_model(
         path,
@@ -156,7 +156,7 @@ def _compute_printed_size_mm(model: Model, settings: EngineSettings) -> tuple[fl
     return x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z
 
 
-def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: OnStep) -> dict[str, Any]:
+def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: StepListener) -> dict[str, Any]:
     """Slice a model into the file of its task; return the report."""
     model.mesh.export(task.stl)
     on_step(f"slicing {task.part}")

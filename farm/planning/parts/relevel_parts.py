@@ -39,7 +39,7 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
     FarmError
         `geometry`, `no_fit` or `settings`, with the reason.
     """
-    task, cut_record = sliced_job.task, sliced_job.decomposed.cut_record
+    task, cut_record = sliced_job.task, sliced_job.decomposed_job.cut_record
     if cut_record is None:
         return None
     decomposition = read_cut_record(cut_record)

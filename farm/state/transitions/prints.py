@@ -15,7 +15,7 @@ from farm.state.consequences import (
     request_pause,
     update_job_state,
 )
-from farm.state.faults import LOSSES, UNCHARGED_FAULTS, FarmFault
+from farm.state.faults import LOSSES, UNCOUNTED_FAULTS, FarmFault
 from farm.state.lifecycles import PRINT, InvalidTransition
 from farm.state.printer_speed import learn_speed
 from farm.state.reels import compute_used_grams, subtract_grams
@@ -136,7 +136,7 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
         state=state,
         fault=fault,
         reason=reason,
-        charged=not is_unknown and attempt.cancel_reason is None and fault not in UNCHARGED_FAULTS,
+        charged=not is_unknown and attempt.cancel_reason is None and fault not in UNCOUNTED_FAULTS,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
         extruded=has_extruded,

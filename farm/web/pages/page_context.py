@@ -29,13 +29,13 @@ class PageContext:
         Components of the daemon.
     notes
         Notes to show above the pages.
-    live
+    live_pages
         Registry of the live pages.
     """
 
     services: Services
     notes: Notes
-    live: LivePages
+    live_pages: LivePages
 
     async def answer(self, request: Request, render: PageRenderer) -> Response:
         """Answer with a page and the note of the caller; the note is kept if rendering fails."""

@@ -19,7 +19,7 @@ from farm.web.pages.rendering import render_message
 _MAX_FIELDS = 20
 _NOT_FOUND, _BAD_REQUEST = 404, 400
 _Query = TypeVar("_Query", bound=BaseModel)
-EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
+EMPTY_FIELD_VALIDATOR = BeforeValidator(lambda value: None if value == "" else value)
 """Validator that treats an empty field of a form as missing."""
 
 

@@ -21,7 +21,7 @@ def make_page_routes(pages: PageContext) -> APIRouter:
     async def render_home_page(reader: Reader, note: Note | None = None) -> str:
         return render_home(describe_farm(pages.services), reader, note)
 
-    pages.live.add("/", lambda reader, _variable, _query: render_home_page(reader))
+    pages.live_pages.add("/", lambda reader, _variable, _query: render_home_page(reader))
 
     @router.get("/")
     async def show_home(request: Request) -> Response:
@@ -37,7 +37,7 @@ def make_page_routes(pages: PageContext) -> APIRouter:
             headers["cache-control"] = _CACHE_CONTROL
         if "gzip" in request.headers.get("accept-encoding", ""):
             headers["content-encoding"] = "gzip"
-            return Response(file.compressed, media_type=file.media_type, headers=headers)
+            return Response(file.compressed_content, media_type=file.media_type, headers=headers)
         return Response(file.content, media_type=file.media_type, headers=headers)
 
     return router

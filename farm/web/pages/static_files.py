@@ -25,7 +25,7 @@ class StaticFile:
     """Content of a file, plain and compressed with gzip."""
 
     content: bytes
-    compressed: bytes
+    compressed_content: bytes
     media_type: str
     version: str
 

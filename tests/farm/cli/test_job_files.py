@@ -62,7 +62,7 @@ def test_second_fetch_downloads_only_missing_files(tmp_path):
     fetch_files(FakeClient(), 3, tmp_path)
     (tmp_path / "p01.stl").unlink()
     client = FakeClient()
-    assert fetch_files(client, 3, tmp_path).written == client.downloads == ["p01.stl"]
+    assert fetch_files(client, 3, tmp_path).written_files == client.downloads == ["p01.stl"]
     assert read_folder(tmp_path) == CONTENTS
 
 

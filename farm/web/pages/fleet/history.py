@@ -15,7 +15,7 @@ from farm.views.dashboard import HistoryFilter, HistoryView, describe_history, s
 from farm.views.history import describe_ended_print
 from farm.web.notes import Note, Reader
 from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
-from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
+from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
 from farm.web.pages.rendering import Farm, render_page
 
 PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 days"), (365, "last year"))
@@ -25,9 +25,9 @@ PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 day
 class HistoryQuery(BaseModel):
     """Filter of prints in the page's URL; an empty field does not filter."""
 
-    days: Annotated[Annotated[int, Field(ge=1, le=36_500)] | None, EMPTY_IS_NONE] = None
-    printer: Annotated[Annotated[str, Field(max_length=100)] | None, EMPTY_IS_NONE] = None
-    job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
+    days: Annotated[Annotated[int, Field(ge=1, le=36_500)] | None, EMPTY_FIELD_VALIDATOR] = None
+    printer: Annotated[Annotated[str, Field(max_length=100)] | None, EMPTY_FIELD_VALIDATOR] = None
+    job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_FIELD_VALIDATOR] = None
 
     def to_filter(self) -> HistoryFilter:
         """Return the filter of the view."""
@@ -51,7 +51,7 @@ def make_history_routes(pages: PageContext) -> APIRouter:
     async def render_live(reader: Reader, _variable: str, query: str) -> str:
         return await render(reader, read_query(HistoryQuery, query))
 
-    pages.live.add("/history", render_live, SLOW_PAGE_ROUNDS)
+    pages.live_pages.add("/history", render_live, SLOW_PAGE_ROUNDS)
 
     @router.get("/history")
     async def show_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:

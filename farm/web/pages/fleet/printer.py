@@ -60,7 +60,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
         )
         return render_printer(page, fleet, reader, note)
 
-    pages.live.add("/printers/{name}", lambda reader, name, _query: render(reader, name))
+    pages.live_pages.add("/printers/{name}", lambda reader, name, _query: render(reader, name))
 
     @router.get("/printers/{name}")
     async def show_printer(request: Request, name: str) -> Response:

@@ -21,7 +21,7 @@ from farm.views.dashboard import Change, TimelineView, describe_fleet_timeline
 from farm.views.jobs import count_waiting_plates, list_queue
 from farm.web.notes import Note, Reader
 from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
-from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
+from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
 from farm.web.pages.rendering import Farm, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
@@ -34,8 +34,8 @@ class TimelineQuery(BaseModel):
     """Query of the page: the period before now that it shows, and a what-if change."""
 
     hours: Literal["6", "12", "24", "72", "168"] = "12"
-    job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
-    to: Annotated[api.QueuePlace | None, EMPTY_IS_NONE] = None
+    job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_FIELD_VALIDATOR] = None
+    to: Annotated[api.QueuePlace | None, EMPTY_FIELD_VALIDATOR] = None
     at: Annotated[str, Field(max_length=40)] = ""
 
     @property
@@ -80,7 +80,7 @@ def make_timeline_routes(pages: PageContext) -> APIRouter:
     async def render_live(reader: Reader, _variable: str, query: str) -> str:
         return await render(reader, read_query(TimelineQuery, query))
 
-    pages.live.add("/timeline", render_live, SLOW_PAGE_ROUNDS)
+    pages.live_pages.add("/timeline", render_live, SLOW_PAGE_ROUNDS)
 
     @router.get("/timeline")
     async def show_timeline(request: Request, query: Annotated[TimelineQuery, Query()]) -> Response:

@@ -24,7 +24,7 @@ from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.archive import generate_archive
 from farm.web.pages.jobs.job_page import JobData, list_gcode_figures, render_job_page
 from farm.web.pages.page_context import PageContext
-from farm.web.pages.page_route import EMPTY_IS_NONE, PageRoute, read_query
+from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
 
 _INSTRUCTIONS_FILE, _PICTURE_FILE, _REPORT_FILE = "instructions.html", "assembly.png", "decomposition.json"
 _DOCUMENT_HEADERS = {
@@ -38,7 +38,7 @@ _MAX_PRINTS = 2000  # maximum number of prints of other jobs in a timeline
 class JobQuery(BaseModel):
     """Query of a job's page: the job whose curve it shows, if that is another job."""
 
-    curve: Annotated[int | None, EMPTY_IS_NONE] = None
+    curve: Annotated[int | None, EMPTY_FIELD_VALIDATOR] = None
 
 
 def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
@@ -60,7 +60,7 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
             raise NotFoundError(f"there is no job {number}")
         return await render(reader, int(number), curve=read_query(JobQuery, query).curve)
 
-    pages.live.add("/jobs/{number}", render_live)
+    pages.live_pages.add("/jobs/{number}", render_live)
 
     @router.get("/jobs/{number}")
     async def show_job(number: int, request: Request, query: Annotated[JobQuery, Query()]) -> Response:

@@ -26,7 +26,7 @@ class SubmitChoices:
 
     Attributes
     ----------
-    printers
+    printer_count
         Number of printers.
     materials, colours
         Kinds of material, and colours, on the printers.
@@ -38,7 +38,7 @@ class SubmitChoices:
         True if the package for STEP files is installed.
     """
 
-    printers: int
+    printer_count: int
     materials: Sequence[str]
     colours: Sequence[str]
     beds_mm: Sequence[tuple[str, float, float, float]]
@@ -51,7 +51,7 @@ def list_choices(fleet: Fleet) -> SubmitChoices:
     printers = [printer for printer in fleet.printers if printer.enabled]
     beds = {_describe_bed(printer) for printer in printers if printer.model in PROFILES}
     return SubmitChoices(
-        printers=len(printers),
+        printer_count=len(printers),
         materials=sorted({printer.material_kind or printer.material for printer in printers}),
         colours=sorted({printer.colour for printer in printers if printer.colour}),
         beds_mm=sorted(beds),
@@ -93,7 +93,7 @@ def render_submit_page(
         reader,
         note,
         choices=choices,
-        fleet_size=format_count(choices.printers, "printer"),
+        fleet_size=format_count(choices.printer_count, "printer"),
         request_id=request_id,
         values={**DEFAULTS, **values},
         units=UNITS,

@@ -42,7 +42,7 @@ def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     # On average, the slices take longer by half of this time.
     assert not slice_with_slow_part(task, decomposition, extra_s=MIN_RELEVEL_DELAY_S).should_relevel()
     assert not replace(
-        slice_with_slow_part(task, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
+        slice_with_slow_part(task, decomposition, 1e4), decomposed_job=replace(decomposition, cut_record=None)
     ).should_relevel()
     level_job = slice_with_slow_part(task, decomposition, extra_s=0.0)
     assert relevel_parts(level_job, tmp_path / "levelled") is None
