@@ -52,7 +52,7 @@ class StateFolder:
         return self.root / "jobs"
 
     def find_job_folder(self, number: int) -> Path:
-        """Return the folder with the files of a job by name, for people."""
+        """Return the folder for people, in which the files of a job have readable names."""
         return self.jobs / str(number)
 
     @property

@@ -15,7 +15,7 @@ from farm.text import flatten_text
 
 _CLOCK_TOLERANCE_S = 60.0  # wall seconds; longer than any message takes
 _MAX_TIME_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
-_OUTDATED_REASON = "its agent is of an older version: replace it with `farm up --replace {}`"
+_OUTDATED_REASON = "its agent has an older version: replace it with `farm up --replace {}`"
 _PRINT_STATES = {
     m.PrintPhase.SPOOLED: PrintState.ASSIGNED,
     m.PrintPhase.CONNECTING: PrintState.HEATING,
@@ -32,7 +32,7 @@ _PRINT_STATES = {
 def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     """Return the seconds by which the farm's clock is ahead of the agent's; 0 if a delay may explain them.
 
-    An agent's clock is never adjusted: all steps since the start of the daemon are in the farm's clock.
+    An agent's clock is never adjusted. Only the farm's clock follows the host's clock while the daemon runs.
     """
     if not report.now_s:
         return 0.0

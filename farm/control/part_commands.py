@@ -68,7 +68,7 @@ class PartCommands:
         return plate.parts[0]
 
     def pause(self, job: int, part: str, pause_requested: bool, by: str) -> str:
-        """Pause or resume a part, on its printer or in the queue; return the printer, or an empty text."""
+        """Pause or resume a part, on its printer or in the queue; return the printer, or an empty string."""
         plate = self._find_plate(job, part)
         printer = self._find_printer(plate)
         if printer is not None:

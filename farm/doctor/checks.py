@@ -150,7 +150,7 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
             text = f"{name}: its agent is running but does not answer"
             yield make_problem("agents", text, f"`farm up --replace {name}` when nothing prints there")
         elif agent.protocol < PROTOCOL:
-            text = f"{name}: its agent is of an earlier version (protocol {agent.protocol} of {PROTOCOL})"
+            text = f"{name}: its agent has an earlier version (protocol {agent.protocol} of {PROTOCOL})"
             yield make_warning("agents", text, f"`farm up --replace {name}` when nothing prints there")
         else:
             yield make_success("agents", f"{name}: its agent answers")

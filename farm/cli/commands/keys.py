@@ -101,7 +101,9 @@ def _show_keys(answer: api.Keys, json: bool) -> None:
     network = answer.network
     print(f"network: {network.address or 'off'}{f' (closed: {network.problem})' if network.problem else ''}")
     for request in answer.requests:
-        print(f"{request.app} at {request.address} requests a key: farm key grant {request.code}, or deny")
+        print(
+            f"{request.app} at {request.address} is requesting a key: farm key grant {request.code}, or deny"
+        )
     if not answer.keys:
         print("there is no key; `farm key add NAME` adds one")
         return

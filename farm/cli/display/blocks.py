@@ -34,7 +34,10 @@ class Block:
 
 
 def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
-    """Return the lines of all blocks in order, at most `height`; a line counts the omitted ones."""
+    """Return at most `height` lines of the blocks, in order.
+
+    The last line of a shortened block tells how many lines are left out.
+    """
     line_counts = [len(block.lines) for block in blocks]
     by_rank = sorted(range(len(blocks)), key=lambda i: blocks[i].rank, reverse=True)
     if height is not None:

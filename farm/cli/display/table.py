@@ -13,7 +13,7 @@ from rich.text import Text
 from farm.cli.display.console import HEADING_STYLE
 
 _GAP = 2  # spaces between two columns
-_INDENT = 2  # indent of the further lines of a row
+_INDENT = 2  # indent of the continuation lines of a row
 _COMMAND_PATTERN = re.compile(r"`[^`]*`")
 _UNBREAKABLE_SPACE = "\ue000"  # replaces a space at which a line must not be wrapped
 _CONSOLE = Console(width=80)  # required by `Text.wrap`; nothing is printed on it

@@ -58,7 +58,7 @@ class AppKeyRequests:
             len(open_requests) >= MAX_REQUESTS
             or sum(request.address == address for request in open_requests) >= MAX_REQUESTS_PER_ADDRESS
         ):
-            raise RefusedError("too many programs request a key: wait for five minutes, or paste one")
+            raise RefusedError("too many programs are requesting a key: wait for five minutes, or paste one")
         name = _FORBIDDEN_CHARACTERS.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
         code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
@@ -78,7 +78,7 @@ class AppKeyRequests:
             (request for request in self.list_open_requests(now_s) if request.code == code), None
         )
         if app_request is None:
-            raise NotFoundError(f"no program requests a key with the code {code}; `farm key` lists them")
+            raise NotFoundError(f"no program is requesting a key with the code {code}; `farm key` lists them")
         return app_request
 
     def grant(self, code: str, grant: api.AppKeyGrant, by: str, keys: KeyCommands, now_s: float) -> str:

@@ -105,7 +105,7 @@ def read_books(path: Path) -> tuple[Books, int]:
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(result.split())}")
             (version,) = db.execute("PRAGMA user_version").fetchone()
             if version not in MIGRATIONS:
-                raise StoreError(f"the database {path} is of a newer version of farm ({version})")
+                raise StoreError(f"the database {path} was written by a newer version of farm ({version})")
             kinds = _list_kinds(version) if version >= CHECKSUMS_VERSION else ()
             for table in (TABLES[kind] for kind in kinds):
                 changed_row = db.execute(CHANGED_ROW_QUERY.format(table)).fetchone()
@@ -197,7 +197,8 @@ class Store:
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
         if version not in MIGRATIONS:
             raise StoreError(
-                f"the database {self._path} is of a newer version ({version}): upgrade, or give --state"
+                f"the database {self._path} was written by a newer version ({version}): upgrade, or "
+                "give --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
         for statement in MIGRATIONS[version]:

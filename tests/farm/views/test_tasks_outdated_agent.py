@@ -1,4 +1,4 @@
-"""Task for an idle printer whose agent is of an older version."""
+"""Task for an idle printer whose agent has an older version."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def test_outdated_agent_is_a_task_until_it_is_replaced(tmp_path: Path):
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
     assert list_tasks(farm.build_view_context(state)) == []
-    reason = "its agent is of an older version: replace it with `farm up --replace a`"
+    reason = "its agent has an older version: replace it with `farm up --replace a`"
     farm.report_ready("a", link=Link.FAULT, outdated=True, reason=reason)
     assert [(item.code, item.text) for item in list_tasks(farm.build_view_context(state))] == [
         ("replace", f"a {reason}")
