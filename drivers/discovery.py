@@ -173,7 +173,7 @@ def find_model(identity: bytes) -> str:
     """
     for profile in PROFILES.values():
         firmware = profile.firmware
-        if firmware.version is None:
+        if firmware.version_pattern is None:
             matches = firmware.identity_text in identity and profile.machine_text in identity
         else:
             matches = firmware.read_suffix(identity) == profile.banner_suffix
@@ -213,7 +213,7 @@ def _await_restart(port: Port, url: str, firmware: Firmware, timeout_s: float) -
         if isinstance(event, BoardConnected):
             if not event.restarted:
                 break
-            if firmware.version is not None:
+            if firmware.version_pattern is not None:
                 return event.banner
             link.send(now_s, firmware.identity_query)
             link.poll_soon(now_s + 0.5)

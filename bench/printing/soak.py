@@ -90,8 +90,8 @@ def print_over_noisy_wire(lines: int, damage: float, seed: int = 0) -> Outcome:
     moves = machine.planner.move_count - 1  # without the move in `START_LINES`
     last_move = make_move(lines - 1)
     is_at_end = (
-        b"E%.4f" % machine.position[3] == last_move.split()[-1]
-        and b"X%.2f" % machine.position[0] == last_move.split()[1]
+        b"E%.4f" % machine.position_mm[3] == last_move.split()[-1]
+        and b"X%.2f" % machine.position_mm[0] == last_move.split()[1]
     )
     has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
     return Outcome(

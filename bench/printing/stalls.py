@@ -324,7 +324,7 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
         for mark, next_mark in pairwise(fault_marks)
     )
     machine = firmware.machine
-    is_at_end = abs(machine.position[3] - (lines - 1) * 0.02) < 1e-6
+    is_at_end = abs(machine.position_mm[3] - (lines - 1) * 0.02) < 1e-6
     has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
     expected_lines, received_lines = [*START_LINES, *program], firmware.received
     is_exact = received_lines == expected_lines[: len(received_lines)] and len(received_lines) > len(

@@ -24,7 +24,7 @@ RETRY_INTERVAL_S = 2.0  # wall seconds between attempts to open a port
 RESET_PULSES = 2  # number of DTR pulses; the answer to one may be lost
 NOT_WATCHED_REASON = "it was not watched before its agent was started"
 MAY_PRINT_REASON = (
-    "its port is opened after a person confirms that it does not print: opening may reset the board"
+    "its port is opened only after a person confirms that it is not printing: opening may reset the board"
 )
 NO_RESET_REASON = "a pulse of DTR does not reset its board: it prints only while somebody is present"
 
@@ -58,7 +58,7 @@ class Board:
     reset_count
         Number of resets that the agent did not cause.
     stuck_heater_text
-        Finding that a heater of the idle board is off but gets hotter; the recorder takes it over.
+        Finding that a heater of the idle board is off but is getting hotter; the recorder handles it.
     rearms_alarm
         True if the printer was reconnected or seen cold: later findings are new ones.
     idle_watch, emulator, wire_record
@@ -200,7 +200,7 @@ class Board:
         Raises
         ------
         AgentError
-            The printer prints from its SD card.
+            The printer is printing from its SD card.
         """
         if self.idle_watch.is_printing_from_card:
             raise AgentError(SD_PRINT_REASON)
@@ -232,10 +232,10 @@ class Board:
         Raises
         ------
         AgentError
-            The board prints.
+            The board is printing.
         """
         if self.session is not None or self.idle_watch.is_printing_from_card:
-            raise AgentError(SD_PRINT_REASON if self.idle_watch.is_printing_from_card else "it prints")
+            raise AgentError(SD_PRINT_REASON if self.idle_watch.is_printing_from_card else "it is printing")
         self._is_idle_confirmed = True
         self.state.verified_reset_port = self.state.failed_reset_port = None
         if self._port is None:

@@ -10,7 +10,7 @@ import re
 from drivers.errors import Fault
 from drivers.link.replies import LinkFault, Report
 
-SD_PRINT_REASON = "it prints from its SD card"
+SD_PRINT_REASON = "it is printing from its SD card"
 MOVED_REASON = "somebody moved it at the printer"
 HEATED_REASON = "somebody switched a heater on at the printer"
 MAX_COLD_C = 45.0
@@ -71,7 +71,7 @@ class IdleWatch:
     filament
         Watch over the position of the filament.
     is_printing_from_card
-        True while the printer prints from its SD card.
+        True while the printer is printing from its SD card.
     """
 
     def __init__(self) -> None:
@@ -149,7 +149,9 @@ class IdleWatch:
         if self._hot_reports < 3:
             return None, None
         heater, at_c = ("nozzle", now_c[0]) if is_rising[0] else ("bed", now_c[1])
-        return None, LinkFault(Fault.HEATER_STUCK_ON, f"the {heater} is off and gets hotter: {at_c:g} C")
+        return None, LinkFault(
+            Fault.HEATER_STUCK_ON, f"the {heater} is off, but is getting hotter: {at_c:g} C"
+        )
 
 
 def _may_be_garbled(answer: bytes, text: bytes) -> bool:

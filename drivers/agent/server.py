@@ -29,14 +29,14 @@ _MAX_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; i
 class _Client:
     """Connection of one client."""
 
-    __slots__ = ("incoming", "last_request_s", "outgoing", "partial_since_s", "socket")
+    __slots__ = ("incoming_bytes", "last_request_s", "outgoing_bytes", "partial_since_s", "socket")
 
     def __init__(self, connection: socket.socket) -> None:
         self.socket = connection
         self.last_request_s = -math.inf  # time of its last request
         self.partial_since_s = math.inf  # arrival time of an incomplete request
-        self.incoming = b""
-        self.outgoing = b""
+        self.incoming_bytes = b""
+        self.outgoing_bytes = b""
 
 
 class Server:
@@ -146,14 +146,14 @@ class Server:
             return
         except OSError:
             data = b""
-        *lines, client.incoming = (client.incoming + data).split(b"\n")
-        if not data or len(client.incoming) > _MAX_REQUEST_BYTES:
+        *lines, client.incoming_bytes = (client.incoming_bytes + data).split(b"\n")
+        if not data or len(client.incoming_bytes) > _MAX_REQUEST_BYTES:
             self._drop(client)
             return
         now_s = read_wall_s()
-        if lines or not client.incoming:
+        if lines or not client.incoming_bytes:
             client.partial_since_s = math.inf
-        if client.incoming:
+        if client.incoming_bytes:
             client.partial_since_s = min(client.partial_since_s, now_s)
         if lines:
             client.last_request_s = now_s
@@ -169,18 +169,18 @@ class Server:
     def _send(self, client: _Client, data: bytes) -> None:
         if client not in self._clients:
             return
-        client.outgoing += data
+        client.outgoing_bytes += data
         try:
-            client.outgoing = client.outgoing[client.socket.send(client.outgoing) :]
+            client.outgoing_bytes = client.outgoing_bytes[client.socket.send(client.outgoing_bytes) :]
         except BlockingIOError:
             pass
         except OSError:
             self._drop(client)
             return
-        if len(client.outgoing) > _MAX_BACKLOG_BYTES:
+        if len(client.outgoing_bytes) > _MAX_BACKLOG_BYTES:
             self._drop(client)
             return
-        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing_bytes else 0)
         key = self._selector.get_key(client.socket)
         if key.events != events:
             self._selector.modify(client.socket, events, key.data)

@@ -39,7 +39,7 @@ MAX_OK_DELAY_S = 0.002
 class Emulator:
     """The firmware with its port and its control socket.
 
-    The firmware's own clock starts at 0 at power on: a float represents microseconds of small numbers only.
+    The firmware's own clock starts at 0 at power-on: a float represents microseconds of small numbers only.
 
     Parameters
     ----------

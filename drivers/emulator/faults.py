@@ -21,7 +21,7 @@ from drivers.printers import PROFILES, Profile
 class Faults:
     """Faults to inject; the default is a printer without faults.
 
-    ``*_after`` counts the lines that the firmware has accepted since power on; each such fault happens once.
+    ``*_after`` counts the lines that the firmware has accepted since power-on; each such fault happens once.
     """
 
     # on the wire, in both directions; probabilities per byte

@@ -13,7 +13,7 @@ STATUS_FILE = "status.json"
 
 @dataclass(frozen=True, slots=True)
 class EmulatorStatus:
-    """State of the printer at one moment. Times are farm seconds; counts are since power on.
+    """State of the printer at one moment. Times are farm seconds; counts are since power-on.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class EmulatorStatus:
     errors
         Number of `Error` lines sent.
     resets
-        Number of boots since power on, including those caused by opening the port.
+        Number of boots since power-on, including those caused by opening the port.
     printing_s
         Total duration of the finished moves, in seconds.
     damaged

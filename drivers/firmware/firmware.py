@@ -38,12 +38,13 @@ class Firmware:
         Name in messages.
     baud_rate
         Baud rate of the printer's serial port.
-    command_bytes
+    max_command_bytes
         Length of the longest command that the firmware accepts between ``N1234567 `` and ``*255``.
-    version
+    version_pattern
         Pattern of the banner with the group `suffix`; None if the banner does not name the model.
-    home_offset
-        Pattern of the offset in the settings, which a banner with a version contains; group 1 is the offset.
+    home_offset_pattern
+        Pattern of the offset in the settings; group 1 is the offset. A banner with a version contains the
+        settings.
     banner_end
         Text in the banner's last line; None if only silence marks the end of the banner.
     identity_query, identity_text
@@ -82,17 +83,17 @@ class Firmware:
         Commands sent before a print to a board that has restarted.
     reset_commands
         Commands that restore the defaults of a board that was not reset.
-    waiting_s
+    wait_timeouts_s
         Commands that wait for all earlier moves, with their timeouts in seconds.
-    forbidden
+    forbidden_commands
         Commands that no file may contain, with the reason.
     """
 
     title: str
     baud_rate: int
-    command_bytes: int
-    version: re.Pattern[bytes] | None
-    home_offset: re.Pattern[bytes]
+    max_command_bytes: int
+    version_pattern: re.Pattern[bytes] | None
+    home_offset_pattern: re.Pattern[bytes]
     banner_end: bytes | None
     identity_query: bytes
     identity_text: bytes
@@ -118,8 +119,8 @@ class Firmware:
     dead_man_observed: bool
     setup_commands: tuple[bytes, ...]
     reset_commands: tuple[bytes, ...]
-    waiting_s: Mapping[bytes, float]
-    forbidden: Mapping[bytes, str]
+    wait_timeouts_s: Mapping[bytes, float]
+    forbidden_commands: Mapping[bytes, str]
 
     @property
     def abort(self) -> tuple[bytes, ...]:
@@ -138,10 +139,10 @@ class Firmware:
 
     def read_suffix(self, banner: bytes) -> str | None:
         """Parse the suffix of the version in a banner; None if there is none."""
-        match = None if self.version is None else self.version.search(banner)
+        match = None if self.version_pattern is None else self.version_pattern.search(banner)
         return None if match is None else (match["suffix"] or b"").decode()
 
     def read_offset(self, settings: bytes) -> str | None:
         """Parse the home offset in the settings; None if there is none."""
-        match = self.home_offset.search(settings)
+        match = self.home_offset_pattern.search(settings)
         return None if match is None else match[1].decode()

@@ -21,9 +21,9 @@ _SETUP_COMMANDS = (
 MARLIN2 = Firmware(
     title="Marlin 2",
     baud_rate=115_200,
-    command_bytes=80,  # ``MAX_CMD_SIZE`` is 96
-    version=None,  # the banner is the same for many makers
-    home_offset=re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE),
+    max_command_bytes=80,  # ``MAX_CMD_SIZE`` is 96
+    version_pattern=None,  # the banner is the same for many makers
+    home_offset_pattern=re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE),
     banner_end=None,  # its last line depends on the build options
     identity_query=b"M115",
     identity_text=b"FIRMWARE_NAME:Marlin 2",
@@ -76,7 +76,7 @@ MARLIN2 = Firmware(
         b"M221 S100",
         *_SETUP_COMMANDS,
     ),
-    waiting_s={
+    wait_timeouts_s={
         b"G28": 1500.0,
         b"G4": 3000.0,
         b"M400": 3000.0,
@@ -84,7 +84,7 @@ MARLIN2 = Firmware(
         b"M84": 3000.0,
         b"M18": 3000.0,
     },
-    forbidden={
+    forbidden_commands={
         b"M0": "waits for a person forever",
         b"M1": "waits for a person forever",
         b"M125": "waits for a person forever",

@@ -15,9 +15,9 @@ _CARD_REASON = "belongs to the SD card"
 ULTIMAKER2 = Firmware(
     title="Ultimaker 2",
     baud_rate=250_000,
-    command_bytes=80,
-    version=re.compile(rb"Vers:_([\w.]+?)(?P<suffix>ex)?\s*$", re.MULTILINE),
-    home_offset=re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE),
+    max_command_bytes=80,
+    version_pattern=re.compile(rb"Vers:_([\w.]+?)(?P<suffix>ex)?\s*$", re.MULTILINE),
+    home_offset_pattern=re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE),
     banner_end=b"M301",
     identity_query=b"M115",
     identity_text=b"Ultimaker2",
@@ -55,7 +55,7 @@ ULTIMAKER2 = Firmware(
     dead_man_observed=True,
     setup_commands=(),
     reset_commands=(b"M104 S0", b"M140 S0", b"M401", b"M107", b"G90", b"M82", b"M220 S100", b"M221 S100"),
-    waiting_s={
+    wait_timeouts_s={
         b"G28": 1500.0,
         b"G4": 3000.0,
         b"M400": 3000.0,
@@ -63,7 +63,7 @@ ULTIMAKER2 = Firmware(
         b"M84": 3000.0,
         b"M18": 3000.0,
     },
-    forbidden={
+    forbidden_commands={
         b"M0": "waits for the knob forever",
         b"M1": "waits for the knob forever",
         b"M112": "does not exist in this firmware",

@@ -72,23 +72,23 @@ class MotionState:
 
     Attributes
     ----------
-    position
+    position_mm
         X, Y, Z, E in the file's coordinates; NaN if no line has set them.
     retracted_mm
         Distance from the nozzle's tip back to the end of the filament.
     feedrate_mm_min
         The last F; NaN if there was none.
-    relative, relative_e
+    is_relative, is_e_relative
         True if G91, or M83, is in effect.
     """
 
     def __init__(self, program: Program, done_lines: int) -> None:
         start = max(0, done_lines - WINDOW_LINES)
-        self.relative, self.relative_e = program.is_relative(start), program.is_e_relative(start)
-        if self.relative or self.relative_e:  # the position is the sum of all previous lines
-            self.relative = self.relative_e = False
+        self.is_relative, self.is_e_relative = program.is_relative(start), program.is_e_relative(start)
+        if self.is_relative or self.is_e_relative:  # the position is the sum of all previous lines
+            self.is_relative = self.is_e_relative = False
             start = 0
-        self.position = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
+        self.position_mm = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
         self.retracted_mm = 0.0
         self.feedrate_mm_min = _find_feedrate_mm_min(program, start)
         # Start point, end point, and retraction of the filament at the start, in mm.
@@ -106,14 +106,14 @@ class MotionState:
                     self._set_coordinate(_AXES[letter], float(value))
         elif line.split(b" ", 1)[0] == b"G28":  # earlier moves are complete
             self._moves.clear()
-            self.position[:3] = [math.nan] * 3
+            self.position_mm[:3] = [math.nan] * 3
         elif line in (b"G90", b"G91"):
-            self.relative = line == b"G91"
+            self.is_relative = line == b"G91"
         elif line in (b"M82", b"M83"):
-            self.relative_e = line == b"M83"
+            self.is_e_relative = line == b"M83"
 
     def _apply_move(self, line: bytes) -> None:
-        start_point = self.position
+        start_point = self.position_mm
         end_point = start_point.copy()
         for letter, value in _WORD.findall(line):
             if letter == b"F":
@@ -121,19 +121,19 @@ class MotionState:
                     self.feedrate_mm_min = float(value)
                 continue
             axis = _AXES[letter]
-            is_relative = self.relative or (axis == 3 and self.relative_e)
+            is_relative = self.is_relative or (axis == 3 and self.is_e_relative)
             end_point[axis] = float(value) + (start_point[axis] if is_relative else 0.0)
         self._moves.append((start_point, end_point, self.retracted_mm))
-        self.position = end_point
+        self.position_mm = end_point
         fed_mm = end_point[3] - start_point[3]
         if not math.isnan(fed_mm):
             self.retracted_mm = max(0.0, self.retracted_mm - fed_mm)
 
     def _set_coordinate(self, axis: int, value: float) -> None:
         """Apply a G92: shift all coordinates, including the coordinates of buffered moves."""
-        shift = value - self.position[axis]
-        self.position = self.position.copy()
-        self.position[axis] = value
+        shift = value - self.position_mm[axis]
+        self.position_mm = self.position_mm.copy()
+        self.position_mm[axis] = value
         self._moves = deque(
             (
                 (_shift(start_point, axis, shift), _shift(end_point, axis, shift), retracted_mm)

@@ -79,8 +79,8 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
     name = code[1] + code[2] if code is not None else b""
     if name in _OMITTED_CODES:
         return None
-    if len(line) > firmware.command_bytes:
-        raise make_length_error(line, number, firmware.command_bytes)
+    if len(line) > firmware.max_command_bytes:
+        raise make_length_error(line, number, firmware.max_command_bytes)
     if not (line.isascii() and line.decode("ascii").isprintable()):
         raise BadGcode(f"line {number}: not plain text: is this a G-code file?")
     for letter in b":N*":
@@ -90,7 +90,7 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
             )
     if code is None:
         raise BadGcode(f"line {number}: not a command of the printer: {quote(line)}")
-    if (reason := firmware.forbidden.get(name)) is not None:
+    if (reason := firmware.forbidden_commands.get(name)) is not None:
         raise BadGcode(f"line {number}: {name.decode()} {reason}: remove it")
     tail = line[code.end() :]
     pairs = _WORD.findall(tail)
@@ -100,8 +100,8 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
     if name in _MOVE_CODES and None in words.values():
         raise BadGcode(f"line {number}: a letter without a number in {quote(line)}")
     text = b" ".join((name, *(letter + digits for letter, digits in pairs)))
-    if len(text) > firmware.command_bytes:
-        raise make_length_error(text, number, firmware.command_bytes)
+    if len(text) > firmware.max_command_bytes:
+        raise make_length_error(text, number, firmware.max_command_bytes)
     return Command(text, name, words)
 
 

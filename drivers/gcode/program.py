@@ -196,7 +196,7 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
         A line cannot be sent, or the file is not meant for this printer.
     """
     reader = _Reader(profile, store or MemoryStore())
-    limit_bytes, writer = profile.firmware.command_bytes, reader.writer
+    limit_bytes, writer = profile.firmware.max_command_bytes, reader.writer
     for number, raw in enumerate(raw_lines, 1):
         if len(raw) > MAX_LINE_BYTES:
             raise make_length_error(raw, number, limit_bytes)

@@ -25,7 +25,7 @@ class FrameKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One frame."""
+    """Frame of the connection: its kind, its stream, and its payload."""
 
     kind: FrameKind
     stream: int

@@ -59,17 +59,17 @@ MuxEvent = StreamOpened | DataReceived | StreamClosed | Message
 class _Stream:
     """State of one stream, at this end."""
 
-    outgoing: bytearray = field(default_factory=bytearray)
+    outgoing_bytes: bytearray = field(default_factory=bytearray)
     send_credit: int = WINDOW_BYTES  # bytes that may still be sent
     receive_credit: int = WINDOW_BYTES  # bytes that the other end may still send
     consumed_bytes: int = 0  # taken from the stream since the last CREDIT frame
-    close_reason: bytes | None = None  # to be sent after `outgoing`
+    close_reason: bytes | None = None  # to be sent after `outgoing_bytes`
 
     @property
     def is_ready(self) -> bool:
         """True if a frame can be sent."""
-        return bool(self.outgoing and self.send_credit > 0) or (
-            not self.outgoing and self.close_reason is not None
+        return bool(self.outgoing_bytes and self.send_credit > 0) or (
+            not self.outgoing_bytes and self.close_reason is not None
         )
 
 
@@ -94,13 +94,13 @@ class Mux:
         """Append bytes to a stream; they are dropped if it is closed."""
         stream = self._streams.get(number)
         if stream is not None and stream.close_reason is None:
-            stream.outgoing += data
+            stream.outgoing_bytes += data
             self._queue(number, stream)
 
     def count_unsent_bytes(self, number: int) -> int:
         """Count the unsent bytes of a stream."""
         stream = self._streams.get(number)
-        return 0 if stream is None else len(stream.outgoing)
+        return 0 if stream is None else len(stream.outgoing_bytes)
 
     def close(self, number: int, reason: str = "") -> None:
         """Close a stream after its unsent bytes."""
@@ -158,12 +158,12 @@ class Mux:
             return None
         number = self._ready_numbers.popleft()
         stream = self._streams[number]
-        if not stream.outgoing:
+        if not stream.outgoing_bytes:
             del self._streams[number]
             return Frame(FrameKind.CLOSE, number, stream.close_reason or b"")
-        size = min(FRAME_BYTES, stream.send_credit, len(stream.outgoing))
-        payload = bytes(stream.outgoing[:size])
-        del stream.outgoing[:size]
+        size = min(FRAME_BYTES, stream.send_credit, len(stream.outgoing_bytes))
+        payload = bytes(stream.outgoing_bytes[:size])
+        del stream.outgoing_bytes[:size]
         stream.send_credit -= size
         self._queue(number, stream)
         return Frame(FrameKind.DATA, number, payload)

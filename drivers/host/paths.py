@@ -55,7 +55,7 @@ class HostPaths:
     def find_agent_folder(self, printer: str) -> Path:
         """Return the folder of an agent. Raises AgentError if the name points elsewhere."""
         if printer.startswith("."):
-            raise AgentError(f"{printer!r}: not a name of a printer")
+            raise AgentError(f"{printer!r}: not the name of a printer")
         return find_folder(self.farm, printer, self._env)
 
     def create_folder(self) -> None:

@@ -108,7 +108,9 @@ class AgentsUpdate:
             return Update(
                 phase=UpdatePhase.RUNNING, reason=f"to be replaced when idle: {' '.join(outdated_printers)}"
             )
-        return Update(phase=UpdatePhase.OUTDATED, reason=f"of another version: {' '.join(outdated_printers)}")
+        return Update(
+            phase=UpdatePhase.OUTDATED, reason=f"agents with another version: {' '.join(outdated_printers)}"
+        )
 
     def _list_outdated(self, watches: Sequence[AgentWatch]) -> list[AgentWatch]:
         return [w for w in watches if w.is_wanted and w.find_installation() not in (None, self._installation)]
@@ -152,11 +154,13 @@ class AgentsUpdate:
                 return str(result)
             await asyncio.sleep(_POLL_INTERVAL_S)
 
-    async def _restore_old_version(self, watch: AgentWatch, old: Installation | None, fault: str) -> None:
+    async def _restore_old_version(
+        self, watch: AgentWatch, old_installation: Installation | None, fault: str
+    ) -> None:
         """Start the old version again, and end the update."""
         self._is_running = False
-        is_restorable = old is not None and old.exists
-        watch.kept_installation = old if is_restorable else None
+        is_restorable = old_installation is not None and old_installation.exists
+        watch.kept_installation = old_installation if is_restorable else None
         result = "its old version is started again" if is_restorable else "its old version is gone"
         self._reason = f"{watch.printer}: {fault}; {result}; the update of this host has ended"
         log.error("%s", self._reason)

@@ -198,8 +198,8 @@ class Outbox:
         for number, command in enumerate(commands, first):
             if command.startswith(_MOVES):
                 self._note_slow_move(number, command)
-            elif (waiting_s := self._firmware.waiting_s.get(command.split(b" ", 1)[0])) is not None:
-                self._timeouts_s[number] = waiting_s
+            elif (timeout_s := self._firmware.wait_timeouts_s.get(command.split(b" ", 1)[0])) is not None:
+                self._timeouts_s[number] = timeout_s
                 self._slow_path_end = number
             if number <= self._slow_line_end:
                 self._timeouts_s[number] = max(self._slowest_move_s, self._timeouts_s.get(number, 0.0))

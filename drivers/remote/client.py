@@ -153,7 +153,7 @@ class AgentClient:
             There is no connection, it broke, or no reply arrived in time. The agent may have executed the
             request; it can be sent again, as requests are idempotent. A refusal is in `Reply.error`.
         AgentTooOld
-            The agent is of an older version that does not know this request; nothing was sent.
+            The agent has an older version that does not know this request; nothing was sent.
         """
         if self._writer is None or not self.is_connected:
             raise AgentError(f"{self._folder}: no agent is connected")

@@ -190,7 +190,7 @@ class _Heater:
                 self.is_cooling = False
                 start_c = self._rise_detector.coolest_c
                 return self._make_stuck_finding(
-                    f"is off, and gets hotter: from {start_c:g} to {current_c:g} C"
+                    f"is off, but is getting hotter: from {start_c:g} to {current_c:g} C"
                 )
             return self._check_off(current_c, now_s)
         if abs(current_c - set_target_c) <= self._rule.band_c:

@@ -124,7 +124,7 @@ class SessionContext:
         The last temperatures, and the time of that report.
     watch, unexpected_reports
         The heater watch; number of consecutive reports with targets that the session did not set.
-    position
+    position_mm
         Position in the last answer to M114.
     answer
         Output of the board since the last query.
@@ -169,7 +169,7 @@ class SessionContext:
     report_s: float = field(init=False)
     watch: HeaterWatch = field(init=False)
     unexpected_reports: int = field(default=0, init=False)
-    position: Point | None = field(default=None, init=False)
+    position_mm: Point | None = field(default=None, init=False)
     answer: bytes = field(default=b"", init=False)
     dead_man_s: float = field(default=0.0, init=False)
     last_command_s: float = field(init=False)

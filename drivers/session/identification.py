@@ -21,12 +21,12 @@ def identify_printer(context: SessionContext) -> Script:
         yield from connect(context)
         assert context.connection is not None
         identity = firmware.read_identity(context.connection.banner)
-        if not context.connection.restarted or firmware.version is None:
+        if not context.connection.restarted or firmware.version_pattern is None:
             # The home height identifies an Extended; other models answer `identity_query`.
             offset = firmware.read_offset((yield from query(context, firmware.settings_query)))
             identity = None if offset is None else Identity(profile.banner_suffix, offset)
         if identity is None:
-            source = "banner does not say" if firmware.version is not None else "settings do not say"
+            source = "banner does not say" if firmware.version_pattern is not None else "settings do not say"
             problem = f"its {source} which printer it is"
         elif identity.suffix != profile.banner_suffix:
             problem = f"not the board of an {profile.title}"
@@ -52,12 +52,12 @@ def check_height(context: SessionContext, home_command: bytes) -> Script:
     """
     if home_command != b"G28" and b"Z" not in home_command:
         return
-    context.position = None
+    context.position_mm = None
     yield from send(context, context.firmware.position_query)
     home_mm = context.profile.home_mm[2]
-    if context.position is not None and abs(context.position[2] - home_mm) > HOME_TOLERANCE_MM:
+    if context.position_mm is not None and abs(context.position_mm[2] - home_mm) > HOME_TOLERANCE_MM:
         raise PrintEnded(
             Fault.WRONG_PRINTER,
-            f"its bed homes at {context.position[2]:g} mm, not near {home_mm:g}: "
+            f"its bed homes at {context.position_mm[2]:g} mm, not near {home_mm:g}: "
             f"not an {context.profile.title}",
         )

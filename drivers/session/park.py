@@ -115,14 +115,14 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     """
     firmware = context.firmware
     context.phase = PrintPhase.PAUSED
-    context.position = None
+    context.position_mm = None
     has_stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
-    if not has_stopped or context.position is None:
+    if not has_stopped or context.position_mm is None:
         raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
     motion = MotionState(program, done_lines)
     position = [
         reported_mm if math.isnan(tracked_mm) else tracked_mm
-        for tracked_mm, reported_mm in zip(motion.position, context.position, strict=True)
+        for tracked_mm, reported_mm in zip(motion.position_mm, context.position_mm, strict=True)
     ]
     yield from park(context, motion.retracted_mm, can_extrude=True)
     lift = b"G1 F1200 Z%.3f" % (position[2] + compute_lift_mm(context, position[2], done_lines))
@@ -155,7 +155,7 @@ def _list_return_commands(motion: MotionState, position: Point, park_retraction_
     commands += [b"G91", b"G1 F1500 E%.3f" % last_mm, b"G90", b"G92 E%.5f" % e]
     if not math.isnan(motion.feedrate_mm_min):
         commands.append(b"G1 F%g" % motion.feedrate_mm_min)
-    if motion.relative:
+    if motion.is_relative:
         commands.append(b"G91")
     return commands
 

@@ -48,14 +48,16 @@ def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
         return False
     if is_homed:  # before homing, the distance that the bed may move is unknown
         done_lines = context.done_lines
-        context.position = None
+        context.position_mm = None
         yield from send(context, firmware.position_query)
         if context.filament is Filament.AT_NOZZLE and context.program is not None:
             can_extrude = context.report is not None and allows_extrusion(context, context.report.nozzle_c)
             yield from park(
-                context, try_measure_retraction_mm(context.program, done_lines, context.position), can_extrude
+                context,
+                try_measure_retraction_mm(context.program, done_lines, context.position_mm),
+                can_extrude,
             )
-        z_mm = math.nan if context.position is None else context.position[2]
+        z_mm = math.nan if context.position_mm is None else context.position_mm[2]
         lift_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_lines)
         park_commands = (b"G91", b"G1 F1200 Z%.3f" % lift_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
         if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIER_COUNT)):

@@ -162,7 +162,7 @@ def _process_event(context: SessionContext, event: Event) -> PrintEnded | None:
         context.connection = event
     elif isinstance(event, UnknownLine):
         context.answer += event.text + b"\n"
-        context.position = read_position(event.text) or context.position
+        context.position_mm = read_position(event.text) or context.position_mm
     elif isinstance(event, LinkFault):
         if event.fault is Fault.MAXTEMP:
             note_suspicion(context, event.text)

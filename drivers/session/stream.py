@@ -87,7 +87,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         context.report_s = context.now_s
         while not (yield Wait(is_sent_or_paused, context.no_report_deadline_s)):
             if context.now_s >= context.no_report_deadline_s:
-                raise PrintEnded(Fault.NO_ANSWER, "the board prints, but reports no temperatures")
+                raise PrintEnded(Fault.NO_ANSWER, "the board is printing, but reports no temperatures")
         if context.read_error is not None:
             raise context.read_error
         if link.is_drained:

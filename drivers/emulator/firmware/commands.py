@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from drivers.emulator.firmware import wording
-from drivers.emulator.firmware.machine import Machine, read_positive, read_value
+from drivers.emulator.firmware.machine import Machine, read_positive_number, read_value
 from drivers.emulator.firmware.reports import list_sd_files, report_sd_progress
 
 Work = Iterator[float]
@@ -116,8 +116,8 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
         return
     for i in range(3):
         if axes[i]:
-            position[i] = machine.position[i] = home_mm[i]
-            machine.shift[i] = 0.0
+            position[i] = machine.position_mm[i] = home_mm[i]
+            machine.shift_mm[i] = 0.0
             machine.homed_axes[i] = True
     machine.is_homed = all(machine.homed_axes)
     machine.planner.set_position((position[0], position[1], position[2], e), begin_s + duration_s)
@@ -129,12 +129,12 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     f, i, j = read_value(line, b"F"), read_value(line, b"I") or 0.0, read_value(line, b"J") or 0.0
     if f is not None and f > 0.0:
         machine.feedrate_mm_s = f / 60.0
-    start = tuple(machine.position)
+    start = tuple(machine.position_mm)
     target = list(start)
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
         number = read_value(line, letter)
         if number is not None:
-            relative = machine.relative or (axis == 3 and machine.relative_e)
+            relative = machine.is_relative or (axis == 3 and machine.is_e_relative)
             target[axis] = start[axis] + number if relative else number
     centre_x, centre_y = start[0] + i, start[1] + j
     to_x, to_y = target[0] - centre_x, target[1] - centre_y
@@ -147,7 +147,11 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     distance_mm = math.hypot(angle_rad * radius_mm, target[2] - start[2])
     chord_count = max(1, min(MAX_ARC_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
     start_angle_rad = math.atan2(-j, -i)
-    modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
+    modes, machine.is_relative, machine.is_e_relative = (
+        (machine.is_relative, machine.is_e_relative),
+        False,
+        False,
+    )
     for k in range(1, chord_count):
         fraction = k / chord_count
         machine.queue_linear_move(
@@ -159,7 +163,7 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
             now_s,
         )
     machine.queue_linear_move(None, target[0], target[1], target[2], target[3], now_s)
-    machine.relative, machine.relative_e = modes
+    machine.is_relative, machine.is_e_relative = modes
 
 
 def retract(machine: Machine, line: bytes, now_s: float) -> None:
@@ -168,20 +172,20 @@ def retract(machine: Machine, line: bytes, now_s: float) -> None:
     if is_retraction == bool(machine.retracted_mm):
         return
     machine.retracted_mm = RETRACT_MM if is_retraction else 0.0
-    x, y, z, _ = machine.position
+    x, y, z, _ = machine.position_mm
     distance_mm = -RETRACT_MM if is_retraction else RETRACT_MM
-    machine.shift[3] += distance_mm  # the host's coordinates stay the same
+    machine.shift_mm[3] += distance_mm  # the host's coordinates stay the same
     machine.queue(x, y, z, distance_mm, RETRACT_SPEED_MM_S, now_s)
 
 
 def set_axis_mode(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``G90 G91``: absolute or relative coordinates."""
-    machine.relative = read_value(line, b"G") == 91
+    machine.is_relative = read_value(line, b"G") == 91
 
 
 def set_extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M82 M83``: absolute or relative extrusion."""
-    machine.relative_e = read_value(line, b"M") == 83
+    machine.is_e_relative = read_value(line, b"M") == 83
 
 
 def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
@@ -191,8 +195,8 @@ def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
         number = read_value(line, letter)
         if number is not None:
-            machine.shift[axis] += machine.position[axis] - number
-            machine.position[axis] = number
+            machine.shift_mm[axis] += machine.position_mm[axis] - number
+            machine.position_mm[axis] = number
 
 
 def hang(machine: Machine, line: bytes, now_s: float) -> Work:
@@ -294,16 +298,16 @@ def init_card(machine: Machine, line: bytes, now_s: float) -> Work:
 
 def beep(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M300``: wait for the duration of the tone."""
-    yield now_s + read_positive(line, b"P", 0.0) / 1000.0
+    yield now_s + read_positive_number(line, b"P", 0.0) / 1000.0
 
 
 def park(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M601`` outside an SD print: move the bed down and the head aside, without waiting."""
     yield from wait_for_moves(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
-    x, y, z, e = machine.position
+    x, y, z, e = machine.position_mm
     z = min(z + 20.0, machine.top_mm[2])
-    machine.position = [10.0, 10.0, z, e]
+    machine.position_mm = [10.0, 10.0, z, e]
     machine.queue(x, y, z, 0.0, 35.0, now_s)
     machine.queue(10.0, 10.0, z, 0.0, 150.0, now_s)
     yield from wait_for_moves(machine)
@@ -315,24 +319,24 @@ def set_limits(machine: Machine, line: bytes, now_s: float) -> None:
     per_axis = {92: limits.steps_per_mm, 201: limits.acceleration_mm_s2, 203: limits.feedrate_mm_s}
     if code in per_axis:
         for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
-            per_axis[code][axis] = read_positive(line, letter, per_axis[code][axis])
+            per_axis[code][axis] = read_positive_number(line, letter, per_axis[code][axis])
     elif code == 204:
-        limits.print_mm_s2 = read_positive(line, b"S", limits.print_mm_s2)
-        limits.retract_mm_s2 = read_positive(line, b"T", limits.retract_mm_s2)
+        limits.print_mm_s2 = read_positive_number(line, b"S", limits.print_mm_s2)
+        limits.retract_mm_s2 = read_positive_number(line, b"T", limits.retract_mm_s2)
     else:
-        limits.jerk_xy_mm_s = read_positive(line, b"X", limits.jerk_xy_mm_s)
-        limits.jerk_z_mm_s = read_positive(line, b"Z", limits.jerk_z_mm_s)
-        limits.jerk_e_mm_s = read_positive(line, b"E", limits.jerk_e_mm_s)
+        limits.jerk_xy_mm_s = read_positive_number(line, b"X", limits.jerk_xy_mm_s)
+        limits.jerk_z_mm_s = read_positive_number(line, b"Z", limits.jerk_z_mm_s)
+        limits.jerk_e_mm_s = read_positive_number(line, b"E", limits.jerk_e_mm_s)
 
 
 def set_feed_factor(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M220``: set the feed rate factor, in percent."""
-    machine.feed_factor = read_positive(line, b"S", 100.0 * machine.feed_factor) / 100.0
+    machine.feed_factor = read_positive_number(line, b"S", 100.0 * machine.feed_factor) / 100.0
 
 
 def set_flow_factor(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M221``: set the flow factor, in percent."""
-    machine.flow_factor = read_positive(line, b"S", 100.0 * machine.flow_factor) / 100.0
+    machine.flow_factor = read_positive_number(line, b"S", 100.0 * machine.flow_factor) / 100.0
 
 
 def allow_cold_extrusion(machine: Machine, line: bytes, now_s: float) -> None:

@@ -33,7 +33,7 @@ WATCHDOG_S = 4.07  # time from kill() to the reset by the watchdog
 
 
 class EmulatedFirmware(Listener):
-    """One printer from power on; opening its port calls `reset`.
+    """One printer from power-on; opening its port calls `reset`.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ class EmulatedFirmware(Listener):
     rng
         Random generator of the faults.
     now_s
-        Time of power on, in seconds of the caller's clock. Power on boots the board, as a reset does.
+        Time of power-on, in seconds of the caller's clock. Power-on boots the board, as a reset does.
     """
 
     def __init__(self, profile: Profile, faults: Faults, rng: random.Random, now_s: float) -> None:
         super().__init__(DIALECTS[profile.firmware.title], faults, rng)
         self.board = EmulatedBoard(profile, faults)
-        self.resets = -1  # the boot at power on does not count
+        self.resets = -1  # the boot at power-on does not count
         self._due_faults: dict[int, list[str]] = {}  # names of the faults by their line counts
         for name, line in faults.line_counts.items():
             self._due_faults.setdefault(line, []).append(name)
@@ -134,12 +134,12 @@ class EmulatedFirmware(Listener):
 
     @property
     def moves(self) -> int:
-        """Number of moves queued since power on."""
+        """Number of moves queued since power-on."""
         return self._totals_before_reset[0] + self.machine.planner.move_count
 
     @property
     def printing_s(self) -> float:
-        """Total duration of the finished moves since power on, in seconds."""
+        """Total duration of the finished moves since power-on, in seconds."""
         return self._totals_before_reset[1] + self.machine.planner.busy_s
 
     @property
@@ -327,7 +327,7 @@ class EmulatedFirmware(Listener):
             self.trigger_fault(name, self._time_s)
 
     def trigger_fault(self, name: str, now_s: float) -> None:
-        """Trigger one of the faults that count lines, by the name of its field in `Faults`."""
+        """Trigger a fault that is due at a line count, by the name of its field in `Faults`."""
         board = self.board
         match name:
             case "reset_after":

@@ -51,7 +51,7 @@ class Listener(ABC):
     Attributes
     ----------
     lines, errors
-        Number of accepted lines, and of errors, since power on.
+        Number of accepted lines, and of errors, since power-on.
     noise
         Noise on the wire, if any.
     """

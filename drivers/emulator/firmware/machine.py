@@ -26,7 +26,7 @@ _NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d)
 
 
 def read_value(line: bytes, letter: bytes) -> float | None:
-    """Parse the number after the first `letter` in the line (``code_seen``); 0 without digits."""
+    """Parse the number after the first `letter` in the line (``code_seen``); 0 if it has no digits."""
     index = line.find(letter)
     if index < 0:
         return None
@@ -34,7 +34,7 @@ def read_value(line: bytes, letter: bytes) -> float | None:
     return float(match[1]) if match else 0.0
 
 
-def read_positive(line: bytes, letter: bytes, default: float) -> float:
+def read_positive_number(line: bytes, letter: bytes, default: float) -> float:
     """Parse a number as `read_value` does; return `default` unless it is above 0."""
     number = read_value(line, letter)
     return number if number is not None and number > 0.0 else default
@@ -73,7 +73,7 @@ class Machine:
             self.limits, (x, y, z, board.filament_mm), board.feed_filament, board.faults.slowdown
         )
         self.waiting_moves: deque[tuple[Point, float]] = deque()  # wait for a free place in the planner
-        self.position = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
+        self.position_mm = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
         self.is_homed = False
         self.is_stopped = False
         self.starved_s = 0.0
@@ -86,10 +86,10 @@ class Machine:
         self.send = send
         self.stop = stop
         self._sd_print: tuple[int, float] | None = None  # size of the file in bytes, and start time
-        self.shift = [x, y, z, board.filament_mm]  # true position minus the host's
+        self.shift_mm = [x, y, z, board.filament_mm]  # true position minus the host's
         self.homed_axes = [False, False, False]
-        self.relative = False
-        self.relative_e = False
+        self.is_relative = False
+        self.is_e_relative = False
         self.feedrate_mm_s = 25.0
         self.feed_factor = 1.0
         self.flow_factor = 1.0
@@ -101,7 +101,7 @@ class Machine:
     # --- moves ---
 
     def move(self, line: bytes, now_s: float) -> None:
-        """Execute ``G0 G1`` as ``get_coordinates`` reads them: letters anywhere in the line."""
+        """Execute ``G0 G1`` as ``get_coordinates`` does: a letter may stand anywhere in the line."""
         self.queue_linear_move(
             read_value(line, b"F"),
             read_value(line, b"X"),
@@ -133,12 +133,12 @@ class Machine:
         """
         if f is not None and f > 0.0:
             self.feedrate_mm_s = f / 60.0
-        position, top, relative = self.position, self.top_mm, self.relative
+        position, top, relative = self.position_mm, self.top_mm, self.is_relative
         x0, y0, z0, e0 = position
         x = x0 if x is None else (x0 + x if relative else x)
         y = y0 if y is None else (y0 + y if relative else y)
         z = z0 if z is None else (z0 + z if relative else z)
-        e = e0 if e is None else (e0 + e if relative or self.relative_e else e)
+        e = e0 if e is None else (e0 + e if relative or self.is_e_relative else e)
         position[0] = x = 0.0 if x < 0.0 else (x if x < top[0] else top[0])
         position[1] = y = 0.0 if y < 0.0 else (y if y < top[1] else top[1])
         position[2] = z = 0.0 if z < 0.0 else (z if z < top[2] else top[2])
@@ -149,7 +149,7 @@ class Machine:
         self.queue(x, y, z, e - e0, rate_mm_s, now_s)
 
     def queue(self, x: float, y: float, z: float, e_mm: float, rate_mm_s: float, now_s: float) -> None:
-        """Queue a move to `position`, which the caller has updated already.
+        """Queue a move to `position_mm`, which the caller has updated already.
 
         Parameters
         ----------
@@ -162,12 +162,12 @@ class Machine:
         now_s
             Time at which the line is executed.
         """
-        planner, shift = self.planner, self.shift
+        planner, shift = self.planner, self.shift_mm
         if e_mm:
             extruded_mm = self._limit_extrusion(e_mm, now_s)
             if extruded_mm != e_mm:
                 shift[3] += extruded_mm - e_mm  # counted for the host, but not extruded
-        target = (x + shift[0], y + shift[1], z + shift[2], self.position[3] + shift[3])
+        target = (x + shift[0], y + shift[1], z + shift[2], self.position_mm[3] + shift[3])
         if self.waiting_moves or len(planner) >= CAPACITY:
             self.waiting_moves.append((target, rate_mm_s))
             return
@@ -203,7 +203,7 @@ class Machine:
         self.waiting_moves.clear()
         position = self.planner.stop(now_s)
         self.is_streaming = False
-        self.position = [true - shift for true, shift in zip(position, self.shift, strict=True)]
+        self.position_mm = [true - shift for true, shift in zip(position, self.shift_mm, strict=True)]
 
     def start_sd_print(self, file_bytes: int, now_s: float) -> None:
         """Start printing a file on the SD card."""

@@ -17,7 +17,7 @@ _MOVE = re.compile(
     + b"".join(rb"(?:  ?%b(-?(?:\d+\.?\d*|\.\d+)))?" % axis for axis in (b"X", b"Y", b"Z", b"E"))
     + rb"\*(\d+)\n"
 )
-_SPECIAL = re.compile(rb"[\r:;]")
+_SPECIAL_CHARACTER_PATTERN = re.compile(rb"[\r:;]")
 
 
 class Receiver:
@@ -54,7 +54,7 @@ class Receiver:
         while self.ring:
             if not self._partial and not self._in_comment:
                 end = self.ring.find(b"\n")
-                if 0 < end <= MAX_LINE_BYTES and not _SPECIAL.search(self.ring, 0, end):
+                if 0 < end <= MAX_LINE_BYTES and not _SPECIAL_CHARACTER_PATTERN.search(self.ring, 0, end):
                     line, self.ring = self.ring[:end], self.ring[end + 1 :]
                     return line
             char, self.ring = self.ring[:1], self.ring[1:]

@@ -24,10 +24,10 @@ def format_temperatures(machine: Machine, now_s: float, decimals: int = 1) -> by
 
 def report_position(machine: Machine, line: bytes, now_s: float) -> None:
     """Answer ``M114``: the end of the planned moves, and the position of the head in mm."""
-    position = [a - b for a, b in zip(machine.planner.compute_position(now_s), machine.shift, strict=True)]
+    position = [a - b for a, b in zip(machine.planner.compute_position(now_s), machine.shift_mm, strict=True)]
     machine.send(
         b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
-        % (*map(_drop_sign_of_zero, machine.position), *map(_drop_sign_of_zero, position[:3]))
+        % (*map(_drop_sign_of_zero, machine.position_mm), *map(_drop_sign_of_zero, position[:3]))
     )
 
 

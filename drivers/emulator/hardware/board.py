@@ -35,7 +35,7 @@ class EmulatedBoard:
     head_mm
         True position of the head (x, y, z), which the firmware may not know.
     filament_mm
-        Net filament through the feeder since power on.
+        Net filament through the feeder since power-on.
     filament_end_mm
         Position of the filament's end relative to the nozzle's tip; never above 0.
     change_count

@@ -86,7 +86,7 @@ def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, run_log:
     alarm = agent.wait_for_outcome()
     agent.report(120.0, 50)
     assert alarm.outcome == CUT_OUTCOME and count_runs(run_log) == 1
-    assert agent.attention_reason.count("gets hotter") == agent.attention_reason.count(CUT_OUTCOME) == 1
+    assert agent.attention_reason.count("is getting hotter") == agent.attention_reason.count(CUT_OUTCOME) == 1
 
 
 def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, run_log: Path):
@@ -153,7 +153,7 @@ def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, run_l
 
 
 def test_next_agent_completes_a_requested_power_off(tmp_path: Path, run_log: Path):
-    alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, power_off_requested=True)
+    alarm = Alarm(text="the nozzle is off, but is getting hotter", at_s=5.0, power_off_requested=True)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
     assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
     for _ in range(2):  # the second agent does not run the command again
@@ -276,4 +276,4 @@ def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, run
     rig.session.cancel("no more", rig.now_s)
     step_until(agent, rig, lambda: agent.board.session is None)
     assert count_runs(run_log) == 1
-    assert agent.attention_reason.startswith("no more; the nozzle is off, and gets hotter")
+    assert agent.attention_reason.startswith("no more; the nozzle is off, but is getting hotter")

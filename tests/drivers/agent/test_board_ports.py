@@ -56,7 +56,7 @@ def test_port_is_opened_after_a_person_confirms_that_the_printer_is_idle(
             rig.spawn()
             await rig.connect()
             snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
-            assert "does not print" in str(snapshot.reason) and snapshot.bed_unknown_reason is not None
+            assert "is not printing" in str(snapshot.reason) and snapshot.bed_unknown_reason is not None
             assert not is_link_open()
             reply = await rig.start(make_gcode(10))
             assert reply.error is not None and not is_link_open()

@@ -105,7 +105,7 @@ def test_flipped_bit_is_never_accepted_in_lines_of_a_session(command):
 @settings(deadline=None)
 def test_frame_contains_its_command_and_fits_a_line(line):
     number, command = line
-    assume(len(command) <= ULTIMAKER2.command_bytes)
+    assume(len(command) <= ULTIMAKER2.max_command_bytes)
     frame = add_frame(number, command)
     assert remove_frame(frame) == command
     text, _, checksum_text = frame.removesuffix(b"\n").rpartition(b"*")
@@ -135,7 +135,7 @@ def test_few_lines_need_a_blank(number, x_um, e_10nm):
 
 
 def test_line_without_room_for_a_blank_keeps_its_length():
-    command = COLLIDING_MOVE + b" " + b"S" * (ULTIMAKER2.command_bytes - len(COLLIDING_MOVE) - 1)
+    command = COLLIDING_MOVE + b" " + b"S" * (ULTIMAKER2.max_command_bytes - len(COLLIDING_MOVE) - 1)
     assert len(add_frame(4, command)) <= LINE_BYTES + 1
     longest_command = command + b"S" * (LINE_BYTES - len(b"N4 *255") - len(command))
     assert len(add_frame(4, longest_command)) <= LINE_BYTES + 1

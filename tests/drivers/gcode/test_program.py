@@ -265,7 +265,9 @@ def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
     program = parse_program("\n".join(accepted_lines))
     line_count = data.draw(st.integers(0, program.count))
     moves = MotionState(program, line_count)
-    values = [mm for mm in (*moves.position, moves.retracted_mm, moves.feedrate_mm_min) if not math.isnan(mm)]
+    values = [
+        mm for mm in (*moves.position_mm, moves.retracted_mm, moves.feedrate_mm_min) if not math.isnan(mm)
+    ]
     assert all(abs(mm) < 1e9 for mm in values)
     assert 0.0 <= measure_retraction_mm(program, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
     mark = program.compute_progress(line_count)
@@ -287,7 +289,7 @@ def test_any_bytes_are_read_or_refused(data: bytes):
         program = read_program(io.BytesIO(data), ULTIMAKER2_PLUS)
     except BadGcode:
         return
-    assert all(0 < len(line) <= ULTIMAKER2.command_bytes for line in program.read_lines(0, program.count))
+    assert all(0 < len(line) <= ULTIMAKER2.max_command_bytes for line in program.read_lines(0, program.count))
 
 
 def test_heating_lines_are_found_in_every_notation():

@@ -193,7 +193,7 @@ def test_command_that_waits_for_moves_has_a_longer_timeout(command: bytes, timeo
 def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():
     bench = Bench().boot()
     bench.run()
-    bench.link.send(bench.now_s, b"G1 X" + b"1" * (ULTIMAKER2.command_bytes - 4))
+    bench.link.send(bench.now_s, b"G1 X" + b"1" * (ULTIMAKER2.max_command_bytes - 4))
     sent_bytes = b""
     while bench.link.phase is Phase.LIVE:
         sent_bytes += bench.link.take()

@@ -37,7 +37,7 @@ def test_head_returns_before_the_filament_after_a_pause():
     rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
-    x, y, z, _ = MotionState(rig.program, rig.session.context.acknowledged_lines).position
+    x, y, z, _ = MotionState(rig.program, rig.session.context.acknowledged_lines).position_mm
     rig.session.resume(rig.now_s)
     index = len(rig.sent_bytes)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)

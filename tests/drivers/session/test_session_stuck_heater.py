@@ -85,7 +85,7 @@ def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
         rig.run()
         assert (
             rig.session.context.suspicion is not None
-            and "nozzle is off, and gets hotter" in rig.session.context.suspicion.text
+            and "nozzle is off, but is getting hotter" in rig.session.context.suspicion.text
         )
 
 

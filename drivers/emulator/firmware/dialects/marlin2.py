@@ -65,7 +65,7 @@ def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
 
 def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
     """Answer ``M114``: the end of the planned moves, in mm and in steps."""
-    x, y, z, e = (value + 0.0 if abs(value) >= 0.005 else 0.0 for value in machine.position)
+    x, y, z, e = (value + 0.0 if abs(value) >= 0.005 else 0.0 for value in machine.position_mm)
     counts = [
         round(value * steps) for value, steps in zip((x, y, z), machine.limits.steps_per_mm, strict=False)
     ]
@@ -82,7 +82,7 @@ def _identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 def _set_mode(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``G90 G91`` for all axes including the feeder, overriding M82 and M83."""
-    machine.relative = machine.relative_e = read_value(line, b"G") == 91
+    machine.is_relative = machine.is_e_relative = read_value(line, b"G") == 91
 
 
 def _stop_moves(machine: Machine, line: bytes, now_s: float) -> Work:

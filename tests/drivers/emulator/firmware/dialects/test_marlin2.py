@@ -91,9 +91,9 @@ def test_m410_stops_at_once_and_keeps_the_position(host: Host):
 def test_g90_ends_relative_extrusion(host: Host):
     host.send("M83")
     host.send("G90")
-    assert not host.firmware.machine.relative_e
+    assert not host.firmware.machine.is_e_relative
     host.send("G91")
-    assert host.firmware.machine.relative_e
+    assert host.firmware.machine.is_e_relative
 
 
 def test_comment_ends_with_its_line(host: Host):
