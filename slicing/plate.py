@@ -29,7 +29,12 @@ from slicing.checks import (
 )
 from slicing.engine import EngineLimits, Progress, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
-from slicing.hidden_walls import HiddenSide, remove_inner_walls, speed_up_hidden_walls
+from slicing.hidden_walls import (
+    HiddenSide,
+    remove_inner_walls,
+    reorder_inner_walls,
+    speed_up_hidden_walls,
+)
 from slicing.mesh import Floats, add_waves, read_triangles, write_triangles
 from slicing.settings import EngineSettings
 from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
@@ -230,8 +235,14 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
 
 def _change_hidden_walls(gcode: bytes, path: Toolpath, request: PlateRequest) -> tuple[bytes, Toolpath]:
     """Print one wall along hidden sides, and faster; return the G-code and its moves."""
-    for change in (remove_inner_walls, speed_up_hidden_walls):
-        new_gcode = change(gcode, path, request.hidden_sides, request.settings)
+    sides, settings = request.hidden_sides, request.settings
+    changes = (
+        partial(remove_inner_walls, sides=sides, settings=settings),
+        partial(reorder_inner_walls, settings=settings),
+        partial(speed_up_hidden_walls, sides=sides, settings=settings),
+    )
+    for change in changes if sides else ():
+        new_gcode = change(gcode, path)
         if new_gcode is not gcode:
             gcode, path = new_gcode, read_toolpath(new_gcode)
     return gcode, path

@@ -1,7 +1,7 @@
 """Walls along the hidden sides of a part: upright cut faces, which are invisible once parts are glued.
 
-CuraEngine prints all walls of a part alike, so its G-code is changed: inner walls are removed, and the
-remaining walls are printed faster.
+CuraEngine prints all walls of a part alike, so its G-code is changed: inner walls are removed, the
+remaining pieces are printed in another order, and the remaining walls are printed faster.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from slicing.hidden_walls.fast_walls import speed_up_hidden_walls
 from slicing.hidden_walls.inner_walls import remove_inner_walls, removes_inner_walls
 from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, RUN_OUT_MM, HiddenSide
+from slicing.hidden_walls.wall_order import reorder_inner_walls
 
 __all__ = [
     "MAX_NOTCH_DEPTH_MM",
@@ -16,5 +17,6 @@ __all__ = [
     "HiddenSide",
     "remove_inner_walls",
     "removes_inner_walls",
+    "reorder_inner_walls",
     "speed_up_hidden_walls",
 ]

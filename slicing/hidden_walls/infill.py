@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
-from slicing.hidden_walls.rewriting import Segment
+from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm
 from slicing.hidden_walls.sides import (
     MAX_NOTCH_DEPTH_MM,
     RUN_OUT_MM,
@@ -220,6 +220,7 @@ def _list_segments(
     """List the segments of the moves whose starts or ends are shifted (n, 2)."""
     is_shifted = (shifts_mm != 0.0).any(axis=1)
     starts_mm, ends_mm = path.start[:, :2], path.end[:, :2]
+    extruded_per_mm = measure_extrusion_per_mm(path)
     segments = {}
     for move in np.flatnonzero(is_shifted | (is_fill & np.append(False, is_shifted[:-1]))).tolist():
         points = [ends_mm[move] + shifts_mm[move]]
@@ -228,6 +229,7 @@ def _list_segments(
             point = starts_mm[move] + step.share * (ends_mm[move] - starts_mm[move])
             corner = [point + step.shift_mm, point]
             points = [*(reversed(corner) if step.ends_shifted else corner), *points]
-        is_extruding, feed_mm_min = bool(is_fill[move]), float(path.feed_mm_min[move])
-        segments[move] = [Segment(float(x), float(y), feed_mm_min, is_extruding) for x, y in points]
+        extrusion = float(extruded_per_mm[move]) if is_fill[move] else 0.0
+        feed_mm_min = float(path.feed_mm_min[move])
+        segments[move] = [Segment(float(x), float(y), feed_mm_min, extrusion) for x, y in points]
     return segments

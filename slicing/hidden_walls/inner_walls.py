@@ -15,7 +15,7 @@ import numpy.typing as npt
 from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
 from slicing.hidden_walls.infill import Backing, Stretch, stretch_infill
-from slicing.hidden_walls.rewriting import Segment, replace_moves
+from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
 from slicing.hidden_walls.sides import (
     RUN_OUT_MM,
     Bools,
@@ -235,16 +235,18 @@ def _list_remaining_segments(
     path: Toolpath, removal: _Removal, travel_mm_min: float
 ) -> Iterator[tuple[int, list[Segment]]]:
     """Yield the segments that replace each move of a removed wall: the removed part becomes travel."""
+    extruded_per_mm = measure_extrusion_per_mm(path)
     for move in np.flatnonzero(removal.last_share > removal.first_share).tolist():
         start_mm, feed_mm_min = path.start[move, :2], float(path.feed_mm_min[move])
         delta_mm = path.end[move, :2] - start_mm
         first, last = float(removal.first_share[move]), float(removal.last_share[move])
-        pieces = [(first, feed_mm_min, True), (last, travel_mm_min, False), (1.0, feed_mm_min, True)]
+        extrusion = float(extruded_per_mm[move])
+        pieces = [(first, feed_mm_min, extrusion), (last, travel_mm_min, 0.0), (1.0, feed_mm_min, extrusion)]
         segments = []
         begin = 0.0
-        for end, speed_mm_min, is_extruding in [] if removal.is_skipped[move] else pieces:
+        for end, speed_mm_min, per_mm in [] if removal.is_skipped[move] else pieces:
             if end > begin:
                 x_mm, y_mm = start_mm + end * delta_mm
-                segments.append(Segment(float(x_mm), float(y_mm), speed_mm_min, is_extruding))
+                segments.append(Segment(float(x_mm), float(y_mm), speed_mm_min, per_mm))
             begin = end
         yield move, segments

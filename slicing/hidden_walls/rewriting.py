@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slicing.checks import Toolpath
+from slicing.checks.section import Floats
 from slicing.hidden_walls.sides import Bools
 
 MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")
@@ -19,12 +20,12 @@ _E_ROUNDING_MM = 5e-6
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """New move to a point in printer coordinates, with the extrusion per mm of the move that it replaces."""
+    """New move to a point in printer coordinates, and the filament that it extrudes per mm of its length."""
 
     x_mm: float
     y_mm: float
     feed_mm_min: float
-    is_extruding: bool
+    extruded_per_mm: float = 0.0
 
 
 def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[Segment]]) -> bytes:
@@ -45,7 +46,6 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
     resets = {command.move for command in path.commands if command.code == "G92" and "E" in command.words}
     is_relative = _find_relative_moves(path)
     extruded_mm = path.extruded_mm
-    extruded_per_mm = extruded_mm / np.maximum(np.hypot(*(path.end - path.start)[:, :2].T), 1e-9)
     pieces: list[bytes] = []
     offset = 0
     e_mm = feed_mm_min = x_mm = y_mm = 0.0  # position after the new lines so far
@@ -67,9 +67,9 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
             new_line = b""
             for segment in new_segments:
                 code, extrusion = b"G0", b""
-                if segment.is_extruding:
+                if segment.extruded_per_mm > 0.0:
                     length_mm = math.hypot(segment.x_mm - x_mm, segment.y_mm - y_mm)
-                    e_mm += float(extruded_per_mm[move]) * length_mm
+                    e_mm += segment.extruded_per_mm * length_mm
                     code, extrusion = b"G1", b" E%.5f" % e_mm
                 x_mm, y_mm, feed_mm_min = segment.x_mm, segment.y_mm, segment.feed_mm_min
                 new_line += b"%b F%.6g X%.3f Y%.3f%b\n" % (code, feed_mm_min, x_mm, y_mm, extrusion)
@@ -77,6 +77,11 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
             pieces += [gcode[offset:line_start], new_line]
             offset = next_line_start
     return b"".join((*pieces, gcode[offset:]))
+
+
+def measure_extrusion_per_mm(path: Toolpath) -> Floats:
+    """Measure the filament (n,) in mm that each move extrudes for each mm of its length."""
+    return np.asarray(path.extruded_mm / np.maximum(np.hypot(*(path.end - path.start)[:, :2].T), 1e-9))
 
 
 def _is_replaceable(path: Toolpath) -> Bools:

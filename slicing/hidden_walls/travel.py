@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, MutableMapping
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from slicing.checks import Toolpath
@@ -36,22 +35,18 @@ def shorten_travel(
     segments
         Segments that replace moves; those of removed moves and of travel moves are changed.
     """
-    areas: dict[int, shapely.Geometry] = {}
-    walls = np.flatnonzero(find_level_lines(path) & path.is_feature("WALL-OUTER"))
+    outer_walls = OuterWalls(path)
     for moves in _list_gaps(path, first, last):
         moves = moves[~is_skipped[moves]]
         if len(moves) == 0:
             continue
-        layer = int(path.layer[moves[-1]])
-        if layer not in areas:
-            in_layer = slice(*np.searchsorted(path.layer[walls], (layer, layer + 1)))
-            areas[layer] = _build_area(path, walls[in_layer])
+        area = outer_walls.build_travel_area(int(path.layer[moves[-1]]))
         shares = np.where(last[moves] > first[moves], last[moves], 1.0)
         points_mm = path.start[moves, :2] + shares[:, None] * (path.end - path.start)[moves, :2]
         start_mm = path.start[moves[0], :2] + first[moves[0]] * (path.end - path.start)[moves[0], :2]
-        for number in _list_omitted_points(np.vstack((start_mm, points_mm)), areas[layer]):
+        for number in _list_omitted_points(np.vstack((start_mm, points_mm)), area):
             move = int(moves[number - 1])
-            segments[move] = [segment for segment in segments.get(move, []) if segment.is_extruding]
+            segments[move] = [segment for segment in segments.get(move, []) if segment.extruded_per_mm > 0.0]
 
 
 def _list_omitted_points(points_mm: Floats, area: shapely.Geometry) -> Iterator[int]:
@@ -84,13 +79,34 @@ def _list_gaps(path: Toolpath, first: Floats, last: Floats) -> Iterator[Indices]
             yield np.arange(low, high + 1)
 
 
-def _build_area(path: Toolpath, walls: npt.NDArray[np.intp]) -> shapely.Geometry:
-    """Build the area within the middles of the outer walls (k,) of a layer."""
-    area: shapely.Geometry = shapely.Polygon()
-    for ring in np.split(walls, np.flatnonzero(np.diff(walls) != 1) + 1):
-        if len(ring) > 2:
-            ring_area = shapely.make_valid(shapely.Polygon(path.end[ring, :2]))
-            area = area.symmetric_difference(ring_area)
-    area = area.buffer(_TOLERANCE_MM)
-    shapely.prepare(area)
-    return area
+def shorten_route(points_mm: Floats, area: shapely.Geometry) -> Floats:
+    """Leave out points (n, 2) of a travel within an area that a shorter travel does not need."""
+    omitted = list(_list_omitted_points(points_mm, area))
+    return np.delete(points_mm, omitted, axis=0)
+
+
+class OuterWalls:
+    """Outer walls of a toolpath, with the areas within which the head travels in a layer."""
+
+    def __init__(self, path: Toolpath) -> None:
+        self._path = path
+        self._moves = np.flatnonzero(find_level_lines(path) & path.is_feature("WALL-OUTER"))
+        self._areas: dict[int, shapely.Geometry] = {}
+
+    def build_travel_area(self, layer: int) -> shapely.Geometry:
+        """Build the area within the middles of the outer walls of a layer; it is prepared and kept."""
+        if layer not in self._areas:
+            in_layer = slice(*np.searchsorted(self._path.layer[self._moves], (layer, layer + 1)))
+            self._areas[layer] = self._build_area(self._moves[in_layer])
+        return self._areas[layer]
+
+    def _build_area(self, moves: Indices) -> shapely.Geometry:
+        """Build the area within the middles of outer walls with moves (k,)."""
+        area: shapely.Geometry = shapely.Polygon()
+        for ring in np.split(moves, np.flatnonzero(np.diff(moves) != 1) + 1):
+            if len(ring) > 2:
+                ring_area = shapely.make_valid(shapely.Polygon(self._path.end[ring, :2]))
+                area = area.symmetric_difference(ring_area)
+        area = area.buffer(_TOLERANCE_MM)
+        shapely.prepare(area)
+        return area

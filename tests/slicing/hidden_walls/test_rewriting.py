@@ -38,13 +38,13 @@ def test_later_lines_extrude_the_same_after_a_skipped_move():
 
 
 def test_segments_extrude_in_proportion_to_their_length():
-    segments = [Segment(15.0, 0.0, 9000.0, False), Segment(20.0, 12.0, 1200.0, True)]
+    segments = [Segment(15.0, 0.0, 9000.0), Segment(20.0, 12.0, 1200.0, 0.1)]
     _, path = replace_and_read(GCODE, {2: segments})
     assert path.end[2:4, :2].tolist() == [[15.0, 0.0], [20.0, 12.0]]
     assert path.extruded_mm[2:4].tolist() == pytest.approx([0.0, 1.3])
 
 
 def test_feedrate_of_a_replaced_move_does_not_change_the_next():
-    gcode, path = replace_and_read(GCODE, {2: [Segment(20.0, 0.0, 9000.0, False)]})
+    gcode, path = replace_and_read(GCODE, {2: [Segment(20.0, 0.0, 9000.0)]})
     assert path.feed_mm_min[3] == 1200.0
     assert b"G1 F1200 X30 Y0 E2.00000\n" in gcode

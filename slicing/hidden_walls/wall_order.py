@@ -1,0 +1,281 @@
+"""Order of the remaining pieces of inner walls, with as little travel as possible.
+
+CuraEngine begins an inner wall where the outer wall begins. If a part of it is removed, the head would travel
+to that place, and along the removed line, in each layer. The pieces are printed in another order, or
+backwards, instead. The outer walls and the infill stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import permutations, product
+from math import dist
+
+import numpy as np
+import shapely
+
+from slicing.checks import MotionLimits, Toolpath, change_times
+from slicing.checks.section import Floats
+from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
+from slicing.hidden_walls.sides import Indices, find_level_lines, find_long_layers
+from slicing.hidden_walls.travel import OuterWalls, shorten_route
+from slicing.settings import EngineSettings
+
+MIN_SAVED_MM = 2.0  # minimum travel that another order saves in a layer
+MAX_PIECES = 4  # maximum number of pieces whose order is changed; there are n! 2^n orders
+MAX_TRIED_ORDERS = 6  # maximum number of orders whose travel is planned, the best by straight lines first
+_LAYER_TIME_RATIO = 2.0
+"""Minimum ratio of a layer's time to the minimum layer time at which its walls are printed in another order;
+travel takes less than half of the layer's time."""
+_CLOSED_MM = 0.02
+
+Point = tuple[float, float]
+Order = tuple[tuple[int, bool], ...]  # pieces by number, and whether each is printed backwards
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """Successive lines of an inner wall: its points (k + 1, 2), and for each line feedrate and extrusion."""
+
+    points_mm: Floats
+    feed_mm_min: Floats
+    extruded_per_mm: Floats
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it ends where it begins."""
+        return dist(self.points_mm[0], self.points_mm[-1]) < _CLOSED_MM
+
+    def join(self, following: _Piece) -> _Piece:
+        """Join the piece with another that begins where it ends."""
+        return _Piece(
+            np.concatenate([self.points_mm, following.points_mm[1:]]),
+            np.concatenate([self.feed_mm_min, following.feed_mm_min]),
+            np.concatenate([self.extruded_per_mm, following.extruded_per_mm]),
+        )
+
+    def reverse(self) -> _Piece:
+        """Reverse the direction in which the piece is printed."""
+        return _Piece(self.points_mm[::-1], self.feed_mm_min[::-1], self.extruded_per_mm[::-1])
+
+
+@dataclass(frozen=True, slots=True)
+class _Chain:
+    """Successive moves (k,) of inner walls and travel that end where an outer wall begins.
+
+    Attributes
+    ----------
+    moves
+        Numbers of the moves.
+    points_mm
+        (k + 1, 2) points that the head passes.
+    pieces
+        Pieces of the inner walls.
+    closures
+        Numbers of two points at the same place where a closed wall begins and ends.
+    travel_mm
+        Length of the travel.
+    """
+
+    moves: Indices
+    points_mm: Floats
+    pieces: list[_Piece]
+    closures: list[tuple[int, int]]
+    travel_mm: float
+
+    def find_route(self, begin_mm: Point, end_mm: Point, area: shapely.Geometry) -> Floats:
+        """Find the points (k, 2) of a travel between two points of the chain that stays within an area.
+
+        It follows the moves of the chain, in either direction, and leaves out points where it can.
+        """
+        if area.covers(shapely.LineString([begin_mm, end_mm])):
+            return np.array([begin_mm, end_mm])
+        begin, end = (int(np.argmin(np.hypot(*(self.points_mm - point).T))) for point in (begin_mm, end_mm))
+        routes = [self._list_points(begin, end)]
+        for first, second in self.closures:
+            for near, far in ((first, second), (second, first)):
+                routes.append(np.concatenate([self._list_points(begin, near), self._list_points(far, end)]))
+        return shorten_route(min(routes, key=_measure_length_mm), area)
+
+    def _list_points(self, begin: int, end: int) -> Floats:
+        """List the points (k, 2) from one number to another, in either direction."""
+        return self.points_mm[begin : end + 1] if begin <= end else self.points_mm[end : begin + 1][::-1]
+
+
+@dataclass(slots=True)
+class _Plan:
+    """New moves of a chain: each travel (k, 2) and the piece after it; the last travel has none."""
+
+    routes: list[Floats] = field(default_factory=list)
+    pieces: list[_Piece] = field(default_factory=list)
+
+    @property
+    def travel_mm(self) -> float:
+        """Length of the travel."""
+        return sum(map(_measure_length_mm, self.routes))
+
+
+def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) -> bytes:
+    """Print the pieces of inner walls in the order and direction with the least travel.
+
+    Parameters
+    ----------
+    gcode
+        CuraEngine's output, of which `remove_inner_walls` has removed inner walls.
+    path
+        Moves and comments of the same file.
+    settings
+        Settings with which it was sliced.
+
+    Returns
+    -------
+    bytes
+        G-code with the same lines in another order; the same object if no order saves travel.
+    """
+    outer_walls = OuterWalls(path)
+    segments: dict[int, list[Segment]] = {}
+    for chain in _list_chains(path, settings):
+        area = outer_walls.build_travel_area(int(path.layer[chain.moves[-1]]))
+        plan = _find_best_plan(chain, area)
+        if plan is not None and plan.travel_mm < chain.travel_mm - MIN_SAVED_MM:
+            segments |= _list_segments(path, chain, plan, 60.0 * settings.speed_travel_mm_s)
+    if not segments:
+        return gcode
+    new_gcode = replace_moves(gcode, path, segments)
+    return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
+
+
+def _list_chains(path: Toolpath, settings: EngineSettings) -> Iterator[_Chain]:
+    """Yield the chains that include a piece of an interrupted wall."""
+    is_line = find_level_lines(path)
+    is_wall = is_line & path.is_feature("WALL-INNER")
+    is_travel = path.moves_head & (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0)
+    begins_outer = np.append(is_line & path.is_feature("WALL-OUTER"), False)
+    min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
+    is_long = find_long_layers(path, min_time_s) & (path.layer > 0)
+    extruded_per_mm = measure_extrusion_per_mm(path)
+    lengths_mm = np.hypot(*(path.end - path.start)[:, :2].T)
+    begins_after_command = np.zeros(len(is_wall) + 1, np.bool_)
+    begins_after_command[[command.move for command in path.commands]] = True
+    begins_outer &= ~begins_after_command
+    is_linked = is_wall | is_travel
+    is_joined = is_linked[1:] & is_linked[:-1] & ~begins_after_command[1:-1]
+    bounds = np.flatnonzero(np.diff(is_joined.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    for low, high in bounds.tolist():
+        moves = np.arange(low, high + 1)
+        walls = moves[is_wall[moves]]
+        if len(walls) == 0 or not begins_outer[high + 1] or not is_long[walls].all():
+            continue
+        if len(np.unique(path.layer[[*walls, high + 1]])) > 1:
+            continue
+        pieces = [
+            _Piece(
+                np.concatenate([path.start[lines[:1], :2], path.end[lines, :2]]),
+                path.feed_mm_min[lines],
+                extruded_per_mm[lines],
+            )
+            for lines in np.split(walls, np.flatnonzero(np.diff(walls) != 1) + 1)
+        ]
+        pieces = _join_pieces(pieces)
+        if len(pieces) > MAX_PIECES or all(piece.is_closed for piece in pieces):
+            continue
+        points_mm = np.concatenate([path.start[moves[:1], :2], path.end[moves, :2]])
+        travel_mm = float(lengths_mm[moves[is_travel[moves]]].sum())
+        yield _Chain(moves, points_mm, pieces, _find_closures(points_mm), travel_mm)
+
+
+def _join_pieces(pieces: Sequence[_Piece]) -> list[_Piece]:
+    """Join the end of each wall with its beginning, if neither is removed."""
+    joined: list[_Piece] = []
+    for piece in pieces:
+        end_mm = piece.points_mm[-1]
+        is_following = [dist(end_mm, other.points_mm[0]) < _CLOSED_MM for other in joined]
+        if True not in is_following:
+            joined.append(piece)
+        else:
+            begin = is_following.index(True)
+            joined[begin] = piece.join(joined[begin])
+    return joined
+
+
+def _find_closures(points_mm: Floats) -> list[tuple[int, int]]:
+    """Find pairs of points (n, 2) at the same place, by their numbers; a point is in one pair."""
+    closures: dict[Point, tuple[int, int]] = {}
+    for number, (x_mm, y_mm) in enumerate(points_mm.round(2).tolist()):
+        first, _ = closures.get((x_mm, y_mm), (number, number))
+        closures[x_mm, y_mm] = (first, number)
+    return [(first, last) for first, last in closures.values() if last > first + 1]
+
+
+def _find_best_plan(chain: _Chain, area: shapely.Geometry) -> _Plan | None:
+    """Find the plan with the least travel within an area; None if straight lines do not save any."""
+    begin_mm, end_mm = (tuple(chain.points_mm[number].tolist()) for number in (0, -1))
+    orders = sorted(
+        (_measure_straight_mm(chain.pieces, order, begin_mm, end_mm), order)
+        for order in _list_orders(chain.pieces)
+    )
+    best = None
+    max_mm = chain.travel_mm
+    for straight_mm, order in orders[:MAX_TRIED_ORDERS]:
+        if straight_mm >= max_mm:
+            break
+        plan = _plan_order(chain, order, area)
+        if plan.travel_mm < max_mm:
+            best, max_mm = plan, plan.travel_mm
+    return best
+
+
+def _list_orders(pieces: Sequence[_Piece]) -> Iterator[Order]:
+    """Yield all orders and directions of pieces; a closed piece has one direction."""
+    directions = [(False,) if piece.is_closed else (False, True) for piece in pieces]
+    for numbers in permutations(range(len(pieces))):
+        for is_reversed in product(*(directions[number] for number in numbers)):
+            yield tuple(zip(numbers, is_reversed, strict=True))
+
+
+def _measure_straight_mm(pieces: Sequence[_Piece], order: Order, begin_mm: Point, end_mm: Point) -> float:
+    """Measure the travel from a point, through pieces in an order, to another point, in straight lines."""
+    total_mm = 0.0
+    for number, is_reversed in order:
+        points_mm = pieces[number].points_mm
+        total_mm += dist(begin_mm, points_mm[-1 if is_reversed else 0])
+        begin_mm = points_mm[0 if is_reversed else -1]
+    return total_mm + dist(begin_mm, end_mm)
+
+
+def _plan_order(chain: _Chain, order: Order, area: shapely.Geometry) -> _Plan:
+    """Plan the travel between pieces in an order."""
+    plan = _Plan()
+    position_mm = chain.points_mm[0]
+    for number, is_reversed in order:
+        piece = chain.pieces[number].reverse() if is_reversed else chain.pieces[number]
+        plan.routes.append(chain.find_route(tuple(position_mm), tuple(piece.points_mm[0]), area))
+        plan.pieces.append(piece)
+        position_mm = piece.points_mm[-1]
+    plan.routes.append(chain.find_route(tuple(position_mm), tuple(chain.points_mm[-1]), area))
+    return plan
+
+
+def _list_segments(
+    path: Toolpath, chain: _Chain, plan: _Plan, travel_mm_min: float
+) -> dict[int, list[Segment]]:
+    """List the segments that replace the moves of a chain; they are at its first move and its first wall."""
+    travels = [[Segment(float(x), float(y), travel_mm_min) for x, y in route[1:]] for route in plan.routes]
+    is_wall = path.extruded_mm[chain.moves] > 0.0
+    first, first_wall = int(chain.moves[0]), int(chain.moves[np.argmax(is_wall)])
+    segments: dict[int, list[Segment]] = {int(move): [] for move in chain.moves}
+    segments[first] = travels[0]
+    for piece, travel in zip(plan.pieces, travels[1:], strict=True):
+        lines = zip(piece.points_mm[1:].tolist(), piece.feed_mm_min, piece.extruded_per_mm, strict=True)
+        segments[first_wall] = [
+            *segments[first_wall],
+            *(Segment(x, y, float(feed), float(per_mm)) for (x, y), feed, per_mm in lines),
+            *travel,
+        ]
+    return segments
+
+
+def _measure_length_mm(points_mm: Floats) -> float:
+    """Measure the length of a line through points (n, 2)."""
+    return float(np.hypot(*np.diff(points_mm, axis=0).T).sum())
