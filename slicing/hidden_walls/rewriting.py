@@ -85,9 +85,10 @@ def measure_extrusion_per_mm(path: Toolpath) -> Floats:
 
 
 def _is_replaceable(path: Toolpath) -> Bools:
-    """Mark the moves (n,) of the head on one level, without a retraction."""
-    is_level = path.moves_head & (path.end[:, 2] == path.start[:, 2])
-    return np.asarray(is_level & (path.extruded_mm >= 0.0))
+    """Mark the moves (n,) on one level, but for those of the feeder alone and those with a retraction."""
+    is_level = path.end[:, 2] == path.start[:, 2]
+    extruded_mm = path.extruded_mm
+    return np.asarray(is_level & ((extruded_mm == 0.0) | (path.moves_head & (extruded_mm > 0.0))))
 
 
 def _find_relative_moves(path: Toolpath) -> Bools:

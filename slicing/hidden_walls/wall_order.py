@@ -150,7 +150,7 @@ def _list_chains(path: Toolpath, settings: EngineSettings) -> Iterator[_Chain]:
     """Yield the chains that include a piece of an interrupted wall."""
     is_line = find_level_lines(path)
     is_wall = is_line & path.is_feature("WALL-INNER")
-    is_travel = path.moves_head & (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0)
+    is_travel = (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0)
     begins_outer = np.append(is_line & path.is_feature("WALL-OUTER"), False)
     min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
     is_long = find_long_layers(path, min_time_s) & (path.layer > 0)
