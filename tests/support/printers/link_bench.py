@@ -63,7 +63,11 @@ class Firmware:
 
 
 class Wire:
-    """Wire that loses or changes bytes at random, and delivers them in pieces of `piece_bytes`."""
+    """Wire that loses or changes bytes at random, and delivers them in pieces of `piece_bytes`.
+
+    It changes each bit of a byte at most once in a line: the checksum, an exclusive or of all bytes, cannot
+    detect two changes of the same bit.
+    """
 
     def __init__(self, loss_share: float, change_share: float, piece_bytes: int, seed: int) -> None:
         self.loss_share, self.change_share, self.piece_bytes = loss_share, change_share, piece_bytes
@@ -71,18 +75,22 @@ class Wire:
 
     def transmit(self, data: bytes) -> list[bytes]:
         if self.loss_share or self.change_share:
-            result = bytearray()
-            for byte in data:
-                roll = self.rng.random()
-                if roll < self.loss_share:
-                    continue
-                result.append(
-                    byte ^ (1 << self.rng.randrange(8))
-                    if roll < self.loss_share + self.change_share
-                    else byte
-                )
-            data = bytes(result)
+            data = self._disturb(data)
         return [data[i : i + self.piece_bytes] for i in range(0, len(data), self.piece_bytes)]
+
+    def _disturb(self, data: bytes) -> bytes:
+        """Lose and change bytes of data."""
+        result, changed_bits = bytearray(), 0
+        for byte in data:
+            roll = self.rng.random()
+            if roll >= self.loss_share:
+                mask = 1 << self.rng.randrange(8) if roll < self.loss_share + self.change_share else 0
+                mask &= ~changed_bits
+                changed_bits |= mask
+                result.append(byte ^ mask)
+            if byte == ord("\n"):
+                changed_bits = 0
+        return bytes(result)
 
 
 class Bench:
