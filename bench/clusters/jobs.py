@@ -214,7 +214,7 @@ def measure_drawing(part_count: int, folder: Path) -> dict[str, Any]:
     decomposition = decompose_job(task)
     assert isinstance(decomposition, DecomposedJob)  # a search pauses only with `may_pause`
     record, overview = decomposition.drawing_record, work / "overview.png"
-    ranges = split_steps(decomposition.steps)
+    ranges = split_steps(decomposition.step_count)
     files = [work / f"steps-{begin}.pickle" for begin, _ in ranges]
     time_call(draw_overview, record, overview)  # the first call loads the modules
     _, single_drawer_s = time_call(draw_job_parts, task, record)

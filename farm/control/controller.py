@@ -270,7 +270,7 @@ class Controller:
             self.telemetry.snapshots,
             state,
             self.clock.now(),
-            ends_s=ends.by_plate,
+            ends_s=ends.ends_by_plate_s,
             forecast_s=ends.at_s,
             awaits_forecast=math.isinf(ends.at_s),
             is_started=not self.situations.is_starting(),

@@ -66,9 +66,9 @@ class FarmEffects:
             printers=tuple(fleet.find_printer(name) for name in order.printers),
             rounds=order.rounds,
             time_factors={name: books.get_printer(name).time_factors for name in order.printers},
-            within_s=None if limit_s is None else max(0.0, limit_s - start_s),
+            time_limit_s=None if limit_s is None else max(0.0, limit_s - start_s),
             assembly_ratio=compute_assembly_ratio(books.jobs.values()),
-            quick=order.quick,
+            is_quick=order.is_quick,
         )
         self._planner.start(request)
 
@@ -91,7 +91,7 @@ class FarmEffects:
             ),
             reports=tuple(filter(None, (job.decomposition, *job.cuts.values()))),
         )
-        self._replan_worker.start(task, order.cut)
+        self._replan_worker.start(task, order.is_cut)
 
     def _link_files(self, number: int, books: Books) -> None:
         job = books.get_job(number)

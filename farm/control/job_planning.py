@@ -45,7 +45,7 @@ class JobPlanning:
         """Store the progress of a plan; a job that already has a plan does not wait for free disk space."""
         self.progress[number] = progress
         if progress.step is PlanStep.NO_ROOM:
-            self.revisions.end(number)
+            self.revisions.end_replanning(number)
 
     def find_reservations(
         self, books: Books, situation: Situation, reserved_printers: dict[str, str]
@@ -90,14 +90,14 @@ class JobPlanning:
 
     def begin(self, order: StartPlanning, now_s: float) -> None:
         """Record that a job is being planned."""
-        self._admission.begin(order)
+        self._admission.begin_planning(order)
         self._orders[order.job] = order, now_s
 
     def end(self, number: int) -> None:
         """Remove a job that is no longer being planned."""
         self.progress.pop(number, None)
-        self._admission.end(number)
-        self.revisions.end(number)
+        self._admission.end_planning(number)
+        self.revisions.end_replanning(number)
 
     def finish(
         self, job: Job, result: Plan | FarmError, books: Books, situation: Situation
@@ -122,7 +122,7 @@ class JobPlanning:
     ) -> ev.AnyEvent:
         now_s = situation.now_s
         if isinstance(result, TooFewPrinters):
-            self._admission.require_parts(job.id, result.needed)
+            self._admission.require_parts(job.id, result.needed_count)
             return ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None)
         if isinstance(result, FarmError):
             return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))

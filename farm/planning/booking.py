@@ -113,18 +113,18 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
     if job.pruned_s is not None:
         pictures = {f"{Path(part).name}.png": file for part, file in job.part_pictures.items()}
         return pictures | ({PICTURE: job.picture} if job.picture else {})
-    names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
-    names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
+    files = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
+    files |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
     shared_files = {
         PICTURE: job.picture,
         ASSEMBLY: job.assembly,
         REPORT: job.decomposition,
         INSTRUCTIONS: job.instructions,
     }
-    names |= {name: file for name, file in shared_files.items() if file}
-    for whole, cuts in ((Path(REPORT), job.cuts), (Path(INSTRUCTIONS), job.cut_instructions)):
-        names |= {f"{whole.stem}-{Path(part).name}{whole.suffix}": file for part, file in cuts.items()}
-    return names
+    files |= {name: file for name, file in shared_files.items() if file}
+    for path, cuts in ((Path(REPORT), job.cuts), (Path(INSTRUCTIONS), job.cut_instructions)):
+        files |= {f"{path.stem}-{Path(part).name}{path.suffix}": file for part, file in cuts.items()}
+    return files
 
 
 def _estimate_serial_s(sliced_job: SlicedJob) -> float:

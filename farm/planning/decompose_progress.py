@@ -32,7 +32,7 @@ class ProgressRate:
     """Rate of a decomposition since its first report above 0."""
 
     def __init__(self) -> None:
-        self._first: tuple[float, float] | None = None  # share and time of that report
+        self._first_report: tuple[float, float] | None = None  # its share and time
 
     def measure(self, share: float, now_s: float) -> DecomposeProgress:
         """Return the progress with its remaining time.
@@ -44,11 +44,11 @@ class ProgressRate:
         now_s
             Seconds of a monotonic clock.
         """
-        if self._first is None and share > 0.0:
-            self._first = share, now_s
-        if self._first is None or share <= self._first[0]:
+        if self._first_report is None and share > 0.0:
+            self._first_report = share, now_s
+        if self._first_report is None or share <= self._first_report[0]:
             return DecomposeProgress(share=share)
-        first_share, start_s = self._first
+        first_share, start_s = self._first_report
         remaining_s = (now_s - start_s) * (1.0 - share) / (share - first_share)
         return DecomposeProgress(share=share, remaining_s=remaining_s)
 

@@ -38,7 +38,7 @@ class JobPlanner:
     budget_s
         Budget of the search for the parts of a job.
     on_plan
-        Called with a job's number and its plan, or the error that prevents it.
+        Called with a job's number and its plan, or the error that prevented it.
     on_progress
         Called with a job's number and the progress of its plan.
     """
@@ -69,7 +69,7 @@ class JobPlanner:
             rounds=request.rounds,
             folder=self._state.work / f"job-{job.id}",
             time_factors=request.time_factors,
-            within_s=request.within_s,
+            time_limit_s=request.time_limit_s,
             assembly_ratio=request.assembly_ratio,
             budget_s=self._budget_s,
             may_pause=True,
@@ -77,7 +77,7 @@ class JobPlanner:
         self._running = {
             number: plan_task for number, plan_task in self._running.items() if not plan_task.done()
         }
-        workers = PoolShare(self._workers, job.id, urgent=request.quick)
+        workers = PoolShare(self._workers, job.id, urgent=request.is_quick)
         builder = PlanBuilder(
             task, workers, self._state, lambda progress: self._on_progress(job.id, progress)
         )
@@ -114,7 +114,7 @@ class JobPlanner:
             return error
         except Exception as error:
             # An error in one job must not stop the farm; the log contains the traceback.
-            log.exception("planning job %d", job.id, extra={"job": job.id})
+            log.exception("job %d: planning failed", job.id, extra={"job": job.id})
             return FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -132,10 +132,12 @@ class JobPlanner:
                 self._on_plan(job, result)
                 return
             except FarmError as error:
-                log.error("job %d: %s; its plan is kept", job, error, extra={"job": job})
+                log.error(
+                    "job %d: %s; its plan is kept until it can be recorded", job, error, extra={"job": job}
+                )
                 await asyncio.sleep(_RETRY_INTERVAL_S)
             except Exception as error:
-                log.exception("job %d", job, extra={"job": job})
+                log.exception("job %d: its plan cannot be recorded", job, extra={"job": job})
                 if isinstance(result, FarmError):
                     return
                 result = FarmError(

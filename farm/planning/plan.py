@@ -25,8 +25,8 @@ from farm.model import (
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 MIN_RELEVEL_DELAY_S, MIN_RELEVEL_DELAY_SHARE = 120.0, 0.01
-"""Minimum delay of the last printer, relative to the mean of all printers, for which cuts are moved: the
-larger of a time and a share of the longest time."""
+"""Cuts are moved if the last printer ends at least this much later than the mean of all printers: a time, or
+a share of the longest time if that is more."""
 
 
 class TooFewPrinters(FarmError):
@@ -34,10 +34,10 @@ class TooFewPrinters(FarmError):
 
     def __init__(self, message: str, needed_count: int) -> None:
         super().__init__(message, ErrorCode.NO_FIT)
-        self.needed = needed_count
+        self.needed_count = needed_count
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return TooFewPrinters, (str(self), self.needed)
+        return TooFewPrinters, (str(self), self.needed_count)
 
 
 def name_step_file(upload: Path) -> Path:
@@ -74,11 +74,11 @@ class PlanRequest:
         Maximum number of parts per printer.
     time_factors
         Time factors of the printers, learned from their prints, by name.
-    within_s
+    time_limit_s
         Time within which the job must be printed; None for no limit.
     assembly_ratio
         Ratio of reported to expected times of assembly.
-    quick
+    is_quick
         True if planning is expected to take seconds, and must not wait for other work.
     """
 
@@ -86,9 +86,9 @@ class PlanRequest:
     printers: tuple[PrinterSection, ...]
     rounds: int = 1
     time_factors: Mapping[str, TimeFactors] = field(default_factory=dict)
-    within_s: float | None = None
+    time_limit_s: float | None = None
     assembly_ratio: float = 1.0
-    quick: bool = False
+    is_quick: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ class DecomposeTask:
         Scratch folder of the plan.
     time_factors
         Time factors of the printers, learned from their prints, by name; 1 for a printer that is not named.
-    within_s
+    time_limit_s
         Time within which the job must be printed (`--done-by`), or printed and glued (`--assembled-by`);
         None for no limit.
     assembly_ratio
@@ -121,7 +121,7 @@ class DecomposeTask:
     rounds: int
     folder: Path
     time_factors: Mapping[str, TimeFactors] = field(default_factory=dict)
-    within_s: float | None = None
+    time_limit_s: float | None = None
     assembly_ratio: float = 1.0
     budget_s: float | None = None
     may_pause: bool = False
@@ -164,8 +164,8 @@ class DecomposedJob:
         File for `relevel_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
     assembly_s
         A person's time to glue the parts; None for a single part.
-    steps
-        Number of steps of the gluing.
+    step_count
+        Number of steps of the assembly.
     """
 
     parts: tuple[DecomposedPart, ...]
@@ -175,7 +175,7 @@ class DecomposedJob:
     drawing_record: Path
     cut_record: Path | None = None
     assembly_s: float | None = None
-    steps: int = 0
+    step_count: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,8 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
         description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
         if options.only:
             raise RefusedError(
-                f"{' '.join(options.only)} is disabled, or lacks {description}: send it to another address"
+                f"{' '.join(options.only)} is disabled, or lacks {description}: "
+                "send the file to another address"
             )
         raise RefusedError(
             f"no printer of the fleet has {description}; it has {', '.join(available) or 'no printer at all'}"

@@ -48,11 +48,11 @@ class JobRequest:
     ----------
     requirements
         Requirements on each printer.
-    printers
+    printer_count
         Number of printers that the user requested; None for all.
     min_parts
         Number of parts that the job needs according to an earlier attempt; 0 if unknown.
-    spares
+    spare_count
         Number of free printers to leave idle, as long as the job has at least one printer.
     starts_later
         True if the job waits for a start time or for approval. Busy printers then count too, because
@@ -60,14 +60,14 @@ class JobRequest:
     """
 
     requirements: Requirements
-    printers: int | None = None
+    printer_count: int | None = None
     min_parts: int = 0
-    spares: int = 0
+    spare_count: int = 0
     starts_later: bool = False
 
-    def limit_printers(self, printers: int) -> int:
-        """Return the number of printers that the job may use, out of a given number."""
-        return min(max(1, printers - self.spares), self.printers or printers)
+    def limit_printers(self, available_count: int) -> int:
+        """Return the number of the available printers that the job may use."""
+        return min(max(1, available_count - self.spare_count), self.printer_count or available_count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
         key=lambda p: p.name,
     )
     starting_printers = [
-        p.name for p in matching_printers if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked
+        p.name for p in matching_printers if p.link in (Link.STARTING, Link.CONNECTING) and not p.is_booked
     ]
     if starting_printers and availability.is_starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(starting_printers)}")
@@ -226,7 +226,7 @@ class StartPlanning:
     job: int
     printers: tuple[str, ...]
     rounds: int
-    quick: bool = False
+    is_quick: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,15 +247,15 @@ class JobAdmission:
         self._min_parts: dict[int, int] = {}
         self._planned_printers: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
 
-    def require_parts(self, number: int, parts: int) -> None:
+    def require_parts(self, number: int, part_count: int) -> None:
         """Store the number of parts that a job needs according to an attempt to plan it."""
-        self._min_parts[number] = parts
+        self._min_parts[number] = part_count
 
-    def begin(self, order: StartPlanning) -> None:
+    def begin_planning(self, order: StartPlanning) -> None:
         """Store the printers for which a job is being planned."""
         self._planned_printers[order.job] = frozenset(order.printers)
 
-    def end(self, number: int) -> None:
+    def end_planning(self, number: int) -> None:
         """Remove a job whose planning has ended."""
         self._planned_printers.pop(number, None)
 
@@ -266,7 +266,7 @@ class JobAdmission:
         ]
 
     def decide(
-        self, books: Books, situation: Situation, fleet: Availability
+        self, books: Books, situation: Situation, availability: Availability
     ) -> Iterator[StartPlanning | HoldJob]:
         """Yield a decision on each queued job: to start its planning, or to hold it for a reason.
 
@@ -276,7 +276,7 @@ class JobAdmission:
             The committed books, with the plates that have just been assigned.
         situation
             The fleet after this assignment, the rules and the spares.
-        fleet
+        availability
             Availability of the fleet to all jobs, with the reserved printers.
         """
         pending_plans = self.list_pending_plans(books)
@@ -293,9 +293,9 @@ class JobAdmission:
                 first = join_names(f"job {number}" for number in long_jobs)
                 decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
             if decision is None:
-                availability = limit_availability(fleet, situation, job)
+                limited = limit_availability(availability, situation, job)
                 request, priority = self._make_request(job, situation.now_s), job.priority
-                decision = choose_unreserved_printers(request, availability, priority, pending_plans)
+                decision = choose_unreserved_printers(request, limited, priority, pending_plans)
             if isinstance(decision, Hold):
                 yield HoldJob(job.id, decision)
                 continue
@@ -306,9 +306,9 @@ class JobAdmission:
     def _make_request(self, job: Job, now_s: float) -> JobRequest:
         return JobRequest(
             requirements=derive_job_requirements(job),
-            printers=job.options.printers if job.own_gcode is None else None,  # planning chooses one
+            printer_count=job.options.printers if job.own_gcode is None else None,  # planning chooses one
             min_parts=self._min_parts.get(job.id, 0),
-            spares=job.options.spares,
+            spare_count=job.options.spares,
             starts_later=job.options.hold or (job.not_before_s or 0.0) > now_s,
         )
 
@@ -335,9 +335,11 @@ def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict
     }
 
 
-def limit_availability(fleet: Availability, situation: Situation, job: Job) -> Availability:
-    """Return the availability of the fleet at the start of a job, when nobody may be present."""
+def limit_availability(availability: Availability, situation: Situation, job: Job) -> Availability:
+    """Return the availability when a job starts; if nobody is present then, some printers are blocked."""
     start_s = max(situation.now_s, job.not_before_s or 0.0)
     is_attended = job.options.hold or situation.rules.is_attended(start_s)
-    blocked_names = frozenset(p.name for p in situation.printers if not (p.unattended or is_attended))
-    return replace(fleet, unattended_blocked=blocked_names)
+    blocked_names = frozenset(
+        p.name for p in situation.printers if not (p.may_print_unattended or is_attended)
+    )
+    return replace(availability, unattended_blocked=blocked_names)

@@ -67,13 +67,13 @@ def select_possible_assignments(assignments: Iterable[Assignment], situation: Si
             or plate.extra_printers == started_by_job[plate.job]
         ):
             continue
-        if _can_take(situation, fleet[assignment.printer], plate):
+        if _can_take_plate(situation, fleet[assignment.printer], plate):
             starts.append(assignment)
             started_by_job[plate.job] += 1
     return starts
 
 
-def _can_take(situation: Situation, printer: FleetPrinter, plate: WaitingPlate) -> bool:
+def _can_take_plate(situation: Situation, printer: FleetPrinter, plate: WaitingPlate) -> bool:
     """Return whether a plate may start now on a printer that is free."""
     return (
         plate.requirements.matches(printer.capabilities)
@@ -94,10 +94,10 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
         The result of `assign_plates`.
     """
     printer_by_plate = {assignment.plate: assignment.printer for assignment in assignments}
-    starts, limit = _count_allowed_starts(situation), situation.rules.max_heating
-    limit_reached = limit if len(printer_by_plate) >= starts else None
+    start_limit, heating_limit = _count_allowed_starts(situation), situation.rules.max_heating
+    reached_limit = heating_limit if len(printer_by_plate) >= start_limit else None
     reasons = HoldReasons(
-        situation, frozenset(printer_by_plate.values()), situation.spare_printers, limit_reached
+        situation, frozenset(printer_by_plate.values()), situation.spare_printers, reached_limit
     )
     extra_printers = situation.waiting_plates.extra_printers
     for plate in situation.waiting_plates:
@@ -117,7 +117,7 @@ def _count_allowed_starts(situation: Situation) -> int:
     limit = situation.rules.max_heating
     if limit is None:
         return len(situation.free_printers)
-    return max(0, limit - sum(printer.heating for printer in situation.printers))
+    return max(0, limit - sum(printer.is_heating for printer in situation.printers))
 
 
 def _match_plates(situation: Situation) -> dict[str, WaitingPlate]:
@@ -137,7 +137,7 @@ def _match_plates(situation: Situation) -> dict[str, WaitingPlate]:
         planned_printers=situation.waiting_plates.planned_printers,
         spare_printers=situation.spare_printers,
         extra_printers=situation.waiting_plates.extra_printers,
-        starts=_count_allowed_starts(situation),
+        start_limit=_count_allowed_starts(situation),
         rules=situation.rules,
         now_s=situation.now_s,
     )

@@ -99,9 +99,9 @@ def forecast_in_steps(situation: Situation, include_bound: bool = True) -> Gener
     if include_bound:
         started_plates = {slot.plate for slot in slots}
         plates = [plate for plate in situation.waiting_plates if plate.id in started_plates]
-        ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in usable_printers}
+        ready_times_s = {p.name: _find_ready_time_s(p, rules, now_s) for p in usable_printers}
         bound_s = _compute_lower_bound_s(
-            plates, _find_fitting_printers(plates, usable_printers), ready_s, rules, now_s
+            plates, _find_fitting_printers(plates, usable_printers), ready_times_s, rules, now_s
         )
     return Forecast(tuple(slots), unplaced_plates, ends_s, min(bound_s, ends_s))
 
@@ -136,15 +136,15 @@ class _Simulation:
 
     def _add_printer(self, printer: FleetPrinter, is_used: bool) -> None:
         now_s = self._now_s
-        if printer.booked:
+        if printer.is_booked:
             self._remaining_plates.update([printer.job] if printer.job is not None else [])
             self._push_change(max(now_s, printer.free_s or now_s), _PRINT_END, printer.job)
-        if printer.heating:
+        if printer.is_heating:
             self._heating_count += 1
             self._push_change(max(now_s, printer.heats_until_s or now_s), _HEATING_END, printer.name)
         if not is_used:
             return
-        ready_s = _find_ready_s(printer, self._rules, now_s)
+        ready_s = _find_ready_time_s(printer, self._rules, now_s)
         if ready_s <= now_s:
             self._idle.add(printer.name)
         else:
@@ -222,7 +222,7 @@ class _Simulation:
             planned_printers=planned_printers,
             spare_printers=self._choose_spare_printers(planned_printers),
             extra_printers=self._extra_printers,
-            starts=starts,
+            start_limit=starts,
             rules=self._rules,
             now_s=self._now_s,
         )
@@ -270,7 +270,7 @@ def make_idle(printer: FleetPrinter) -> FleetPrinter:
         bed=Bed.CLEAR,
         filament=FilamentState.PARKED,
         link=Link.READY,
-        booked=False,
+        is_booked=False,
         attention_reason=None,
         maintenance=None,
         reel_uncertain=False,
@@ -284,7 +284,7 @@ def compute_printing_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
     return plate.heating_s + layers_s * factor / plate.time_factor
 
 
-def _find_ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
+def _find_ready_time_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
     """Return the time at which a printer is idle and clear."""
     if printer.find_obstacle() is None:
         return now_s
@@ -313,7 +313,7 @@ def _find_fitting_printers(
 def _compute_lower_bound_s(
     plates: Sequence[WaitingPlate],
     fitting_printers: Mapping[str, Sequence[FleetPrinter]],
-    ready_s: Mapping[str, float],
+    ready_times_s: Mapping[str, float],
     rules: StartRules,
     now_s: float,
 ) -> float:
@@ -327,7 +327,9 @@ def _compute_lower_bound_s(
     for plate in plates:
         if not fitting_printers[plate.id]:
             continue
-        starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in fitting_printers[plate.id]]
+        starts = [
+            (p, rules.find_start(plate, p, ready_times_s[p.name]).at_s) for p in fitting_printers[plate.id]
+        ]
         ends_s = [at_s + compute_printing_s(plate, p) for p, at_s in starts if at_s is not None]
         if not ends_s:
             continue
@@ -338,14 +340,14 @@ def _compute_lower_bound_s(
         )
     for names in work_s:
         total_s = sum(seconds for subset, seconds in work_s.items() if subset <= names)
-        bound_s = max(bound_s, _compute_completion_s(total_s, sorted(ready_s[name] for name in names)))
+        bound_s = max(bound_s, _compute_completion_s(total_s, sorted(ready_times_s[name] for name in names)))
     return bound_s
 
 
-def _compute_completion_s(work_s: float, ready_s: Sequence[float]) -> float:
+def _compute_completion_s(work_s: float, ready_times_s: Sequence[float]) -> float:
     """Return the time at which machines, ready at these ascending times, finish an amount of work."""
-    level_s = ready_s[0]
-    for count, next_s in enumerate([*ready_s[1:], float("inf")], 1):
+    level_s = ready_times_s[0]
+    for count, next_s in enumerate([*ready_times_s[1:], float("inf")], 1):
         capacity_s = (next_s - level_s) * count
         if work_s <= capacity_s:
             return level_s + work_s / count

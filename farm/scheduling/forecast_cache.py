@@ -27,13 +27,13 @@ class ExpectedEnds:
 
     Attributes
     ----------
-    by_plate
+    ends_by_plate_s
         End of each plate that a printer can take, in seconds since the epoch.
     at_s
         Farm time of the forecast; minus infinity before the first.
     """
 
-    by_plate: Mapping[str, float] = field(default_factory=dict)
+    ends_by_plate_s: Mapping[str, float] = field(default_factory=dict)
     at_s: float = -math.inf
 
 

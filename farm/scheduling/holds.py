@@ -55,7 +55,7 @@ def find_plate_holds(
     Returns
     -------
     dict
-        Hold of each such plate, by its id.
+        Hold of each excluded plate, by its id.
     """
     holds = {}
     printing_jobs = [job for job in jobs if job.state is JobState.PRINTING]
@@ -165,17 +165,17 @@ class _PrinterGroup:
     ----------
     names
         The printers.
-    idle
+    idle_printers
         The printers that are idle and clear, and get no other plate now, by name.
-    busy
+    busy_hold
         Hold for busy printers; None if none is busy.
     obstacle
         Obstacle of the first printer that cannot take a plate; None if all can.
     """
 
     names: frozenset[str]
-    idle: tuple[str, ...]
-    busy: Hold | None
+    idle_printers: tuple[str, ...]
+    busy_hold: Hold | None
     obstacle: Hold | None
 
 
@@ -211,7 +211,8 @@ class HoldReasons:
         self._obstacles = {name: printer.find_obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
         self._groups: dict[tuple[Capabilities, ...], _PrinterGroup] = {}  # by mismatches
-        self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - assigned_printers
+        idle_printers = frozenset(name for name, hold in self._obstacles.items() if hold is None)
+        self._idle_printers = idle_printers - assigned_printers
 
     def make_job_limit_hold(self) -> Hold:
         return Hold(
@@ -242,7 +243,7 @@ class HoldReasons:
         fleet = self._situation.fleet
         names = tuple(name for name, printer in fleet.items() if printer.capabilities not in mismatches)
         obstacles = (hold for name in names if (hold := self._obstacles[name]) is not None)
-        idle = tuple(name for name in names if name in self._idle)
+        idle = tuple(name for name in names if name in self._idle_printers)
         return _PrinterGroup(frozenset(names), idle, self._make_busy_hold(names), next(obstacles, None))
 
     def _find_shared_hold(self, plate: WaitingPlate, group: _PrinterGroup) -> Hold:
@@ -250,25 +251,24 @@ class HoldReasons:
         if plate.not_before_s is not None and plate.not_before_s > now_s:
             return rules.make_start_hold(plate.not_before_s, now_s)  # no printer would start it now
         reel_hold: Hold | None = None
-        for name in group.idle:
+        for name in group.idle_printers:
             hold = self._find_printer_hold(plate, name)
             if hold is not None and hold.code is not HoldCode.REEL_TOO_SHORT:
                 return hold  # it ends without a person's action
             reel_hold = reel_hold or hold
-        busy = group.busy
-        if busy is not None:
-            return (
-                busy.model_copy(update={"text": f"{busy.text}; {reel_hold.text}", "reel": reel_hold.reel})
-                if reel_hold
-                else busy
-            )
+        busy_hold = group.busy_hold
+        if busy_hold is not None:
+            if reel_hold is None:
+                return busy_hold
+            text = f"{busy_hold.text}; {reel_hold.text}"
+            return busy_hold.model_copy(update={"text": text, "reel": reel_hold.reel})
         planned_hold = (
             self._obstacles.get(plate.planned_printer) if plate.planned_printer in group.names else None
         )
         return planned_hold or reel_hold or group.obstacle or _make_all_assigned_hold()
 
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
-        """Return why a plate is not assigned to an idle, clear printer; None if another plate was."""
+        """Return why an idle, clear printer does not get a plate; None if another plate was assigned."""
         printer = self._situation.fleet[name]
         reel_hold = find_filament_shortage(plate, printer, printer.grams)
         if reel_hold is not None:
@@ -283,7 +283,7 @@ class HoldReasons:
         if self._heating_limit is not None:
             return Hold(
                 code=HoldCode.HEATING_LIMIT,
-                text=f"{self._heating_limit} printers are heating up, the limit (max_heating)",
+                text=f"{self._heating_limit} printers are heating up, which is the limit (max_heating)",
             )
         return None
 

@@ -49,13 +49,13 @@ class Capabilities:
 
     def meets(self, demand: Demand) -> bool:
         """Return whether a plate with this demand matches, apart from its size."""
-        material, colour, nozzle_mm, family, only = demand
+        material, colour, nozzle_mm, family, allowed_printers = demand
         return (
             self.has_material(material)
             and colour in (None, self.colour)
             and nozzle_mm in (None, self.nozzle_mm)
             and family in (None, self.family)
-            and (not only or self.requested_name in only)
+            and (not allowed_printers or self.requested_name in allowed_printers)
         )
 
     def can_contain(self, box: Box) -> bool:
@@ -86,17 +86,17 @@ class FleetPrinter:
     bed: Bed
     filament: FilamentState
     link: Link
-    booked: bool  # an open print is assigned to it
+    is_booked: bool  # an open print is assigned to it
     attention_reason: str | None  # reason why a person has to inspect it
     maintenance: str | None = None  # reason why a person has taken it out of use
-    heating: bool = False
+    is_heating: bool = False
     free_s: float | None = None  # expected end of its print
     job: int | None = None  # number of the job that it is printing
     heats_until_s: float | None = None  # expected end of its heat-up
     grams: float | None = None  # on its reel, minus the grams that its open print needs; None: unknown
     reel_uncertain: bool = False  # `grams` may be too high
     time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints
-    unattended: bool = True  # may print while nobody is present
+    may_print_unattended: bool = True  # may print while nobody is present
     attended_reason: str = ""  # reason why it may not print unattended
 
     def find_obstacle(self) -> Hold | None:
@@ -105,7 +105,7 @@ class FleetPrinter:
 
     @cached_property
     def _obstacle(self) -> Hold | None:
-        if self.booked or self.link is Link.BUSY:
+        if self.is_booked or self.link is Link.BUSY:
             return Hold(code=HoldCode.PRINTER_BUSY, text=f"{self.name} is printing")
         if self.maintenance is not None:
             return Hold(
@@ -149,12 +149,12 @@ class Requirements:
     nozzle_mm: float | None
     box: Box | None = None  # extent of its plate; unknown before it is planned
     family: str | None = None  # printer family that it was sliced for; None: any
-    only: tuple[str, ...] = ()  # printers that its job requests; empty: any
+    allowed_printers: tuple[str, ...] = ()  # printers that its job requests; empty: any
 
     @property
     def demand(self) -> Demand:
         """Requirements without the size."""
-        return self.material, self.colour, self.nozzle_mm, self.family, self.only
+        return self.material, self.colour, self.nozzle_mm, self.family, self.allowed_printers
 
     def matches(self, kind: Capabilities) -> bool:
         return kind.meets(self.demand) and (self.box is None or kind.can_contain(self.box))
@@ -179,11 +179,11 @@ class Requirements:
             not missing_capabilities or any(kind.family != self.family for kind in missing_capabilities)
         ):
             texts.append(f"an {self.family}, which it was sliced for")
-        if self.only and (
+        if self.allowed_printers and (
             not missing_capabilities
-            or any(kind.requested_name not in self.only for kind in missing_capabilities)
+            or any(kind.requested_name not in self.allowed_printers for kind in missing_capabilities)
         ):
-            texts.append(" or ".join(self.only))
+            texts.append(" or ".join(self.allowed_printers))
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
@@ -205,11 +205,11 @@ class WaitingPlate:
     job: int
     planned_printer: str
     expected_s: float  # on the planned printer, heating included
-    priority: int = 0  # higher prints earlier
+    priority: int = 0  # plates of a higher priority are printed earlier
     rank: float | None = None  # among jobs of equal priority; None: the job's number
     grams: float = 0.0
     heating_s: float = 0.0  # part of `expected_s` apart from the layers
-    time_factor: float = 1.0  # of the plate on the planned printer, in `expected_s`
+    time_factor: float = 1.0  # of the plate on the planned printer, included in `expected_s`
     feature_shares: Shares | None = None  # of its layers
     first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()

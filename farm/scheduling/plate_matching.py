@@ -36,7 +36,10 @@ class FleetOrder:
         numbers: dict[tuple[Capabilities, bool], int] = {}
         return cls(
             {p.name: rank for rank, p in enumerate(by_height)},
-            {p.name: numbers.setdefault((p.capabilities, p.unattended), len(numbers)) for p in by_height},
+            {
+                p.name: numbers.setdefault((p.capabilities, p.may_print_unattended), len(numbers))
+                for p in by_height
+            },
         )
 
 
@@ -58,7 +61,7 @@ class MatchingInputs:
         Free printers that are kept for plates that failed elsewhere.
     extra_printers
         Number of additional printers that a job may use; jobs without a limit are absent.
-    starts
+    start_limit
         Number of printers that may start to heat up now.
     rules, now_s
         Attended and quiet hours, and the present time in seconds since the epoch.
@@ -70,7 +73,7 @@ class MatchingInputs:
     planned_printers: Collection[str]
     spare_printers: Collection[str]
     extra_printers: Mapping[int, int]
-    starts: int
+    start_limit: int
     rules: StartRules
     now_s: float
 
@@ -81,7 +84,7 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     See `farm.scheduling.assignment.assign_plates` for the order and the choice.
     """
     matching = _Matching(inputs)
-    max_starts = min(inputs.starts, len(inputs.free_printers))
+    max_starts = min(inputs.start_limit, len(inputs.free_printers))
     extra_printers = dict(inputs.extra_printers)
     unplaced_plates: list[WaitingPlate] = []
     for (*_, job), plates in queue:
@@ -115,7 +118,9 @@ class _PrinterKind:
 
     capabilities: Capabilities
     names: list[str]
-    unassigned_printers: list[str]  # may contain assigned ones; the best for a plate of another plan is last
+    unassigned_printers: list[
+        str
+    ]  # some may be assigned; the best for a plate planned for another one is last
     grams: float  # largest amount on a reel
     window: StartWindow
 
@@ -124,7 +129,7 @@ class _PrinterKind:
         """Describe free printers of one kind."""
         first = inputs.fleet[names[0]]
         grams = max(_read_grams(inputs.fleet[name]) for name in names)
-        window = inputs.rules.find_start_window(first.unattended, inputs.now_s)
+        window = inputs.rules.find_start_window(first.may_print_unattended, inputs.now_s)
         planned_printers, rank = inputs.planned_printers, inputs.order.rank_by_name
         unassigned_printers = names.copy()
         if len(names) > 1:

@@ -52,10 +52,10 @@ def _describe_printer(
         bed=entry.bed,
         filament=entry.filament,
         link=report.link if report is not None else Link.STARTING,
-        booked=attempt is not None,
+        is_booked=attempt is not None,
         attention_reason=attention_reason,
         maintenance=entry.maintenance,
-        heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
+        is_heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
         free_s=None if attempt is None else _compute_expected_end_s(books, attempt, entry.time_factors),
         job=None if attempt is None else attempt.job,
         heats_until_s=None
@@ -64,7 +64,7 @@ def _describe_printer(
         grams=_compute_free_grams(books, entry, attempt),
         reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factors=entry.time_factors,
-        unattended=not attended_reason,
+        may_print_unattended=not attended_reason,
         attended_reason=attended_reason,
     )
 
@@ -265,7 +265,7 @@ class SituationBuilder:
 
 @dataclass(slots=True)
 class _CachedPrinter:
-    """Description of a printer, with its inputs; `report` is the latest that gives this description."""
+    """Description of a printer, with its inputs; `report` is the latest snapshot that gives it."""
 
     section: PrinterSection
     entry: Printer
@@ -337,7 +337,7 @@ def derive_plate_requirements(plate: Plate, options: JobOptions | None = None) -
         colour=options.colour if options else None,
         nozzle_mm=plate.nozzle_mm,
         family=plate.family,
-        only=options.only if options else (),
+        allowed_printers=options.only if options else (),
         box=(*plate.min_mm[:2], *plate.max_mm),
     )
 
@@ -392,6 +392,6 @@ def derive_job_requirements(job: Job) -> Requirements:
         material=job.options.material,
         colour=job.options.colour,
         nozzle_mm=own_gcode.nozzle_mm if own_gcode else None,
-        only=job.options.only,
+        allowed_printers=job.options.only,
         box=(*own_gcode.min_mm[:2], *own_gcode.max_mm) if own_gcode else None,
     )

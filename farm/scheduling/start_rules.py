@@ -19,7 +19,7 @@ DELAY_FACTOR = 1.05
 """Factor by which a print may take longer than expected."""
 GRAMS_RATIO, MIN_GRAMS = 1.05, 5.0
 """Filament that a reel must have for a plate: a factor on the plate's grams, and a minimum reserve."""
-FIRST_LAYER_S = 3600.0
+FIRST_LAYERS_RESERVE_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
 CLEARING_RESERVE_S = 900.0
 """Seconds of the attended hours reserved to cool and clear a print that must end in them."""
@@ -51,18 +51,18 @@ class StartWindow:
     ----------
     at_s
         The start time.
-    quiet_s
+    quiet_start_s
         Start of the current or next quiet hours.
     attended_until_s
         End of the attended hours; minus infinity outside of them.
-    unattended, first_layers_attended
+    may_print_unattended, first_layers_attended
         True if the printers may print unattended; True if first layers must be attended.
     """
 
     at_s: float
-    quiet_s: float
+    quiet_start_s: float
     attended_until_s: float
-    unattended: bool
+    may_print_unattended: bool
     first_layers_attended: bool
 
     def allows(self, plate: WaitingPlate) -> bool:
@@ -70,9 +70,9 @@ class StartWindow:
         at_s = self.at_s
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             return False
-        if at_s + plate.expected_s * DELAY_FACTOR > self.quiet_s:
+        if at_s + plate.expected_s * DELAY_FACTOR > self.quiet_start_s:
             return False
-        if not self.unattended:
+        if not self.may_print_unattended:
             return at_s + (plate.expected_s * DELAY_FACTOR + CLEARING_RESERVE_S) <= self.attended_until_s
         return not self.first_layers_attended or at_s + plate.first_layer_s <= self.attended_until_s
 
@@ -138,15 +138,15 @@ class StartRules:
         start = self.name_time(at_s, now_s)
         return Hold(code=HoldCode.START_TIME, text=f"its job starts {start.text}", times=(start,))
 
-    def find_start_window(self, is_unattended: bool, at_s: float) -> StartWindow:
+    def find_start_window(self, may_print_unattended: bool, at_s: float) -> StartWindow:
         """Return the limits on prints that start at `at_s` on printers with this permission."""
         quiet = self.quiet_hours.find_span(at_s) or self.quiet_hours.find_next_span(at_s)
         attended_span = self.attended_hours.find_span(at_s)
         return StartWindow(
             at_s=at_s,
-            quiet_s=math.inf if quiet is None else quiet[0],
+            quiet_start_s=math.inf if quiet is None else quiet[0],
             attended_until_s=-math.inf if attended_span is None else attended_span[1],
-            unattended=is_unattended,
+            may_print_unattended=may_print_unattended,
             first_layers_attended=self.first_layers_attended,
         )
 
@@ -159,7 +159,7 @@ class StartRules:
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
         start, end = times = tuple(self.name_time(at_s, now_s) for at_s in quiet)
         duration = format_duration(plate.expected_s)
-        text = f"it takes {duration}, quiet hours are from {start.text} to {end.text}"
+        text = f"it takes {duration}, and quiet hours are from {start.text} to {end.text}"
         return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=text, times=times))
 
     def _find_attended_start(
@@ -170,7 +170,7 @@ class StartRules:
         if needed_s is None:
             return None
         rule = "first layers are printed only in attended hours"
-        if not printer.unattended:
+        if not printer.may_print_unattended:
             rule = f"{printer.name} prints only in attended hours ({printer.attended_reason})"
         span = self.attended_hours.find_span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
@@ -185,7 +185,7 @@ class StartRules:
 
     def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
         """Return the seconds after its start in which a print needs a person; None if it needs nobody."""
-        if not printer.unattended:
+        if not printer.may_print_unattended:
             return plate.expected_s * DELAY_FACTOR + CLEARING_RESERVE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
@@ -212,10 +212,10 @@ class StartRules:
     ) -> float:
         """Return the next time at which hours change the plates that may start; infinity for never.
 
-        At such a time hours start or end, or a plate reaches its latest start.
+        At that time, hours start or end, or a plate reaches its latest start.
         """
-        # `unattended` is the only field of a printer on which the allowed hours depend.
-        kinds = {printer.unattended: printer for printer in printers}
+        # `may_print_unattended` is the only field of a printer on which the allowed hours depend.
+        kinds = {printer.may_print_unattended: printer for printer in printers}
         times_s = [self.attended_hours.find_next_edge_s(now_s), self.quiet_hours.find_next_edge_s(now_s)]
         if self.quiet_hours.windows or self.attended_hours.windows:
             times_s += [
@@ -225,7 +225,7 @@ class StartRules:
 
     def find_latest_end_s(self, printer: FleetPrinter, at_s: float) -> float | None:
         """Return the latest end of a print that runs at `at_s`; None if it may continue unattended."""
-        if printer.unattended:
+        if printer.may_print_unattended:
             return None
         span = self.attended_hours.find_span(at_s)
         if span is not None and math.isinf(span[1]):
@@ -258,10 +258,12 @@ class StartRules:
                 "use --at TIME"
             )
         if self.first_layers_attended:
-            while span is not None and span[1] - FIRST_LAYER_S <= now_s:
+            while span is not None and span[1] - FIRST_LAYERS_RESERVE_S <= now_s:
                 span = self.attended_hours.find_next_span(span[1])
             span = span or self.attended_hours.find_next_span(now_s)
-            latest = None if span is None else datetime.fromtimestamp(span[1] - FIRST_LAYER_S, self.zone)
+            latest = (
+                None if span is None else datetime.fromtimestamp(span[1] - FIRST_LAYERS_RESERVE_S, self.zone)
+            )
             example = "" if latest is None else f", like --at '{latest:%a %H:%M}'"
             raise ValueError(
                 "--overnight starts when nobody is there, but fleet.yaml requires attended first layers "
@@ -294,6 +296,6 @@ def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter, grams: fl
     stock, need = f"{printer.name} has {grams:.0f} g", f"needs {grams_needed:.0f} g"
     return Hold(
         code=HoldCode.REEL_TOO_SHORT,
-        text=f"{stock}, this plate {need}: load a reel, then `farm load {printer.name}`",
+        text=f"{stock}, but this plate {need}: load a reel, then `farm load {printer.name}`",
         reel=ShortReel(printer=printer.name, text=f"{stock}, {plate.id} {need}"),
     )

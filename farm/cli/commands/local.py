@@ -91,7 +91,7 @@ def decompose(
 
     request = DecomposeRequest(
         volume_mm=_parse_volume(volume),
-        printers=parse_printer_count(printers),
+        printer_count=parse_printer_count(printers),
         brim_mm=brim,
         longest_side_mm=longest_side,
         scale=scale,
@@ -108,7 +108,7 @@ def decompose(
         clear_s=clear,
         assemble_s=assemble,
         quality=quality,
-        sliced=slice_,
+        slices_parts=slice_,
         connectors=ConnectorOptions(parse_pins(pins), PIN_FIT_MM if pin_fit is None else pin_fit, marks),
     )
     if slice_:

@@ -309,7 +309,7 @@ class _FileLines:
 
 
 class FirmwareTime:
-    """Duration of moves by the firmware's motion planner, without waiting for the host."""
+    """Estimator of the duration of moves by the firmware's motion planner, with a host that is never late."""
 
     def __init__(self, profile: Profile) -> None:
         self._planner = Planner(

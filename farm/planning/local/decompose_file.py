@@ -57,7 +57,7 @@ class DecomposeRequest:
 
     Attributes
     ----------
-    printers
+    printer_count
         Number of printers; None for as many as save time, up to `MAX_PRINTERS`.
     volume_mm
         Build volume of a printer: x, y, z.
@@ -69,13 +69,13 @@ class DecomposeRequest:
         Time to clear a bed, and to glue a part; each additional part must save more than both.
     quality
         Quality with which parts are priced and sliced.
-    sliced
+    slices_parts
         True to slice the parts, and to move the cuts according to the sliced times.
     connectors
         Pins and marks.
     """
 
-    printers: int | None
+    printer_count: int | None
     volume_mm: tuple[float, float, float]
     brim_mm: float
     longest_side_mm: float | None
@@ -93,7 +93,7 @@ class DecomposeRequest:
     clear_s: float
     assemble_s: float
     quality: str = DEFAULT_QUALITY
-    sliced: bool = False
+    slices_parts: bool = False
     connectors: ConnectorOptions = field(default_factory=ConnectorOptions)
 
 
@@ -136,7 +136,7 @@ def decompose_to_folder(
         decomposition = _decompose(
             model, list_model_sizes(usable_volumes, settings), request, options, cost, executor
         )
-        if request.sliced:
+        if request.slices_parts:
             brim_request = replace(settings_request, overrides={"brim_width": f"{request.brim_mm:g}"})
             slicer = PartSlicer(brim_request, resources, usable_volumes, cache)
             with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
@@ -151,7 +151,7 @@ def decompose_to_folder(
 
 
 def _choose_profile(height_mm: float) -> Profile:
-    """Choose the lowest printer that is high enough; of equal ones the 2+, whose clips are larger."""
+    """Choose the lowest printer that is high enough; among equal ones the 2+, whose clips are larger."""
     return max(PROFILES.values(), key=lambda p: (p.height_mm >= height_mm, -p.height_mm))
 
 
@@ -170,9 +170,11 @@ def _decompose(
     NoFit
         If the model is too large; the message contains the largest tested size that fits.
     """
-    printers = [TargetPrinter(str(number), sizes_mm) for number in range(request.printers or MAX_PRINTERS)]
+    printers = [
+        TargetPrinter(str(number), sizes_mm) for number in range(request.printer_count or MAX_PRINTERS)
+    ]
     try:
-        if request.printers is None:
+        if request.printer_count is None:
             goal = CountGoal(request.clear_s, request.assemble_s)
             return decompose_auto(model, printers, options, cost, executor, goal)
         return decompose_model(model, printers, options, cost, executor)

@@ -215,8 +215,8 @@ def _suggest_size(
     share, largest_mm = max(shares)
     share *= _SIZE_MARGIN
     return (
-        f"there is room for {_format_size(largest_mm)} mm beside the brim; `farm decompose` cuts it into "
-        f"parts, or make it smaller with --scale {scale * share:.3g} or "
+        f"there is room for {_format_size(largest_mm)} mm beside the brim; `farm decompose` cuts the model "
+        f"into parts, or make it smaller with --scale {scale * share:.3g} or "
         f"--longest-side {longest_mm * share:.0f}"
     )
 

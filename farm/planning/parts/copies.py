@@ -19,14 +19,14 @@ MAX_PLATES = 2000
 """Maximum number of plates of a job with copies, for quick scheduling decisions."""
 
 
-def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[tuple[int, int]]:
+def iterate_part_counts(copy_count: int, printer_count: int, max_parts: int) -> Iterator[tuple[int, int]]:
     """Yield ascending numbers of rounds, each with the maximum number of parts per copy in these rounds.
 
     A person clears the beds between two rounds, so fewer rounds are preferred to more parts.
 
     Parameters
     ----------
-    copies, printers
+    copy_count, printer_count
         Number of copies, and of printers that print them.
     max_parts
         Maximum number of parts of a copy, which is yielded last.
@@ -34,12 +34,12 @@ def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[
     Yields
     ------
     rounds, parts
-        Both ascending. All copies together have at most `rounds * printers` parts.
+        Both ascending. All copies together have at most `rounds * printer_count` parts.
     """
     rounds = parts = 0
     while parts < max_parts:
         rounds += 1
-        part_count = min(max_parts, rounds * printers // copies)
+        part_count = min(max_parts, rounds * printer_count // copy_count)
         if part_count > parts:
             parts = part_count
             yield rounds, parts

@@ -141,7 +141,7 @@ def write_decomposed_job(decomposition: Decomposition, model: Model, folder: Pat
         drawing_record=write_drawing_record(stored_decomposition, folder),
         cut_record=write_cut_record(stored_decomposition, folder),
         assembly_s=stored_decomposition.assembly.total_s if stored_decomposition.assembly.steps else None,
-        steps=len(stored_decomposition.assembly.steps),
+        step_count=len(stored_decomposition.assembly.steps),
     )
 
 
@@ -182,8 +182,8 @@ class ModelCutter:
         """Cut the model for the copies, the time limit and the number of printers of a task."""
         if task.options.copies > 1:
             return self.cut_for_copies(task)
-        if task.within_s is not None:
-            decomposition = self.cut_within_time(task.within_s)
+        if task.time_limit_s is not None:
+            decomposition = self.cut_within_time(task.time_limit_s)
         elif task.options.printers is None:
             decomposition = self.keep_whole() or self.cut_for_worthwhile_printers()
         else:
@@ -195,9 +195,9 @@ class ModelCutter:
         """Cut the model for all of the printers."""
         return decompose_model(self.model, self.printers, self.options, self.cost, self.executor)
 
-    def cut_for_worthwhile_printers(self, within_s: float | None = None) -> Decomposition:
+    def cut_for_worthwhile_printers(self, time_limit_s: float | None = None) -> Decomposition:
         """Cut the model for as many printers as save time, or for the fewest that finish within a time."""
-        goal = replace(self.goal, time_limit_s=within_s)
+        goal = replace(self.goal, time_limit_s=time_limit_s)
         return decompose_auto(self.model, self.printers, self.options, self.cost, self.executor, goal)
 
     def keep_whole(self) -> Decomposition | None:
@@ -231,7 +231,7 @@ class ModelCutter:
         would not be finished.
         """
         copies, printers = task.options.copies, len(task.printers)
-        limit_s = None if task.within_s is None else task.within_s / DEADLINE_MARGIN
+        limit_s = None if task.time_limit_s is None else task.time_limit_s / DEADLINE_MARGIN
         has_count = task.options.printers is not None and limit_s is None
         one_part = None if has_count and copies < printers else self.keep_whole()
         if one_part is not None and (
@@ -256,10 +256,10 @@ class ModelCutter:
                 min_parts = error.printers_needed or 0
         raise AssertionError("the last attempt has all printers")
 
-    def cut_within_time(self, within_s: float) -> Decomposition:
-        """Cut the model into the fewest parts that finish within a time, with a margin; else the fastest."""
-        limit_s = within_s / DEADLINE_MARGIN
+    def cut_within_time(self, time_limit_s: float) -> Decomposition:
+        """Cut the model into the fewest parts that finish within a time with a margin, or finish first."""
+        limit_s = time_limit_s / DEADLINE_MARGIN
         whole = self.keep_whole()
         if whole is not None and whole.makespan_s <= limit_s:
             return whole
-        return self.cut_for_worthwhile_printers(within_s=limit_s)
+        return self.cut_for_worthwhile_printers(time_limit_s=limit_s)

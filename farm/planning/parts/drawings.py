@@ -11,7 +11,7 @@ from farm.compute import DRAWING_LIMIT, PoolShare
 from farm.planning.plan import DecomposedJob, DecomposeTask
 from farm.planning.tasks import draw_job_parts, draw_overview, draw_step_range
 
-MAX_RANGES = 4  # maximum number of ranges, because each computes the views of all earlier steps again
+MAX_RANGES = 4  # maximum number of ranges: each computes the views of all earlier steps again
 MIN_STEPS = 5  # minimum number of steps of a range, on average
 
 
@@ -53,30 +53,31 @@ async def draw_parts_in_parallel(
         See `draw_job_parts`.
     """
     record, folder = decomposed_job.drawing_record, task.folder
-    ranges = split_steps(decomposed_job.steps)
+    ranges = split_steps(decomposed_job.step_count)
     if not ranges:
         await workers.run(draw_job_parts, task, record, limit=DRAWING_LIMIT)
         return
     overview = folder / "overview.png"
     files = [folder / f"steps-{first}.pickle" for first, _ in ranges]
-    shares = [asyncio.ensure_future(workers.run(draw_overview, record, overview, limit=DRAWING_LIMIT))]
+    drawings = [asyncio.ensure_future(workers.run(draw_overview, record, overview, limit=DRAWING_LIMIT))]
     for (first, end), file in zip(ranges, files, strict=True):
-        share = workers.run(draw_step_range, record, first, end, file, limit=DRAWING_LIMIT)
-        shares.append(asyncio.ensure_future(share))
+        drawing = workers.run(draw_step_range, record, first, end, file, limit=DRAWING_LIMIT)
+        drawings.append(asyncio.ensure_future(drawing))
     try:
-        await asyncio.gather(*shares)
+        await asyncio.gather(*drawings)
     finally:
-        for drawing in shares:
-            drawing.cancel()
-        await asyncio.gather(*shares, return_exceptions=True)  # waits until their workers have ended
+        for started in drawings:
+            started.cancel()
+        await asyncio.gather(*drawings, return_exceptions=True)  # waits until their workers have ended
     await workers.run(draw_job_parts, task, record, overview, tuple(files), limit=DRAWING_LIMIT)
 
 
-def split_steps(steps: int) -> list[tuple[int, int]]:
-    """Split the steps into half-open ranges for several workers; no ranges if one worker draws all.
+def split_steps(step_count: int) -> list[tuple[int, int]]:
+    """Split the steps of an assembly into half-open ranges for several workers.
 
+    There are no ranges if one worker draws all steps.
     Later ranges are shorter, because their steps join more parts and take more time.
     """
-    range_count = min(MAX_RANGES, steps // MIN_STEPS)
+    range_count = min(MAX_RANGES, step_count // MIN_STEPS)
     edges = [i / range_count for i in range(range_count + 1)] if range_count > 1 else []
-    return list(pairwise(round(steps * (sqrt(1.0 + 8.0 * edge) - 1.0) / 2.0) for edge in edges))
+    return list(pairwise(round(step_count * (sqrt(1.0 + 8.0 * edge) - 1.0) / 2.0) for edge in edges))

@@ -29,7 +29,7 @@ class SearchRounds:
     def __init__(self, workers: PoolShare, task: DecomposeTask) -> None:
         self._workers, self._task = workers, task
         self._spent_share = 0.0
-        self._folders: list[Path] = []  # of the attempts of the last round
+        self._attempt_folders: list[Path] = []  # those of the last round
         self._rate = ProgressRate()
 
     async def run(self) -> DecomposedJob:
@@ -70,9 +70,9 @@ class SearchRounds:
             Seconds of a monotonic clock.
         """
         share = read_share(self._task.folder)
-        if self._folders:
-            attempts = [read_share(folder) or 0.0 for folder in self._folders]
-            share = max(share or 0.0, self._spent_share + sum(attempts))
+        if self._attempt_folders:
+            attempt_shares = [read_share(folder) or 0.0 for folder in self._attempt_folders]
+            share = max(share or 0.0, self._spent_share + sum(attempt_shares))
         return None if share is None else self._rate.measure(min(1.0, share), now_s)
 
     async def _make_attempts(self, paused_job: PausedJob) -> tuple[Path | str, ...]:
@@ -83,7 +83,7 @@ class SearchRounds:
             asyncio.ensure_future(self._make_attempt(paused_job.record, number, folder))
             for number, folder in enumerate(folders)
         ]
-        self._folders = folders
+        self._attempt_folders = folders
         try:
             return tuple(await asyncio.gather(*attempts))
         finally:

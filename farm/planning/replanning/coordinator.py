@@ -37,7 +37,7 @@ class StartReplan:
 
     plate: str
     printers: tuple[str, ...]
-    cut: bool
+    is_cut: bool
 
 
 class ReplanCoordinator:
@@ -82,11 +82,11 @@ class ReplanCoordinator:
                 text=f"it failed and is being cut for {join_names(replan.printers)}, to finish sooner",
             )
             for name, replan in self._running.items()
-            if replan.cut
+            if replan.is_cut
         }
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield the plates that have just failed and whose parts are cut before they are assigned."""
+        """Yield instructions to cut the parts of plates that have just failed, before these are assigned."""
         for waiting_plate in situation.waiting_plates.repeats:
             plate = books.plates[waiting_plate.id]
             key = (plate.id, len(plate.prints))
@@ -99,10 +99,10 @@ class ReplanCoordinator:
             self._examined_keys.add(key)
             recut = policy.choose_recut(waiting_plate, situation)
             if recut is not None:
-                yield self._start_replan(plate, recut.printers, cut=True)
+                yield self._start_replan(plate, recut.printers, is_cut=True)
 
     def reslice_waiting_plates(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield the plates to slice for a kind of printer other than the one that they wait for.
+        """Yield instructions to slice plates for a kind of printer other than the one that they wait for.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class ReplanCoordinator:
                 self.next_search_s = self._search_due_s
             reslice = policy.choose_reslice(waiting_plate, situation, candidates, end_forecast)
             if reslice is not None:
-                yield self._start_replan(plate, (reslice.printer,), cut=False)
+                yield self._start_replan(plate, (reslice.printer,), is_cut=False)
                 free_printers = [p for p in free_printers if p.name != reslice.printer]
 
     def _is_candidate(
@@ -168,7 +168,7 @@ class ReplanCoordinator:
         name
             The plate.
         result
-            The replacement, or the error that prevents it.
+            The replacement, or the error that prevented it.
         situation
             The plates available for assignment now, including those that are being cut.
         """
@@ -185,7 +185,7 @@ class ReplanCoordinator:
         if isinstance(result, FarmError):
             log.warning("plate %s is unchanged: %s", name, result, extra={"plate": name})
             return None
-        if not self._saves_time(waiting_plate, result, replan.cut, books, situation):
+        if not self._saves_time(waiting_plate, result, replan.is_cut, books, situation):
             log.info(
                 "plate %s is unchanged: replanning would not finish it sooner", name, extra={"plate": name}
             )
@@ -208,7 +208,7 @@ class ReplanCoordinator:
         self,
         waiting_plate: WaitingPlate,
         result: ReplannedPlate,
-        cut: bool,
+        is_cut: bool,
         books: Books,
         situation: Situation,
     ) -> bool:
@@ -218,20 +218,22 @@ class ReplanCoordinator:
         new_situation = situation.with_waiting_plates(
             (*situation.waiting_plates.without({plate.id}), *new_plates)
         )
-        compute_end_s = policy.compute_one_piece_end_s if cut else policy.compute_expected_end_s
-        after_s = max(policy.compute_expected_end_s(piece_plate, new_situation) for piece_plate in new_plates)
-        after_s += policy.JOINING_TIME_S * len(new_plates) if cut else 0.0
-        return policy.saves_enough(compute_end_s(waiting_plate, situation), after_s, situation.now_s)
+        compute_end_s = policy.compute_one_piece_end_s if is_cut else policy.compute_expected_end_s
+        new_end_s = max(
+            policy.compute_expected_end_s(piece_plate, new_situation) for piece_plate in new_plates
+        )
+        new_end_s += policy.JOINING_TIME_S * len(new_plates) if is_cut else 0.0
+        return policy.saves_enough(compute_end_s(waiting_plate, situation), new_end_s, situation.now_s)
 
-    def _start_replan(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> StartReplan:
+    def _start_replan(self, plate: Plate, printers: tuple[str, ...], is_cut: bool) -> StartReplan:
         log.info(
             "plate %s is %s for %s",
             plate.id,
-            "recut" if cut else "resliced",
+            "recut" if is_cut else "resliced",
             " ".join(printers),
             extra={"plate": plate.id},
         )
-        self._running[plate.id] = StartReplan(plate.id, printers, cut)
+        self._running[plate.id] = StartReplan(plate.id, printers, is_cut)
         return self._running[plate.id]
 
 

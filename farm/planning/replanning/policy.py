@@ -65,9 +65,9 @@ class Recut:
     printers: tuple[str, ...]
 
 
-def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
-    """Return whether an end at `after_s` instead of `before_s` saves enough time."""
-    return after_s + max(MIN_GAIN_S, MIN_GAIN_SHARE * (before_s - now_s)) <= before_s
+def saves_enough(current_end_s: float, new_end_s: float, now_s: float) -> bool:
+    """Return whether an end at `new_end_s` instead of `current_end_s` saves enough time."""
+    return new_end_s + max(MIN_GAIN_S, MIN_GAIN_SHARE * (current_end_s - now_s)) <= current_end_s
 
 
 class EndForecast:
@@ -115,9 +115,9 @@ def choose_reslice(
     plate: WaitingPlate,
     situation: Situation,
     free_printers: Sequence[FleetPrinter],
-    ends: EndForecast | None = None,
+    end_forecast: EndForecast | None = None,
 ) -> Reslice | None:
-    """Choose a printer of another kind on which a waiting plate ends sooner by the margin; or None.
+    """Choose a printer of another kind on which a waiting plate ends sooner by the margin.
 
     Parameters
     ----------
@@ -127,20 +127,27 @@ def choose_reslice(
         The current situation.
     free_printers
         The printers to which no other plate is assigned now.
-    ends
+    end_forecast
         The expected ends of the waiting plates, if already computed.
+
+    Returns
+    -------
+    Reslice | None
+        None if reslicing does not save enough time.
     """
     best = _find_best_printer(plate, free_printers, situation)
     if best is None:
         return None
-    after_s = _estimate_resliced_end_s(plate, best, situation)
-    if not saves_enough((ends or EndForecast(situation)).find_end_s(plate), after_s, situation.now_s):
+    new_end_s = _estimate_resliced_end_s(plate, best, situation)
+    if not saves_enough(
+        (end_forecast or EndForecast(situation)).find_end_s(plate), new_end_s, situation.now_s
+    ):
         return None
     return Reslice(plate.id, best.name)
 
 
 def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
-    """Choose the printers on which a failed plate's part, once cut, ends sooner by the margin; or None.
+    """Choose the printers on which a failed plate's part, once cut, ends sooner by the margin.
 
     Candidates are the free printers that the other waiting plates do not need. The estimate assumes equal
     pieces; the actual cut is compared with the uncut part before it is used.
@@ -151,6 +158,11 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         A waiting plate of the situation that failed.
     situation
         The current situation.
+
+    Returns
+    -------
+    Recut | None
+        None if cutting does not save enough time.
     """
     layers_s = plate.expected_s - plate.heating_s
     piece = replace(plate, expected_s=plate.heating_s + layers_s * _CUT_TIME_RATIO / 2, grams=0.0)
@@ -208,7 +220,9 @@ def depends_on_printer_kind(code: HoldCode) -> bool:
 
 def _has_same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
     requirements, capabilities = plate.requirements, printer.capabilities
-    return capabilities.meets((requirements.material, requirements.colour, None, None, requirements.only))
+    return capabilities.meets(
+        (requirements.material, requirements.colour, None, None, requirements.allowed_printers)
+    )
 
 
 def is_other_kind(demand: Demand, kind: Capabilities) -> bool:

@@ -1,6 +1,6 @@
 """Replans of a waiting plate: its part is sliced for another kind of printer, or cut for several printers.
 
-The files of the first plan stay in the store. A piece has the name of its part and a letter: 3/p07a.
+The files of the first plan stay in the store. A piece is named by its part and a letter, such as 3/p07a.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def store_resliced_part(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedP
     Raises
     ------
     FarmError
-        `slice` if walls are too thin for this printer that were not too thin for the first.
+        `slice` if more walls are too thin to print on this printer than on the first one.
     """
     thin_walls = sliced_part.result.unprinted_walls
     if len(thin_walls) > len(task.plate.warnings):

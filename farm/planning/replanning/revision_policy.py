@@ -56,7 +56,7 @@ def may_revise(job: PlannedJob, situation: Situation, candidates: Iterable[Seque
         return any(_has_other_printers(job, names) for names in candidates)
     if job.done_by_s is not None and job.end_s <= job.done_by_s:
         return False
-    return any(_may_save(job, tuple(names), job.end_s, situation) for names in candidates)
+    return any(_may_save_time(job, tuple(names), job.end_s, situation) for names in candidates)
 
 
 def choose_revision(
@@ -103,33 +103,35 @@ def _find_best_printers(
     earlier_jobs = replace(
         situation, waiting_plates=situation.waiting_plates.limit_to_rank(job.plates[0].queue_rank)
     )
-    before_s = find_end_s(plate_ids, earlier_jobs) if job.end_s is None else job.end_s
-    if job.done_by_s is not None and before_s <= job.done_by_s:
+    current_end_s = find_end_s(plate_ids, earlier_jobs) if job.end_s is None else job.end_s
+    if job.done_by_s is not None and current_end_s <= job.done_by_s:
         return None
     ends_s = {}
     for names in candidates:
-        if _may_save(job, names, before_s, situation):
+        if _may_save_time(job, names, current_end_s, situation):
             plates = estimate_plates(job, names)
             other_plates = earlier_jobs.waiting_plates.without(plate_ids)
             new_situation = earlier_jobs.with_waiting_plates((*other_plates, *plates))
-            ends_s[names] = find_end_s({p.id for p in plates}, new_situation) + _find_additional_s(job, names)
+            ends_s[names] = find_end_s({p.id for p in plates}, new_situation) + _estimate_extra_time_s(
+                job, names
+            )
     best = min(ends_s, key=ends_s.__getitem__, default=None)
     if best is None or math.isinf(ends_s[best]):
         return None
-    return best if saves_enough(before_s, ends_s[best], situation.now_s) else None
+    return best if saves_enough(current_end_s, ends_s[best], situation.now_s) else None
 
 
-def _may_save(job: PlannedJob, names: Sequence[str], before_s: float, situation: Situation) -> bool:
+def _may_save_time(job: PlannedJob, names: Sequence[str], current_end_s: float, situation: Situation) -> bool:
     """Return whether a plan for some printers saves enough if its plates start now on the fastest printer."""
-    if not _may_help(job, names, before_s):
+    if not _may_be_better(job, names, current_end_s):
         return False
     plate = estimate_plates(job, names)[0]
     earliest_s = situation.now_s + min(compute_printing_s(plate, printer) for printer in situation.printers)
-    return saves_enough(before_s, earliest_s + _find_additional_s(job, names), situation.now_s)
+    return saves_enough(current_end_s, earliest_s + _estimate_extra_time_s(job, names), situation.now_s)
 
 
-def _find_additional_s(job: PlannedJob, names: Sequence[str]) -> float:
-    """Return the seconds to make another plan, and to join its additional parts."""
+def _estimate_extra_time_s(job: PlannedJob, names: Sequence[str]) -> float:
+    """Estimate the seconds to make another plan, and to join its additional parts."""
     return JOINING_TIME_S * max(0, len(names) - len(job.plates)) + job.planning_s
 
 
@@ -137,11 +139,11 @@ def _has_other_printers(job: PlannedJob, names: Sequence[str]) -> bool:
     return bool(names) and set(names) != set(job.planned_for)
 
 
-def _may_help(job: PlannedJob, names: Sequence[str], before_s: float) -> bool:
+def _may_be_better(job: PlannedJob, names: Sequence[str], current_end_s: float) -> bool:
     """Return whether a plan for some printers may differ from the current plan and be better."""
     if not _has_other_printers(job, names):
         return False
-    if math.isinf(before_s):
+    if math.isinf(current_end_s):
         return True
     if len(job.plates) > len(job.planned_for):  # it prints in rounds, and cannot be cut into fewer parts
         return len(names) >= len(job.plates)

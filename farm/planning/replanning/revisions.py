@@ -44,11 +44,11 @@ PLANNING_TIMEOUT_RATIO = 3.0
 """Multiple of the expected planning time after which a job starts with its current plan."""
 MAX_FORECAST_SIZE = 1000
 """Number of printers and plates in the forecasts of one run above which jobs wait for the next run."""
-_Key = tuple[int, str | None, frozenset[str], frozenset[str]]
+_ExaminationKey = tuple[int, str | None, frozenset[str], frozenset[str]]
 
 
 class PlanRevisions:
-    """Decides which jobs are planned again and whether their new plans are used.
+    """Revisions of plans: decides which jobs are planned again, and whether their new plans are used.
 
     A job is examined when its first plate could start, and when a printer of its plan is no longer available.
     Its plates do not start while another plan is made. The state is in memory only: after a restart, jobs are
@@ -65,9 +65,9 @@ class PlanRevisions:
     def __init__(self) -> None:
         self._running: dict[int, StartPlanning] = {}
         self._start_times_s: dict[int, float] = {}
-        self._held_until_s: dict[int, float] = {}
+        self._hold_ends_s: dict[int, float] = {}
         self.has_remaining_jobs, self.postponed_plates = False, frozenset[str]()
-        self._examined_keys: set[_Key] = set()  # jobs with their plans, idle and usable printers
+        self._examined_keys: set[_ExaminationKey] = set()  # jobs with their plans, idle and usable printers
         # For each job: its revision in the books, and whether its plan may change.
         self._change_checks: dict[int, tuple[object, bool]] = {}
 
@@ -75,10 +75,10 @@ class PlanRevisions:
         """Return whether a job is being planned again."""
         return number in self._running
 
-    def end(self, number: int) -> None:
+    def end_replanning(self, number: int) -> None:
         """Remove a job whose replanning has ended."""
         self._running.pop(number, None)
-        self._held_until_s.pop(number, None)
+        self._hold_ends_s.pop(number, None)
 
     @property
     def reserved_printers(self) -> dict[str, str]:
@@ -88,7 +88,7 @@ class PlanRevisions:
     @property
     def next_change_s(self) -> float:
         """Time at which the next job stops waiting for its new plan; infinity if none waits."""
-        return min(self._held_until_s.values(), default=math.inf)
+        return min(self._hold_ends_s.values(), default=math.inf)
 
     def list_holds(self, books: Books, now_s: float) -> dict[str, Hold]:
         """Return a hold for each plate whose job is being planned again, until that takes too long."""
@@ -98,7 +98,7 @@ class PlanRevisions:
                 text=f"its job is being planned again for {join_names(order.printers)}, to finish sooner",
             )
             for order in self._running.values()
-            if now_s < self._held_until_s[order.job]
+            if now_s < self._hold_ends_s[order.job]
             for plate in books.get_job(order.job).plates
         }
 
@@ -131,7 +131,7 @@ class PlanRevisions:
         ratio, forecast_size = compute_assembly_ratio(books.jobs.values()), 0
         for number in sorted(plates_by_job, key=lambda number: number not in starting_jobs):
             job, plates, can_start = books.get_job(number), plates_by_job[number], number in starting_jobs
-            if self.is_running(number) or (not can_start and candidates.has_all(job, job.planned_for)):
+            if self.is_running(number) or (not can_start and candidates.can_use_all(job, job.planned_for)):
                 continue
             idle_printers, usable_printers = candidates.choose(job, plates)
             # Idle printers change often, so a job that cannot start yet is examined again when it can.
@@ -163,7 +163,7 @@ class PlanRevisions:
         log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
         self._running[number] = StartPlanning(number, names, rounds=1)
         self._start_times_s[number] = now_s
-        self._held_until_s[number] = now_s + PLANNING_TIMEOUT_RATIO * job.planning_s
+        self._hold_ends_s[number] = now_s + PLANNING_TIMEOUT_RATIO * job.planning_s
         return self._running[number]
 
     def _is_changeable(self, books: Books, job: Job) -> bool:
@@ -186,12 +186,12 @@ class PlanRevisions:
         number
             The job.
         result
-            The new plan, or the error that prevents it.
+            The new plan, or the error that prevented it.
         books, situation
             The committed books; all waiting plates, and the fleet.
         """
         order = self._running[number]
-        self.end(number)
+        self.end_replanning(number)
         job = books.get_job(number)
         changeable_jobs = {number} if _may_change(books, job) else set()
         plates = _find_unstarted_jobs(books, situation, changeable_jobs).get(number)
@@ -253,7 +253,7 @@ class _Candidates:
         self._situation, self._uses = situation, uses
         self._usable_printers: dict[Hashable, dict[str, FleetPrinter]] = {}
 
-    def has_all(self, job: Job, names: Iterable[str]) -> bool:
+    def can_use_all(self, job: Job, names: Iterable[str]) -> bool:
         """Return whether a job could use each of the named printers, and none of them needs a repair."""
         return all(map(self._find_usable_printers(job).__contains__, names))
 
@@ -261,7 +261,9 @@ class _Candidates:
         """Choose printers for a job and its plates: from the idle ones, and from all that need no repair."""
         own_uses = {plate.id for plate in plates} | {SPARE_PURPOSE}  # its spares are subtracted below
         taken_printers = {name for name, use in self._uses if use not in own_uses}
-        request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
+        request = JobRequest(
+            derive_job_requirements(job), job.options.printers, spare_count=job.options.spares
+        )
         usable_printers = list(self._find_usable_printers(job).values())
         idle_printers = [
             p for p in usable_printers if p.find_obstacle() is None and p.name not in taken_printers
@@ -318,5 +320,8 @@ def _ends_sooner(event: ev.PlanRevised, books: Books, situation: Situation) -> b
     job = changed_books.get_job(event.job)
     new_plates = tuple(describe_plates(changed_books.list_plates(job), changed_books))
     other_plates = tuple(plate for plate in situation.waiting_plates if plate.job != job.id)
-    before_s = find_end_s(set(books.get_job(job.id).plates), situation)
-    return find_end_s(set(job.plates), situation.with_waiting_plates((*other_plates, *new_plates))) < before_s
+    current_end_s = find_end_s(set(books.get_job(job.id).plates), situation)
+    return (
+        find_end_s(set(job.plates), situation.with_waiting_plates((*other_plates, *new_plates)))
+        < current_end_s
+    )

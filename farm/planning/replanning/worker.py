@@ -37,16 +37,16 @@ class ReplanWorker:
     workers
         Pool that cuts and slices.
     on_replan
-        Called with a plate's id and its replacement, or the error that prevents it.
+        Called with a plate's id and its replacement, or the error that prevented it.
     """
 
     def __init__(self, state: StateFolder, workers: Pool, on_replan: ReplanListener) -> None:
         self._state, self._workers, self._on_replan = state, workers, on_replan
         self._running: set[asyncio.Task[None]] = set()
 
-    def start(self, task: ReplanTask, cut: bool) -> None:
+    def start(self, task: ReplanTask, is_cut: bool) -> None:
         """Start replanning a plate, in the background."""
-        task_run = asyncio.get_running_loop().create_task(self._replan_plate(task, cut))
+        task_run = asyncio.get_running_loop().create_task(self._replan_plate(task, is_cut))
         self._running.add(task_run)
         task_run.add_done_callback(self._running.discard)
 
@@ -55,18 +55,18 @@ class ReplanWorker:
         for task in self._running:
             task.cancel()
 
-    async def _replan_plate(self, task: ReplanTask, cut: bool) -> None:
+    async def _replan_plate(self, task: ReplanTask, is_cut: bool) -> None:
         result: ReplannedPlate | FarmError
         try:
             shutil.rmtree(task.folder, ignore_errors=True)
             task.folder.mkdir()
-            result = await (self._recut_part(task) if cut else self._reslice_part(task))
+            result = await (self._recut_part(task) if is_cut else self._reslice_part(task))
         except FarmError as error:
             result = error
         except asyncio.CancelledError:
             return
         except Exception as error:  # the part is printed as planned
-            log.exception("plate %s", task.plate.id, extra={"plate": task.plate.id})
+            log.exception("plate %s: replanning failed", task.plate.id, extra={"plate": task.plate.id})
             result = FarmError(f"{type(error).__name__}: {error}")
         finally:
             shutil.rmtree(task.folder, ignore_errors=True)

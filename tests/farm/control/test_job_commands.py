@@ -171,7 +171,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     farm.controller.on_plan(number, make_stored_plan(number, state, plates=1))
     hold = farm.controller.scheduler.find_plate_holds().get(f"{number}/01")
     assert hold.code is HoldCode.REEL_TOO_SHORT
-    assert "a has 4 g, this plate needs 8 g" in hold.text
+    assert "a has 4 g, but this plate needs 8 g" in hold.text
     farm.store.close()
     restarted_farm = Farm(tmp_path)
     restarted_farm.report_ready("a", "b")

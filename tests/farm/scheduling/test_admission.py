@@ -45,7 +45,7 @@ def test_first_job_uses_all_idle_and_clear_printers():
     fleet = [
         make_printer("a"),
         make_printer("b", bed=Bed.NOT_CLEAR),
-        make_printer("c", booked=True),
+        make_printer("c", is_booked=True),
         make_printer("d"),
     ]
     assert choose_order(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
@@ -70,7 +70,7 @@ def test_job_waits_for_connecting_printers():
 
 
 def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
-    fleet = [make_printer("a"), make_printer("b", booked=True), make_printer("c")]
+    fleet = [make_printer("a"), make_printer("b", is_booked=True), make_printer("c")]
     assert choose_order(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
     printers = [
         make_printer("a"),
@@ -82,7 +82,7 @@ def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
 
 
 def test_job_is_planned_although_no_printer_is_free():
-    busy_printer, full_printer = make_printer("c", booked=True), make_printer("b", bed=Bed.NOT_CLEAR)
+    busy_printer, full_printer = make_printer("c", is_booked=True), make_printer("b", bed=Bed.NOT_CLEAR)
     broken_printer = make_printer("a", attention_reason="it smokes")
     assert choose_order(
         ANY_PRINTER, None, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
@@ -107,7 +107,7 @@ def test_job_that_no_printer_matches_is_held_with_the_reason():
 
 
 def test_job_at_night_is_planned_for_unattended_printers():
-    fleet = [make_printer("a"), make_printer("b"), make_printer("c", unattended=False)]
+    fleet = [make_printer("a"), make_printer("b"), make_printer("c", may_print_unattended=False)]
     blocked_printers = frozenset("c")
     assert choose_order(
         ANY_PRINTER, None, 0, fleet, frozenset(), True, blocked_printers=blocked_printers
@@ -118,7 +118,7 @@ def test_job_at_night_is_planned_for_unattended_printers():
     assert choose_order(
         ANY_PRINTER, None, 0, fleet[2:], frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("c",))
-    busy_printers = [make_printer("a", booked=True), fleet[2]]
+    busy_printers = [make_printer("a", is_booked=True), fleet[2]]
     assert choose_order(
         ANY_PRINTER, None, 0, busy_printers, frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("a",))
@@ -139,7 +139,11 @@ def decide_on_jobs(jobs, fleet):
 
 
 def test_held_job_is_planned_for_attended_printers_too():
-    fleet = [make_printer("a"), make_printer("b", booked=True), make_printer("c", unattended=False)]
+    fleet = [
+        make_printer("a"),
+        make_printer("b", is_booked=True),
+        make_printer("c", may_print_unattended=False),
+    ]
     assert decide_on_jobs([make_queued_job(1)], fleet)[0] == [(1, ("a",))]
     assert decide_on_jobs([make_queued_job(1, options=JobOptions(hold=True))], fleet)[0] == [
         (1, ("a", "b", "c"))

@@ -17,7 +17,7 @@ from farm.scheduling.matching import Requirements
 
 ANY_PRINTER = JobRequest(Requirements(None, None, None))
 START_RULES = make_rules(max_heating=1)
-FLEET = (make_printer("a", booked=True, heating=True), make_printer("b", grams=50.0), make_printer("c"))
+FLEET = (make_printer("a", is_booked=True, is_heating=True), make_printer("b", grams=50.0), make_printer("c"))
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_printers_are_reserved_for_replans_and_as_spares():
 
 
 def test_reserved_printers_are_avoided_while_another_is_free():
-    fleet = (make_printer("a"), make_printer("b"), make_printer("c", booked=True))
+    fleet = (make_printer("a"), make_printer("b"), make_printer("c", is_booked=True))
     assert choose_printers(ANY_PRINTER, Availability(fleet, {"b": "6/03"})) == PlanOrder(("a",))
     pending_plan = PendingPlan(job=8, priority=1, printers=frozenset("b"))
     assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 5, [pending_plan]) == PlanOrder(
@@ -64,7 +64,7 @@ def test_reserved_printers_are_avoided_while_another_is_free():
 
 
 def test_printers_of_a_replan_are_avoided_while_others_exist():
-    fleet = (make_printer("a"), make_printer("c", booked=True))
+    fleet = (make_printer("a"), make_printer("c", is_booked=True))
     assert choose_printers(ANY_PRINTER, Availability(fleet, replan_printers=frozenset("a"))) == PlanOrder(
         ("c",)
     )

@@ -50,7 +50,7 @@ def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
 
 
 def test_plate_waits_for_the_start_time_of_its_job():
-    fleet = [make_printer("a", booked=True), make_printer("b", bed=Bed.NOT_CLEAR)]
+    fleet = [make_printer("a", is_booked=True), make_printer("b", bed=Bed.NOT_CLEAR)]
     _, holds = assign_with_holds(
         [make_plate("1/01", "a", not_before_s=NOW_S + 60.0), make_plate("1/02", "a")], fleet
     )
@@ -65,7 +65,7 @@ printers = st.lists(
         bed=st.sampled_from(Bed),
         filament=st.sampled_from(FilamentState),
         link=st.sampled_from(Link),
-        booked=st.booleans(),
+        is_booked=st.booleans(),
         attention_reason=st.sampled_from([None, "its nozzle is cold"]),
         boxes=st.sampled_from([LOW_BOXES, TALL_BOXES]),
     ),
@@ -102,7 +102,7 @@ def test_assignment_keeps_its_invariants(waiting_plates, fleet):
         assert (
             printer.bed is Bed.CLEAR
             and printer.link is Link.READY
-            and not printer.booked
+            and not printer.is_booked
             and printer.attention_reason is None
         )
         assert printer.filament is not FilamentState.UNKNOWN
@@ -158,13 +158,13 @@ def test_plate_is_moved_only_to_a_printer_with_a_sufficient_volume():
     small_bed_requirements = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
     assignments, holds = assign_with_holds(
         [make_plate("1/01", "a", requirements=small_bed_requirements)],
-        [make_printer("a", booked=True), small_printer],
+        [make_printer("a", is_booked=True), small_printer],
     )
     assert assignments == []
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
     assignments, _ = assign_with_holds(
         [make_plate("1/01", "a", requirements=small_bed_requirements)],
-        [make_printer("a", booked=True), make_printer("b")],
+        [make_printer("a", is_booked=True), make_printer("b")],
     )
     assert assignments[0].printer == "b"
 
@@ -220,7 +220,7 @@ def make_named_printer(name, **changes):
 
 
 def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
-    requirements_for_b = Requirements("generic_pla", None, 0.4, make_box(100.0), only=("b",))
+    requirements_for_b = Requirements("generic_pla", None, 0.4, make_box(100.0), allowed_printers=("b",))
     fleet = [make_printer("a"), make_named_printer("b"), make_printer("c")]
     first_plate, second_plate = (
         make_plate("1/01", "a", requirements=requirements_for_b),
@@ -252,7 +252,7 @@ ready_printers = st.lists(
         st.sampled_from("abcdefgh"),
         boxes=st.sampled_from([LOW_BOXES, TALL_BOXES]),
         grams=st.sampled_from([None, 3.0, 500.0]),
-        unattended=st.booleans(),
+        may_print_unattended=st.booleans(),
     ),
     unique_by=lambda p: p.name,
 )

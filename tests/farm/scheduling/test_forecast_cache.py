@@ -42,16 +42,17 @@ def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(cached
     first_ends = cached_forecast.cache.find_ends()
     # A bed is cleared between the two prints.
     assert (
-        first_ends.by_plate == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0} and first_ends.at_s == 1000.0
+        first_ends.ends_by_plate_s == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0}
+        and first_ends.at_s == 1000.0
     )
     cached_forecast.now_s = 1050.0
     assert cached_forecast.cache.find_ends() is first_ends
     cached_forecast.set_time_and_queue(1009.0, plates=1)  # 4.5 s of wall time later
     assert cached_forecast.cache.find_ends() is first_ends
     cached_forecast.now_s = 1011.0
-    assert cached_forecast.cache.find_ends().by_plate == {"1/01": 1111.0}
+    assert cached_forecast.cache.find_ends().ends_by_plate_s == {"1/01": 1111.0}
     cached_forecast.now_s = 1072.0  # no request for a minute
-    assert cached_forecast.cache.find_ends().by_plate == {"1/01": 1172.0}
+    assert cached_forecast.cache.find_ends().ends_by_plate_s == {"1/01": 1172.0}
     assert cached_forecast.situation_count == 3
 
 
@@ -64,10 +65,10 @@ def test_no_caller_waits_for_the_forecast_of_a_large_queue(cached_forecast, monk
     monkeypatch.setattr(forecast_cache, "LARGE_QUEUE_SIZE", 2)
     cache = cached_forecast.cache
     # Not even the first caller waits.
-    assert cache.find_ends().by_plate == {} and cache.find_ends().at_s == -math.inf
+    assert cache.find_ends().ends_by_plate_s == {} and cache.find_ends().at_s == -math.inf
     run_steps(cache.find_background_work())
     first_ends = cache.find_ends()
-    assert first_ends.at_s == 1000.0 and first_ends.by_plate.keys() == {"1/01", "1/02"}
+    assert first_ends.at_s == 1000.0 and first_ends.ends_by_plate_s.keys() == {"1/01", "1/02"}
     cached_forecast.set_time_and_queue(1089.0, plates=3)
     assert cache.find_background_work() is None
     cached_forecast.now_s = 1091.0
@@ -76,7 +77,7 @@ def test_no_caller_waits_for_the_forecast_of_a_large_queue(cached_forecast, monk
     assert cache.find_ends() is first_ends
     run_steps(steps)
     second_ends = cache.find_ends()
-    assert second_ends.at_s == 1091.0 and second_ends.by_plate.keys() == {"1/01", "1/02", "1/03"}
+    assert second_ends.at_s == 1091.0 and second_ends.ends_by_plate_s.keys() == {"1/01", "1/02", "1/03"}
     cached_forecast.set_time_and_queue(1200.0, plates=2)
     steps = cache.find_background_work()
     cache.on_clock_set()
@@ -89,7 +90,7 @@ def test_forecast_of_a_queue_that_has_become_small_is_made_on_request(cached_for
     run_steps(cached_forecast.cache.find_background_work())
     cached_forecast.set_time_and_queue(1200.0, plates=1)
     assert cached_forecast.cache.find_background_work() is None
-    assert cached_forecast.cache.find_ends().by_plate.keys() == {"1/01"}
+    assert cached_forecast.cache.find_ends().ends_by_plate_s.keys() == {"1/01"}
     cached_forecast.set_time_and_queue(1300.0, plates=2)
     assert cached_forecast.cache.find_ends().at_s == 1200.0
     run_steps(cached_forecast.cache.find_background_work())

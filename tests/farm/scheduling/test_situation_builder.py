@@ -91,7 +91,7 @@ def test_printer_with_an_unverified_dead_man_timer_prints_only_in_attended_hours
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
     fleets = [Fleet(printers=(item,)) for item in (real_section, simulated_section, plus_section)]
     printers = [builder.describe_printers(fleet, books, {})[0] for fleet in fleets]
-    assert [item.unattended for item in printers] == [False, True, True]
+    assert [item.may_print_unattended for item in printers] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
     assert printers[0].attended_reason == reason
 
@@ -154,7 +154,7 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
             printer.capabilities.requested_name
             for printer in builder.describe_printers(FLEET, books, READY_SNAPSHOTS)
         ] == names
-    assert derive_job_requirements(requesting_job).only == ("b",)
+    assert derive_job_requirements(requesting_job).allowed_printers == ("b",)
 
 
 @given(st.floats(0, 200), st.floats(-300, 300), st.sampled_from(["print", "another", None]))

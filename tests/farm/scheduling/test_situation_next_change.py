@@ -29,8 +29,8 @@ fleets = st.lists(
         make_printer,
         st.sampled_from("abcd"),
         bed=st.sampled_from([Bed.CLEAR, Bed.CLEAR, Bed.NOT_CLEAR]),
-        booked=st.booleans(),
-        unattended=st.booleans(),
+        is_booked=st.booleans(),
+        may_print_unattended=st.booleans(),
     ),
     unique_by=lambda p: p.name,
 )
@@ -57,7 +57,7 @@ def start_plates(situation):
         starts += assignments
         started_printers = {item.printer for item in assignments}
         situation = situation.without({item.plate for item in assignments}).with_printers(
-            tuple(replace(p, booked=True) if p.name in started_printers else p for p in situation.printers)
+            tuple(replace(p, is_booked=True) if p.name in started_printers else p for p in situation.printers)
         )
     return situation, starts
 

@@ -49,9 +49,9 @@ fleets = st.lists(
         st.sampled_from("abcd"),
         boxes=st.sampled_from([LOW_BOXES, TALL_BOXES]),
         bed=st.sampled_from([Bed.CLEAR, Bed.CLEAR, Bed.NOT_CLEAR]),
-        heating=st.booleans(),
+        is_heating=st.booleans(),
         grams=st.none() | st.floats(0, 200),
-        unattended=st.booleans(),
+        may_print_unattended=st.booleans(),
     ),
     unique_by=lambda p: p.name,
 )
@@ -91,7 +91,7 @@ def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s,
     assert len({a.printer for a in assignments}) == len(assignments)
     assert {a.plate for a in assignments} | set(holds) == set(plates_by_id)
     if start_rules.max_heating is not None:
-        heating_count = sum(p.heating for p in fleet)
+        heating_count = sum(p.is_heating for p in fleet)
         assert not assignments or heating_count + len(assignments) <= start_rules.max_heating
     for plate, printer in ((plates_by_id[a.plate], printers_by_name[a.printer]) for a in assignments):
         assert printer.bed is Bed.CLEAR
@@ -100,7 +100,7 @@ def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s,
         quiet_span = start_rules.quiet_hours.find_span(now_s) or start_rules.quiet_hours.find_next_span(now_s)
         assert quiet_span is None or now_s + plate.expected_s <= quiet_span[0]
         attended_span = start_rules.attended_hours.find_span(now_s)
-        if not printer.unattended:
+        if not printer.may_print_unattended:
             assert (
                 attended_span is not None
                 and now_s + plate.expected_s + CLEARING_RESERVE_S <= attended_span[1]
@@ -135,7 +135,7 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
             assert start_rules.find_start(plate, printer, latest_s + 1.0).at_s != latest_s + 1.0
         ends_by_s = start_rules.find_latest_end_s(printer, at_s)
         assert (ends_by_s is None) == (
-            printer.unattended or math.isinf(start_rules.attended_hours.find_span(at_s)[1])
+            printer.may_print_unattended or math.isinf(start_rules.attended_hours.find_span(at_s)[1])
         )
         assert ends_by_s is None or at_s + plate.expected_s < ends_by_s
 
@@ -143,7 +143,7 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     start_rules, attended_printer = (
         make_rules(attended=ATTENDED_HOURS[0]),
-        make_printer("a", unattended=False, attended_reason="no verified timer"),
+        make_printer("a", may_print_unattended=False, attended_reason="no verified timer"),
     )
     assert start_rules.find_latest_end_s(attended_printer, FRIDAY_S) == parse_time_s("2026-11-20 17:45")
     assert start_rules.find_unattended_reason(attended_printer, parse_time_s("2026-11-20 17:44")) is None
@@ -165,7 +165,7 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
 @settings(deadline=None)
 def test_window_allows_exactly_the_possible_starts(waiting_plates, fleet, start_rules, now_s):
     for plate, printer in ((w, p) for w in waiting_plates for p in fleet):
-        window = start_rules.find_start_window(printer.unattended, now_s)
+        window = start_rules.find_start_window(printer.may_print_unattended, now_s)
         assert window.allows(plate) == (start_rules.find_start(plate, printer, now_s).at_s == now_s)
 
 
@@ -224,7 +224,7 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
     for _ in range(len(waiting_plates) + 1):
         _, holds = assign_with_holds(waiting_plates, fleet, make_rules(max_heating=4), FRIDAY_S, spares)
         waiting_plates = [p for p in waiting_plates if p.id in holds]
-        fleet = [replace(p, heating=False) for p in fleet]
+        fleet = [replace(p, is_heating=False) for p in fleet]
     final_codes = {
         HoldCode.NO_SUCH_PRINTER,
         HoldCode.BED_NOT_CLEAR,
@@ -249,8 +249,14 @@ def find_printer_or_hold(plate, printer, start_rules=None, now_s=FRIDAY_S, **cha
     [
         ({"expected_s": 6 * HOUR_S}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
         ({"expected_s": 17 * HOUR_S}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
-        ({}, {"unattended": False}, {"attended": ATTENDED_HOURS[0]}, "unattended", "from Mon 08:00"),
-        ({}, {"unattended": False}, {}, "unattended", "has none (`attended`)"),
+        (
+            {},
+            {"may_print_unattended": False},
+            {"attended": ATTENDED_HOURS[0]},
+            "unattended",
+            "from Mon 08:00",
+        ),
+        ({}, {"may_print_unattended": False}, {}, "unattended", "has none (`attended`)"),
         (
             {"first_layer_s": 2 * HOUR_S},
             {},
@@ -259,8 +265,8 @@ def find_printer_or_hold(plate, printer, start_rules=None, now_s=FRIDAY_S, **cha
             "first layers",
         ),
         ({"not_before_s": FRIDAY_S + HOUR_S}, {}, {}, "start_time", "Fri 18:00"),
-        ({"grams": 96.0}, {"grams": 40.0}, {}, "reel_too_short", "a has 40 g, this plate needs 101 g"),
-        ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
+        ({"grams": 96.0}, {"grams": 40.0}, {}, "reel_too_short", "a has 40 g, but this plate needs 101 g"),
+        ({}, {"is_heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
     ],
 )
 def test_hold_has_a_code_and_a_reason(plate, printer, start_rules, code, message):
@@ -274,7 +280,7 @@ def test_hold_has_a_code_and_a_reason(plate, printer, start_rules, code, message
 
 def test_short_reel_is_named_in_addition_to_another_hold():
     short_printer = make_printer("b", grams=10.0)
-    busy_printer = make_printer("a", booked=True, free_s=FRIDAY_S + HOUR_S)
+    busy_printer = make_printer("a", is_booked=True, free_s=FRIDAY_S + HOUR_S)
     hold = assign_with_holds(
         [make_plate("1/01", "a", grams=20.0)], [busy_printer, short_printer], make_rules(), FRIDAY_S
     )[1]["1/01"]
@@ -306,7 +312,7 @@ def test_plate_ends_with_a_margin_before_quiet_hours():
 
 def test_hold_of_a_large_plate_names_when_its_printers_are_free():
     tall_printers = [
-        make_printer(n, boxes=TALL_BOXES, booked=True, free_s=FRIDAY_S + 10.2 * HOUR_S)
+        make_printer(n, boxes=TALL_BOXES, is_booked=True, free_s=FRIDAY_S + 10.2 * HOUR_S)
         for n in ("um2x-02", "um2x-03")
     ]
     hold = assign_with_holds(

@@ -29,7 +29,7 @@ class RecordedEffects:
         if isinstance(effect, StartPlanning):
             self.plans.append((effect.job, list(effect.printers), effect.rounds))
         elif isinstance(effect, StartReplan):
-            self.replans.append((effect.plate, list(effect.printers), effect.cut))
+            self.replans.append((effect.plate, list(effect.printers), effect.is_cut))
         else:
             self.instructions.append(effect)
 

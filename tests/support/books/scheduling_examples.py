@@ -28,7 +28,7 @@ def make_printer(name, boxes=LOW_BOXES, material="generic_pla", colour=None, noz
         "bed": Bed.CLEAR,
         "filament": FilamentState.PARKED,
         "link": Link.READY,
-        "booked": False,
+        "is_booked": False,
         "attention_reason": None,
     }
     return FleetPrinter(

@@ -65,5 +65,5 @@ def make_context(books, now_s, fleet=None, **changes):
 def make_situation(books, now_s, names="abc", attended=(), quiet=()):
     """Make a situation with all waiting plates of the books."""
     plates = PlateQueue.from_plates(describe_plates(books.list_waiting_plates(), books))
-    fleet = tuple(make_printer(n, booked=books.find_open_print(n) is not None) for n in names)
+    fleet = tuple(make_printer(n, is_booked=books.find_open_print(n) is not None) for n in names)
     return Situation(plates, fleet, make_rules(attended, quiet), now_s)

@@ -12,7 +12,7 @@ from farm.errors import FarmError
 from farm.planning.local.decompose_file import DecomposeRequest, decompose_to_folder
 
 USUAL_OPTIONS = {
-    "printers": 4,
+    "printer_count": 4,
     "volume_mm": (223.0, 223.0, 205.0),
     "brim_mm": 8.0,
     "longest_side_mm": None,
@@ -73,7 +73,7 @@ def test_invalid_option_is_named(bar, tmp_path, wrong_option, message):
 
 
 def test_refusal_names_a_size_that_fits(bar, tmp_path):
-    options = USUAL_OPTIONS | {"printers": 1, "granularity": 3}
+    options = USUAL_OPTIONS | {"printer_count": 1, "granularity": 3}
     with pytest.raises(FarmError, match=r"--longest-side \d+ was tried, and fits") as error:
         decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**options))
     side_mm = float(str(error.value).split("(--longest-side ")[1].split()[0])

@@ -24,7 +24,7 @@ from tests.farm.planning.local.test_decompose_file import USUAL_OPTIONS, Decompo
 
 
 def make_request(**options) -> DecomposeRequest:
-    return DecomposeRequest(**{**USUAL_OPTIONS, "printers": 2, "sliced": True, **options})
+    return DecomposeRequest(**{**USUAL_OPTIONS, "printer_count": 2, "slices_parts": True, **options})
 
 
 def test_slices_are_written_beside_the_parts_and_deleted_by_the_next_run(tmp_path):
@@ -38,7 +38,7 @@ def test_slices_are_written_beside_the_parts_and_deleted_by_the_next_run(tmp_pat
         assert part["sliced_s"] == pytest.approx(part["estimated_s"], rel=0.25)
         assert part["grams"] > 0.0
         assert b"G1" in (path / part["gcode"]).read_bytes()
-    unsliced_report = decompose_to_folder(bar, path, make_request(sliced=False))
+    unsliced_report = decompose_to_folder(bar, path, make_request(slices_parts=False))
     assert "sliced_makespan_s" not in unsliced_report
     assert not list(path.glob("*.gcode"))
 
@@ -47,7 +47,7 @@ def test_quality_determines_the_price(tmp_path):
     bar = tmp_path / "bar.stl"
     trimesh.creation.box((40.0, 12.0, 4.0)).export(bar)
     prices = [
-        decompose_to_folder(bar, tmp_path / quality, make_request(sliced=False, quality=quality))[
+        decompose_to_folder(bar, tmp_path / quality, make_request(slices_parts=False, quality=quality))[
             "makespan_s"
         ]
         for quality in ("glue", "paper")

@@ -176,11 +176,11 @@ def test_copies_of_a_small_model_stay_whole_unless_a_person_requests_printers(bo
 def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
     task = replace(make_decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     (whole_part,) = decompose_job(task).parts
-    assert len(decompose_job(replace(task, within_s=whole_part.price_s * 1.2)).parts) == 1
-    assert len(decompose_job(replace(task, within_s=whole_part.price_s * 0.9)).parts) == 2
+    assert len(decompose_job(replace(task, time_limit_s=whole_part.price_s * 1.2)).parts) == 1
+    assert len(decompose_job(replace(task, time_limit_s=whole_part.price_s * 0.9)).parts) == 2
     # Six copies on four printers take two rounds.
     six_copy_task = replace(task, options=JobOptions(copies=6))
-    assert len(decompose_job(replace(six_copy_task, within_s=whole_part.price_s * 2.4)).parts) == 1
+    assert len(decompose_job(replace(six_copy_task, time_limit_s=whole_part.price_s * 2.4)).parts) == 1
 
 
 class FakeSliceResult:

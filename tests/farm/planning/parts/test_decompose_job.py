@@ -44,7 +44,7 @@ def test_requested_engine_is_used(bar, files, tmp_path):
 def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files, tmp_path):
     with pytest.raises(TooFewPrinters) as error:
         decompose_job(make_decompose_task(bar, files, tmp_path, printers=1))
-    assert error.value.needed == 2
+    assert error.value.needed_count == 2
     decomposition = decompose_job(make_decompose_task(bar, files, tmp_path, printers=1, rounds=2))
     assert [p.printer for p in decomposition.parts] == ["p0", "p0"]
 
@@ -82,10 +82,10 @@ def test_fewest_parts_that_end_in_time_are_cut(files, tmp_path):
     trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
     task = make_decompose_task(box, files, tmp_path, printers=3)
-    (whole_part,) = decompose_job(replace(task, within_s=1e6)).parts
+    (whole_part,) = decompose_job(replace(task, time_limit_s=1e6)).parts
     whole_s = whole_part.price_s
     counts = [
-        len(decompose_job(replace(task, within_s=share * whole_s * DEADLINE_MARGIN)).parts)
+        len(decompose_job(replace(task, time_limit_s=share * whole_s * DEADLINE_MARGIN)).parts)
         for share in (1.0, 0.7, 0.01)
     ]
     assert counts == [1, 2, 3]

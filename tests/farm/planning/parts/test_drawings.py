@@ -60,7 +60,7 @@ def cut_bar(bar, files, tmp_path):
 
 def test_pictures_by_several_workers_equal_those_by_one(cut_bar, tmp_path, monkeypatch):
     task, result = cut_bar
-    assert result.steps >= 2
+    assert result.step_count >= 2
     monkeypatch.setattr(drawings, "MIN_STEPS", 1)
     draw_job_parts(task, result.drawing_record)
     pictures = {name: (task.folder / name).read_bytes() for name in FILES}
@@ -68,7 +68,7 @@ def test_pictures_by_several_workers_equal_those_by_one(cut_bar, tmp_path, monke
         (task.folder / name).unlink()
     pool = RecordingPool()
     draw_parts(pool, task, result)
-    shares = min(result.steps, drawings.MAX_RANGES)
+    shares = min(result.step_count, drawings.MAX_RANGES)
     assert pool.names == ["draw_overview", *["draw_step_range"] * shares, "draw_job_parts"]
     assert {name: (task.folder / name).read_bytes() for name in FILES} == pictures
 
@@ -97,5 +97,5 @@ def test_share_that_fails_ends_the_others(cut_bar):
     task, result = cut_bar
     pool = FailingPool()
     with pytest.raises(FarmError, match="no room for a picture"):
-        draw_parts(pool, task, replace(result, steps=40))
+        draw_parts(pool, task, replace(result, step_count=40))
     assert pool.open_task_count == 0

@@ -72,7 +72,7 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
             {"family": UM2},
         ),
         ({}, {"family": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before that
-        ({}, {"family": UM2, "unattended": False}),
+        ({}, {"family": UM2, "may_print_unattended": False}),
     ],
 )
 def test_plate_waits_if_the_other_printer_does_not_match(changes, other_fields):
@@ -91,7 +91,7 @@ def test_plate_waits_if_its_printer_is_free_soon():
     """Use a plate of ten hours: a fifth of the waiting time has to be saved."""
 
     def choose_reslice(free_in_h):
-        busy_printer = make_family_printer("a", PLUS, booked=True, free_s=NOW_S + free_in_h * HOUR_S)
+        busy_printer = make_family_printer("a", PLUS, is_booked=True, free_s=NOW_S + free_in_h * HOUR_S)
         other_printer = make_family_printer("b", UM2)
         return policy.choose_reslice(
             make_part(),
@@ -193,7 +193,7 @@ fleets = st.lists(
         st.sampled_from("abcdef"),
         st.sampled_from([PLUS, UM2]),
         nozzle_mm=st.sampled_from([0.4, 0.8]),
-        booked=st.booleans(),
+        is_booked=st.booleans(),
         free_s=st.none() | st.floats(NOW_S, NOW_S + 20 * HOUR_S),
         bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
         grams=st.none() | st.floats(0, 200),

@@ -13,7 +13,7 @@ from farm.planning.replanning import revision_policy
 from farm.planning.replanning.policy import MIN_GAIN_S, MIN_GAIN_SHARE
 from farm.planning.replanning.revision_policy import (
     PlannedJob,
-    _may_help,
+    _may_be_better,
     choose_revision,
     estimate_plates,
     find_end_s,
@@ -100,7 +100,7 @@ def test_plan_that_no_printer_can_print_is_made_again():
 
 
 fleets = st.lists(
-    st.sampled_from([{}, {"bed": Bed.NOT_CLEAR}, {"booked": True, "free_s": 5 * HOUR_S}]), max_size=8
+    st.sampled_from([{}, {"bed": Bed.NOT_CLEAR}, {"is_booked": True, "free_s": 5 * HOUR_S}]), max_size=8
 )
 durations_h = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size=1, max_size=8)
 
@@ -144,7 +144,9 @@ def test_omitted_forecasts_would_not_change_the_choice(
     with (
         patch.object(revision_policy, "may_revise", lambda *_: True),
         patch.object(
-            revision_policy, "_may_save", lambda job, names, before_s, _: _may_help(job, names, before_s)
+            revision_policy,
+            "_may_save_time",
+            lambda job, names, current_end_s, _: _may_be_better(job, names, current_end_s),
         ),
     ):
         choice = choose_revision(job, situation, candidates)
