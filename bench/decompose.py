@@ -141,12 +141,12 @@ def relevel(run: Run, cut_file: Path, folder: Path, sliced_s: list[float]) -> di
 
 def list_cut_files(run: Run, folder: Path) -> TaskFiles:
     """List the files of `cut_model`: the model, and the folder of the parts."""
-    return TaskFiles(reads=(run.path,), folders=(folder,))
+    return TaskFiles(input_files=(run.path,), output_folders=(folder,))
 
 
 def list_relevel_files(run: Run, cut_file: Path, folder: Path, _: list[float]) -> TaskFiles:
     """List the files of `relevel`: the model, its partition, and the folder of the parts."""
-    return TaskFiles(reads=(run.path, cut_file), folders=(folder,))
+    return TaskFiles(input_files=(run.path, cut_file), output_folders=(folder,))
 
 
 deferred_cut = Deferred("bench.decompose:cut_model", list_cut_files)

@@ -30,7 +30,7 @@ _SCHEDULER_PATTERN = re.compile(r"(tls|tcp)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
 _MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
-"""Current paths of modules that fleet files of earlier versions name."""
+"""Current names of modules, by the names in fleet files of earlier versions."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 PinFit = Annotated[float, Field(ge=0, le=2)]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -129,7 +129,7 @@ class WebSection(_Section):
     listen: str = "127.0.0.1:8467"
     names: tuple[str, ...] = ()  # names of this host, besides its own
     tls: TlsSection | None = None
-    url: str | None = None  # URL of a proxy through which browsers reach it
+    url: str | None = None  # URL of a proxy through which browsers reach this server
 
     @field_validator("listen")
     @classmethod

@@ -116,7 +116,7 @@ class Daemon:
             self._notifier = Notifier(urls, name, self._state.notices, self._clock.now())
         else:
             delete_record(self._state.notices)
-        self._change_s: float | None = None  # time of the next change, for which a timer is set
+        self._next_change_s: float | None = None  # time of the next change, for which a timer is set
         self._server: uvicorn.Server | None = None
         self._end_task: asyncio.Task[None] | None = None
         self._inspections: dict[Path, str] = {}  # names of the models that are being inspected, by file
@@ -275,9 +275,9 @@ class Daemon:
         """Schedule if the time has changed a decision, and set a timer for the next such change."""
         self._controller.tick()
         change_s = self._controller.next_change_s
-        if change_s is not None and change_s != self._change_s:
+        if change_s is not None and change_s != self._next_change_s:
             self._timers.call_at(change_s, "next change", self._schedule)
-        self._change_s = change_s
+        self._next_change_s = change_s
 
     async def _renew_forecast(self) -> None:
         for _ in self._controller.forecast.find_background_work() or ():

@@ -43,7 +43,7 @@ _TYPE_NAMES = {
     "model": "keys with values: {key: value}",
     "dict": "keys with values: {key: value}",
 }
-_LIMITS = {
+_LIMIT_DESCRIPTIONS = {
     "greater_than": "more than {gt:g}",
     "greater_than_equal": "at least {ge:g}",
     "less_than": "less than {lt:g}",
@@ -51,7 +51,7 @@ _LIMITS = {
     "string_too_short": "at least {min_length} characters long",
     "string_too_long": "at most {max_length} characters long",
 }
-_PATTERNS = {
+_PATTERN_DESCRIPTIONS = {
     "name": "letters, digits, '.', '_' and '-', 41 at most, the first a letter or a digit",
     "host": "a host as ssh knows it, like user@pc-b",
     "group": "a group of this host, like farm",
@@ -145,7 +145,7 @@ class _Document:
             keys = [*section.model_fields, *(["defaults"] if section is Fleet else [])]
             return self.make_error(key_path, f"unknown key; the known keys are {', '.join(keys)}")
         return self.make_error(
-            key_path, _reword_error(error, _PATTERNS.get(str(key_path[-1])) if key_path else None)
+            key_path, _reword_error(error, _PATTERN_DESCRIPTIONS.get(str(key_path[-1])) if key_path else None)
         )
 
     def find_line(self, key_path: KeyPath) -> int:
@@ -267,17 +267,17 @@ def _fill_in_defaults(document: _Document, raw: Any) -> dict[str, Any]:
     return values
 
 
-def _reword_error(error: ErrorDetails, pattern: str | None) -> str:
-    """Describe an error in plain words; `pattern` describes the allowed values."""
+def _reword_error(error: ErrorDetails, allowed_values: str | None) -> str:
+    """Describe an error in plain words; `allowed_values` describes the values that match a pattern."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "missing":
         return "is missing" if isinstance(error["loc"][-1], str) else "has one value too few"
     if kind == "string_pattern_mismatch":
-        return f"must be {pattern or 'written differently'}, not {str(error['input'])!r}"
+        return f"must be {allowed_values or 'written differently'}, not {str(error['input'])!r}"
     if kind == "invalid_key":
         return "a key must be text"
-    if kind in _LIMITS:
-        return f"must be {_LIMITS[kind].format(**context)}"
+    if kind in _LIMIT_DESCRIPTIONS:
+        return f"must be {_LIMIT_DESCRIPTIONS[kind].format(**context)}"
     if kind == "too_long":
         return "has {actual_length} values; {max_length} at most".format(**context)
     type_name = _TYPE_NAMES.get(kind.partition("_")[0])

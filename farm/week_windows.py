@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from datetime import time
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
-_WINDOW = re.compile(r"(?:([a-z,-]+)\s+)?(\d{1,2}):(\d{2})\s*-\s*(\d{1,2}):(\d{2})")
-_EXAMPLE = "write it as 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-06:00'"
+_WINDOW_PATTERN = re.compile(r"(?:([a-z,-]+)\s+)?(\d{1,2}):(\d{2})\s*-\s*(\d{1,2}):(\d{2})")
+_ADVICE = "write it as 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-06:00'"
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Time from `begins` to `ends` on each of `days`, or to the next day if `ends` is not after `begins`."""
+    """Time from `start` to `end` on each of `days`, or to the next day if `end` is not after `start`."""
 
     days: frozenset[int]  # 0 is Monday
-    begins: time
-    ends: time
+    start: time
+    end: time
 
 
 def parse_window(text: str) -> Window:
@@ -28,18 +28,18 @@ def parse_window(text: str) -> Window:
     ValueError
         If the text is not a window; the message gives an example.
     """
-    match = _WINDOW.fullmatch(text.strip().lower())
+    match = _WINDOW_PATTERN.fullmatch(text.strip().lower())
     if match is None:
-        raise ValueError(f"{text!r} is not a time of the week; {_EXAMPLE}")
+        raise ValueError(f"{text!r} is not a time of the week; {_ADVICE}")
     days, *numbers = match.groups()
     hour, minute, end_hour, end_minute = map(int, numbers)
     if (end_hour, end_minute) == (24, 0):
         end_hour = 0
     try:
-        begins, ends = time(hour, minute), time(end_hour, end_minute)
+        start, end = time(hour, minute), time(end_hour, end_minute)
     except ValueError as error:
-        raise ValueError(f"{text!r}: {error}; {_EXAMPLE}") from error
-    return Window(_parse_days(days, text), begins, ends)
+        raise ValueError(f"{text!r}: {error}; {_ADVICE}") from error
+    return Window(_parse_days(days, text), start, end)
 
 
 def _parse_days(words: str | None, text: str) -> frozenset[int]:

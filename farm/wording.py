@@ -92,8 +92,8 @@ def format_time(iso: str | None, now: str) -> str:
     return "-" if iso is None else format_moment(parse_time(iso), parse_time(now))
 
 
-def name_time(at_s: float, now_s: float, zone: tzinfo) -> TextTime:
-    """Return a time, given in seconds since the epoch, with the text for a sentence that is read now."""
+def make_text_time(at_s: float, now_s: float, zone: tzinfo) -> TextTime:
+    """Return a time, given in seconds since the epoch, with its text for a sentence shown at `now_s`."""
     at, now = (datetime.fromtimestamp(moment_s, zone) for moment_s in (at_s, now_s))
     return TextTime(text=format_moment(at, now), at=at.isoformat("T", "seconds"))
 

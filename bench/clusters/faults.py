@@ -60,7 +60,7 @@ FLEET = Fleet.model_validate(
 
 
 def _list_files(source: Path, folder: Path, *_: object) -> TaskFiles:
-    return TaskFiles(reads=(source,), folders=(folder,))
+    return TaskFiles(input_files=(source,), output_folders=(folder,))
 
 
 def copy_after_delay(source: Path, folder: Path, seconds: float) -> int:
@@ -128,7 +128,7 @@ class UsedResults:
     def write(self, task: RemoteTask, files: dict[str, bytes]) -> None:
         """Write files as `remote_task.write_files` does, and count those that are results."""
         if not set(files) <= set(task.live_files):
-            self.counts_by_task[(task.limit.work, *task.folders, *task.writes)] += 1
+            self.counts_by_task[(task.limit.work_name, *task.output_folders, *task.output_files)] += 1
         self._write(task, files)
 
     def count_repeated(self) -> int:

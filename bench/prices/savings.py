@@ -123,7 +123,7 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
 
 def list_files(_: str, args: argparse.Namespace) -> TaskFiles:
     """List the files of `measure`: the cache of slices."""
-    return TaskFiles(caches=() if args.cache is None else (args.cache,))
+    return TaskFiles(cache_folders=() if args.cache is None else (args.cache,))
 
 
 deferred_measure = Deferred("bench.prices.savings:measure", list_files)

@@ -46,7 +46,7 @@ from farm.paths import StateFolder
 
 log = logging.getLogger(__name__)
 
-_RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a while
+_MAX_RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a while
 _SILENCE_S = 30.0  # wall seconds; a healthy agent reports every 5
 _END_TIMEOUT_S = 30.0  # wall seconds for an idle agent to end
 _MAX_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
@@ -109,14 +109,14 @@ class AgentConnection:
         self._host = None if isinstance(host, str) else host
         farm = host if isinstance(host, str) else host.farm
         route = load_route(self._folder, section, farm, clock)
-        self._remote = route is not None
+        self._is_remote = route is not None
         self._heartbeat = Heartbeat()
         open_route = route if self._host is None else partial(self._host.open, name)
         self._client = AgentClient(self._folder, open_route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
-        self._start_times_s: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)  # of a monotonic clock
-        self._pending: set[tuple[str, str]] = set()  # requests in progress, which must not be sent again
-        self._unsupported: set[tuple[str, str]] = set()  # requests that its older agent does not support
+        self._start_times_s: deque[float] = deque(maxlen=_MAX_RESTARTS_PER_MINUTE)  # of a monotonic clock
+        self._pending_requests: set[tuple[str, str]] = set()  # in progress; they must not be sent again
+        self._unsupported_requests: set[tuple[str, str]] = set()  # those that its older agent does not know
         self._cancelled_prints: set[str] = set()  # prints that must no longer start
         self._tasks: set[asyncio.Task[Any]] = set()
         self._base_offset_s = 0.0  # farm's clock minus the agent's, without the steps of the host's clock
@@ -134,10 +134,10 @@ class AgentConnection:
     def keep_alive(self) -> None:
         """Start the agent if it is not running; kill it if it hangs."""
         if self._process is not None and self._process.poll() is not None:
-            if self._process.returncode or not agents_are_units():  # else systemd has started it
+            if self._process.returncode or not agents_are_units():  # otherwise systemd has started the agent
                 self._log.warning("its agent ended with %s", self._process.returncode)
             self._process = None
-        if self._stopping or self._remote:
+        if self._stopping or self._is_remote:
             return  # the bridge on the other host starts and watches it
         if self._process is not None or is_alive(self._folder):
             self._kill_if_hung()
@@ -182,7 +182,7 @@ class AgentConnection:
         while not self._stopping or self._is_agent_alive(self._process):
             try:
                 await asyncio.sleep(wait_s)
-                wait_s = min(2 * wait_s + (1.0 if self._remote else RETRY_S), _MAX_WAIT_S)
+                wait_s = min(2 * wait_s + (1.0 if self._is_remote else RETRY_S), _MAX_WAIT_S)
                 await self._client.connect()
                 connected_s = time.monotonic()
                 snapshots = self._client.snapshots()
@@ -240,7 +240,7 @@ class AgentConnection:
     def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
         """Convert a snapshot to the farm's record, without fields that the agent cannot measure."""
         is_simulated = self._section is not None and self._section.simulated
-        is_cleared = _CLEARED_KEY in self._pending
+        is_cleared = _CLEARED_KEY in self._pending_requests
         return to_trusted_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
     def _check_port(self, report: m.Snapshot) -> bool:
@@ -259,13 +259,13 @@ class AgentConnection:
         key = (request.do, getattr(request, "print_id", ""))
         if isinstance(request, m.CancelPrint):
             self._cancelled_prints.add(request.print_id)
-        if key not in self._pending:
-            self._pending.add(key)
+        if key not in self._pending_requests:
+            self._pending_requests.add(key)
             self._spawn_task(self._deliver(key, request))
 
     async def _deliver(self, key: tuple[str, str], request: m.Request) -> None:
         try:
-            if self._remote and isinstance(request, m.StartPrint) and request.gcode:
+            if self._is_remote and isinstance(request, m.StartPrint) and request.gcode:
                 await self._upload(request.print_id, Path(request.gcode))
                 if request.print_id in self._cancelled_prints:
                     return  # cancelled during the upload
@@ -280,15 +280,15 @@ class AgentConnection:
                 report = self._convert_snapshot(reply.snapshot)
                 self._report(report.model_copy(update={"acknowledged_cancel": request.print_id}))
         except AgentTooOld as error:
-            if key not in self._unsupported:
+            if key not in self._unsupported_requests:
                 self._log.warning("%s", error)
-            self._unsupported.add(key)
+            self._unsupported_requests.add(key)
             if isinstance(request, m.StartPrint):
                 self._listener.on_refusal(request.print_id, str(error), True)
         except (DriverError, FarmError) as error:
             self._log.warning("%s", error)
         finally:
-            self._pending.discard(key)
+            self._pending_requests.discard(key)
 
     async def _upload(self, print_id: str, gcode: Path) -> None:
         """Send a file to an agent on another host. Raises DriverError."""

@@ -38,7 +38,7 @@ class HostRecord:
         Reason for the loss of the connection.
     state
         Its last state; None before the first.
-    reported
+    is_loss_reported
         True if its loss has been reported.
     update_unconfirmed
         True if its update was requested, and no state has confirmed it yet.
@@ -50,7 +50,7 @@ class HostRecord:
     connected_s: float | None = None
     reason: str = "it has not answered yet"
     state: HostState | None = None
-    reported: bool = False
+    is_loss_reported: bool = False
     update_unconfirmed: bool = False
 
     def on_state(self, now_s: float, state: HostState) -> None:
@@ -69,12 +69,12 @@ class HostRecord:
         if self.disconnected_s is None:
             self.connected_s, self.disconnected_s = None, now_s
 
-    def shift_times(self, by_s: float) -> None:
+    def shift_times(self, step_s: float) -> None:
         """Shift the times of the connection by a step of the farm's clock."""
         if self.connected_s is not None:
-            self.connected_s += by_s
+            self.connected_s += step_s
         if self.disconnected_s is not None:
-            self.disconnected_s += by_s
+            self.disconnected_s += step_s
 
     @property
     def update(self) -> Update | None:
@@ -101,6 +101,6 @@ class HostRecord:
         """Return the change that has not been reported; None if there is none."""
         limit_s = scale * (FIRST_LOSS_DELAY_S if self.state is None else LOSS_DELAY_S)
         is_lost = self.disconnected_s is not None and now_s - self.disconnected_s >= limit_s
-        if is_lost and not self.reported:
+        if is_lost and not self.is_loss_reported:
             return HostChange.LOST
-        return HostChange.RECONNECTED if self.reported and self.disconnected_s is None else None
+        return HostChange.RECONNECTED if self.is_loss_reported and self.disconnected_s is None else None

@@ -222,7 +222,7 @@ class Hosts:
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: HostListener) -> None:
         self._listener, self._clock = listener, clock
         self._connections: dict[str, HostConnection] = {}
-        self._by_printer: dict[str, HostConnection] = {}
+        self._connections_by_printer: dict[str, HostConnection] = {}
         # Hosts on which an update has begun; None if there is no update.
         self._rollout: tuple[str, ...] | None = None
         report_s = compute_report_interval_s(len(fleet.printers))
@@ -237,7 +237,7 @@ class Hosts:
                 clock,
             )
             self._connections[host] = connection
-            self._by_printer |= dict.fromkeys((section.name for section in sections), connection)
+            self._connections_by_printer |= dict.fromkeys((section.name for section in sections), connection)
 
     @property
     def records(self) -> list[HostRecord]:
@@ -247,12 +247,12 @@ class Hosts:
     def start(self, lost_hosts: Collection[str] = ()) -> None:
         """Start connecting to all hosts; the loss of those in `lost_hosts` has already been reported."""
         for connection in self._connections.values():
-            connection.record.reported = connection.record.host in lost_hosts
+            connection.record.is_loss_reported = connection.record.host in lost_hosts
             connection.start()
 
-    def find(self, printer: str) -> HostConnection | None:
+    def find_connection(self, printer: str) -> HostConnection | None:
         """Return the connection to the host of a printer; None if its host does not run `farm host`."""
-        return self._by_printer.get(printer)
+        return self._connections_by_printer.get(printer)
 
     def watch(self) -> None:
         """Record the hosts that were lost or have reconnected, with retries; continue an update."""
@@ -271,14 +271,14 @@ class Hosts:
             except FarmError as error:
                 log.error("%s", error)
                 continue
-            record.reported = is_lost
+            record.is_loss_reported = is_lost
         if self._rollout is not None:
             self._roll_out(self._rollout)
 
-    def on_clock_set(self, by_s: float) -> None:
-        """Handle a step of the clock by `by_s` farm seconds: hosts are lost after the same wall time."""
+    def on_clock_set(self, step_s: float) -> None:
+        """Shift all times by a step of the clock, so that a host is lost after the same wall time."""
         for record in self.records:
-            record.shift_times(by_s)
+            record.shift_times(step_s)
 
     def begin_update(self, by: str) -> tuple[str, ...]:
         """Start updating the agents of all hosts to the versions of their services.
@@ -334,7 +334,7 @@ def _group_by_host(fleet: Fleet) -> Iterator[tuple[str, str, list[PrinterSection
     Raises
     ------
     FarmError
-        If printers of a host have different commands: a host has one service.
+        If printers of a host have different commands, because a host has only one service.
     """
     sections = [s for s in fleet.printers if s.enabled and runs_host_service(s.host_command) and s.host]
 

@@ -33,7 +33,9 @@ class AgentManager:
         self.hosts = Hosts(fleet, state, clock, listener)
         farm = fleet.fleet.name
         self._connections = {
-            name: AgentConnection(name, section, state, clock, listener, self.hosts.find(name) or farm)
+            name: AgentConnection(
+                name, section, state, clock, listener, self.hosts.find_connection(name) or farm
+            )
             for name, section in ((section.name, section) for section in fleet.printers if section.enabled)
         }
 
@@ -54,7 +56,7 @@ class AgentManager:
         self._orphan_task = asyncio.create_task(self._end_orphans())
 
     async def _end_orphans(self) -> None:
-        """End idle agents of printers that have left the fleet: other printers may need their ports."""
+        """End idle agents of printers that have left the fleet, as other printers may need their ports."""
         for folder in sorted((self._state.root / "agents").glob("*/")):
             if folder.name in self._connections:
                 continue

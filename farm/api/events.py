@@ -24,7 +24,7 @@ class EventView(View):
 
 
 class JobRow(View):
-    """Job in a list; `GET /jobs/{number}` has the rest."""
+    """Job in a list; `GET /jobs/{number}` returns the other fields."""
 
     id: int
     name: str

@@ -20,7 +20,7 @@ class QueuePlace(StrEnum):
 
 
 class PruneRequest(View):
-    """Request to delete the jobs that `fleet.keep` does not keep; with `dry_run`, only to list them."""
+    """Request to delete files beyond the limits of `fleet.keep`; with `dry_run`, only to list their jobs."""
 
     dry_run: bool = False
 

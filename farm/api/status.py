@@ -90,7 +90,7 @@ class Todo(View):
 
 
 class NightView(View):
-    """Counts of the plates since the afternoon before; each plate is counted once."""
+    """Counts of the plates since the previous afternoon; each plate is counted once."""
 
     since: str
     plates: int
@@ -138,7 +138,7 @@ class FarmFigures(View):
 class Status(FarmFigures):
     """Whole farm, with the parts and plates of its jobs."""
 
-    jobs: list[JobView]  # open jobs, jobs without a verdict, and the last of the others
+    jobs: list[JobView]  # open jobs, jobs without a verdict, and the most recent of the other jobs
 
 
 class Wait(View):

@@ -48,7 +48,7 @@ class _Camera:
     url: str
     state: CameraState = field(default_factory=CameraState)
     latest_still: Image | None = None
-    latest_s: float = 0.0
+    latest_still_s: float = 0.0
     viewed_s: float = 0.0
     fetch_task: asyncio.Task[Image] | None = None
     store_after_s: float = 0.0  # earliest time to store a still again after a disk error
@@ -99,7 +99,7 @@ class Cameras:
         if camera is None:
             raise NotFoundError(f"{printer} has no camera: give its address with `camera` in fleet.yaml")
         now_s = camera.viewed_s = self._monotonic()
-        if camera.latest_still is not None and now_s - camera.latest_s < MAX_STILL_AGE_S:
+        if camera.latest_still is not None and now_s - camera.latest_still_s < MAX_STILL_AGE_S:
             return camera.latest_still
         task = camera.fetch_task or self._begin_fetch(camera)
         try:
@@ -113,7 +113,7 @@ class Cameras:
         """Begin to fetch the stills that are due, and drop the stills that nobody views."""
         now_s = self._monotonic()
         for camera in self._cameras.values():
-            if now_s - max(camera.viewed_s, camera.latest_s) > _VIEWER_TIMEOUT_S:
+            if now_s - max(camera.viewed_s, camera.latest_still_s) > _VIEWER_TIMEOUT_S:
                 camera.latest_still = None
         controller = self._controller
         snapshots, farm_s = controller.telemetry.snapshots, controller.clock.now()
@@ -169,7 +169,7 @@ class Cameras:
             raise CameraError(camera.state.problem or "") from None
         else:
             camera.state = camera.state.succeed()
-            camera.latest_still, camera.latest_s = image, self._monotonic()
+            camera.latest_still, camera.latest_still_s = image, self._monotonic()
             return image
         finally:
             camera.fetch_task = None

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 MAX_IMAGE_BYTES = 5_000_000
 MAX_PIXELS = 50_000_000
 """Limit on width times height, because a viewer decodes all pixels, and a small file can have very many."""
-_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_PNG_MAGIC, _JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _PNG_SIZE = struct.Struct(">II")  # in the first chunk, IHDR
 _PNG_SIZE_OFFSET = 16
-_SEGMENT = struct.Struct(">BBH")  # JPEG: 0xFF, marker, length including its own two bytes
+_SEGMENT_HEADER = struct.Struct(">BBH")  # JPEG: 0xFF, marker, length including its own two bytes
 _FRAME_SIZE = struct.Struct(">HH")  # JPEG: height, width
 _FRAME_SIZE_OFFSET = 5  # after the marker, the length, and the sample precision
-_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers that begin a frame
-_SCAN, _PADDING = 0xDA, 0xFF
+_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers that begin a frame
+_SCAN_MARKER, _PADDING_BYTE = 0xDA, 0xFF
 _MAX_SEGMENTS = 500  # number of segments before the frame; a long list would keep the daemon busy
 
 
@@ -41,7 +41,7 @@ class Image:
 
 def check_beginning(first_bytes: bytes) -> None:
     """Check that a body, which may be incomplete, begins like a JPEG or PNG. Raises InvalidImage."""
-    for magic in (_JPEG, _PNG):
+    for magic in (_JPEG_MAGIC, _PNG_MAGIC):
         if first_bytes[: len(magic)] == magic[: len(first_bytes)]:
             return
     raise InvalidImage(
@@ -60,7 +60,7 @@ def read_image(content: bytes) -> Image:
     check_beginning(content)
     if len(content) > MAX_IMAGE_BYTES:
         raise InvalidImage(f"its still is larger than {MAX_IMAGE_BYTES / 1e6:g} MB: lower its resolution")
-    is_png = content.startswith(_PNG)
+    is_png = content.startswith(_PNG_MAGIC)
     try:
         size = _PNG_SIZE.unpack_from(content, _PNG_SIZE_OFFSET) if is_png else _read_jpeg_size(content)
     except struct.error:
@@ -77,11 +77,11 @@ def _read_jpeg_size(content: bytes) -> tuple[int, int]:
     """Read width and height of a JPEG. Raises struct.error if it is cut off, InvalidImage if invalid."""
     offset = 2
     for _ in range(_MAX_SEGMENTS):
-        start, marker, length = _SEGMENT.unpack_from(content, offset)
-        if start != _PADDING or marker == _SCAN:
+        start, marker, length = _SEGMENT_HEADER.unpack_from(content, offset)
+        if start != _PADDING_BYTE or marker == _SCAN_MARKER:
             raise InvalidImage("its still is not a valid JPEG")
-        if marker in _FRAMES:
+        if marker in _FRAME_MARKERS:
             height, width = _FRAME_SIZE.unpack_from(content, offset + _FRAME_SIZE_OFFSET)
             return width, height
-        offset += 1 if marker == _PADDING else 2 + max(2, length)
+        offset += 1 if marker == _PADDING_BYTE else 2 + max(2, length)
     raise InvalidImage("its still is not a valid JPEG")

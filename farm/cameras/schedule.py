@@ -28,7 +28,7 @@ class CameraState:
 
     Attributes
     ----------
-    attempt_s
+    last_attempt_s
         Time at which the last attempt began.
     failures
         Number of attempts that have failed since the last still.
@@ -36,13 +36,13 @@ class CameraState:
         Reason why the last attempt failed; None if it succeeded.
     """
 
-    attempt_s: float | None = None
+    last_attempt_s: float | None = None
     failures: int = 0
     problem: str | None = None
 
     def begin(self, now_s: float) -> CameraState:
         """Return the state after the start of an attempt."""
-        return replace(self, attempt_s=now_s)
+        return replace(self, last_attempt_s=now_s)
 
     def succeed(self) -> CameraState:
         """Return the state after a successful attempt."""
@@ -55,10 +55,10 @@ class CameraState:
     @property
     def next_attempt_s(self) -> float:
         """Earliest time of the next attempt."""
-        if self.attempt_s is None:
+        if self.last_attempt_s is None:
             return 0.0
         doublings = min(self.failures, 10)
-        return self.attempt_s + min(MAX_INTERVAL_S, MIN_INTERVAL_S * 2.0**doublings)
+        return self.last_attempt_s + min(MAX_INTERVAL_S, MIN_INTERVAL_S * 2.0**doublings)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,9 +24,9 @@ REQUEST_TIMEOUT_S = 2.0  # wall seconds within which the line of a request must 
 MAX_REQUESTS, MAX_REQUESTS_PER_USER = 64, 8  # simultaneous requests
 MAX_REQUEST_BYTES = 1 << 16
 _MAX_WAIT_S = 0.2
-_PAUSE_S = 1.0  # between attempts to accept after an error, such as a lack of descriptors
+_ACCEPT_PAUSE_S = 1.0  # pause after an error of `accept`, such as a lack of descriptors
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
-_FULL_ANSWER = {
+_OVERLOAD_ANSWER = {
     "over": True,
     "error": "too many emergency stops at the same time: try again, or switch the printers off by hand",
 }
@@ -43,7 +43,7 @@ class _PendingConnection:
     """Connection whose request has not arrived yet."""
 
     uid: int
-    since_s: float
+    accepted_s: float
     received_bytes: bytes = b""
 
 
@@ -54,7 +54,7 @@ class EstopServer:
     ----------
     listener
         The socket to accept on.
-    begin
+    start_process
         Starts the process that serves a request and answers on its connection.
     read_uid
         Returns the user at the other end of a connection.
@@ -63,13 +63,13 @@ class EstopServer:
     def __init__(
         self,
         listener: socket.socket,
-        begin: Callable[[socket.socket, bytes], RequestProcess],
+        start_process: Callable[[socket.socket, bytes], RequestProcess],
         read_uid: Callable[[socket.socket], int],
     ) -> None:
         listener.setblocking(False)
-        self._listener, self._begin, self._read_uid = listener, begin, read_uid
-        self._pending: dict[socket.socket, _PendingConnection] = {}
-        self._running: list[tuple[int, RequestProcess]] = []
+        self._listener, self._start_process, self._read_uid = listener, start_process, read_uid
+        self._pending_connections: dict[socket.socket, _PendingConnection] = {}
+        self._running_requests: list[tuple[int, RequestProcess]] = []
         self._next_accept_s = -math.inf
 
     def serve_once(self, now_s: float, wait_s: float) -> None:
@@ -77,14 +77,19 @@ class EstopServer:
         with selectors.DefaultSelector() as selector:
             if now_s >= self._next_accept_s:
                 selector.register(self._listener, selectors.EVENT_READ)
-            for connection in self._pending:
+            for connection in self._pending_connections:
                 selector.register(connection, selectors.EVENT_READ)
             ready_sockets = [key.fileobj for key, _ in selector.select(wait_s)]
-        self._running = [(uid, process) for uid, process in self._running if process.poll() is None]
-        for connection in tuple(self._pending):
+        self._running_requests = [
+            (uid, process) for uid, process in self._running_requests if process.poll() is None
+        ]
+        for connection in tuple(self._pending_connections):
             if connection in ready_sockets:
                 self._read(connection)
-            if connection in self._pending and now_s - self._pending[connection].since_s > REQUEST_TIMEOUT_S:
+            if (
+                connection in self._pending_connections
+                and now_s - self._pending_connections[connection].accepted_s > REQUEST_TIMEOUT_S
+            ):
                 self._end(connection)
         if self._listener in ready_sockets:
             self._accept(now_s)
@@ -95,20 +100,22 @@ class EstopServer:
         except (BlockingIOError, ConnectionAbortedError):
             return
         except OSError:
-            self._next_accept_s = now_s + _PAUSE_S
+            self._next_accept_s = now_s + _ACCEPT_PAUSE_S
             return
         connection.setblocking(False)
         uid = self._read_uid(connection)
-        busy_uids = [request.uid for request in self._pending.values()] + [uid for uid, _ in self._running]
+        busy_uids = [request.uid for request in self._pending_connections.values()] + [
+            uid for uid, _ in self._running_requests
+        ]
         if len(busy_uids) >= MAX_REQUESTS or busy_uids.count(uid) >= MAX_REQUESTS_PER_USER:
             with connection, suppress(OSError):
-                connection.send(json.dumps(_FULL_ANSWER).encode() + b"\n")
+                connection.send(json.dumps(_OVERLOAD_ANSWER).encode() + b"\n")
             return
-        self._pending[connection] = _PendingConnection(uid, now_s)
+        self._pending_connections[connection] = _PendingConnection(uid, now_s)
 
     def _read(self, connection: socket.socket) -> None:
         """Read a part of a request; once the request is complete, start its process."""
-        request = self._pending[connection]
+        request = self._pending_connections[connection]
         try:
             data = connection.recv(MAX_REQUEST_BYTES)
         except BlockingIOError:
@@ -119,13 +126,15 @@ class EstopServer:
         if b"\n" in request.received_bytes and len(request.received_bytes) <= MAX_REQUEST_BYTES:
             connection.setblocking(True)
             with suppress(OSError):
-                self._running.append((request.uid, self._begin(connection, request.received_bytes)))
+                self._running_requests.append(
+                    (request.uid, self._start_process(connection, request.received_bytes))
+                )
         elif data and len(request.received_bytes) < MAX_REQUEST_BYTES:
             return
         self._end(connection)
 
     def _end(self, connection: socket.socket) -> None:
-        del self._pending[connection]
+        del self._pending_connections[connection]
         connection.close()
 
 
@@ -136,7 +145,7 @@ def read_peer_uid(connection: socket.socket) -> int:
     return uid
 
 
-def _begin(connection: socket.socket, request: bytes) -> subprocess.Popen[bytes]:
+def _start_process(connection: socket.socket, request: bytes) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "farm.cli.main", "estop", "--asked", *sys.argv[1:]]
     work = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=connection.fileno(), start_new_session=True
@@ -150,7 +159,7 @@ def _begin(connection: socket.socket, request: bytes) -> subprocess.Popen[bytes]
 def main() -> None:
     """Serve requests until the process is killed."""
     with socket.socket(fileno=0) as listener:
-        server = EstopServer(listener, _begin, read_peer_uid)
+        server = EstopServer(listener, _start_process, read_peer_uid)
         while True:
             server.serve_once(time.monotonic(), _MAX_WAIT_S)
 

@@ -49,7 +49,7 @@ class StopEnd(_Line):
     code: ErrorCode | None = None
 
 
-Report = Callable[[StopReport], None]
+ReportCallback = Callable[[StopReport], None]
 _ANSWER_LINE: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopEnd)
 
 
@@ -83,7 +83,7 @@ def _find_owner(path: Path) -> int | None:
         return None
 
 
-def request_stop(path: Path, printers: list[str], report: Report) -> None:
+def request_stop(path: Path, printers: list[str], report: ReportCallback) -> None:
     """Send a request to stop printers over the socket, and report the answers.
 
     Raises
@@ -112,7 +112,9 @@ def request_stop(path: Path, printers: list[str], report: Report) -> None:
     raise FarmError(message.format("it ended before it reported the result"))
 
 
-def serve_request(request: TextIO, answers: TextIO, stop: Callable[[list[str], Report], None]) -> None:
+def serve_request(
+    request: TextIO, answers: TextIO, stop: Callable[[list[str], ReportCallback], None]
+) -> None:
     """Serve one stop request, reporting line by line; continue if the caller disconnects."""
 
     def send(line: BaseModel) -> None:

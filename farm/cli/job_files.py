@@ -23,13 +23,13 @@ _PICTURE_SUFFIXES = (".stl", ".png", ".jpg", ".jpeg")  # STL files are drawn
 class FetchedFiles:
     """Files of a job in a folder: all files by name and by SHA-256, and the names of newly written files."""
 
-    by_name: dict[str, Path] = field(default_factory=dict)
-    by_sha256: dict[str, Path] = field(default_factory=dict)
-    written_files: list[str] = field(default_factory=list)
+    paths_by_name: dict[str, Path] = field(default_factory=dict)
+    paths_by_sha256: dict[str, Path] = field(default_factory=dict)
+    written_names: list[str] = field(default_factory=list)
 
     def find(self, path: str) -> Path | None:
         """Return the file for a path on the daemon's host, where the names of stored files are hashes."""
-        return self.by_sha256.get(Path(path).stem) or self.by_name.get(Path(path).name)
+        return self.paths_by_sha256.get(Path(path).stem) or self.paths_by_name.get(Path(path).name)
 
 
 def is_picture(name: str) -> bool:
@@ -77,12 +77,12 @@ def fetch_files(
         _refuse_overwriting(folder, missing_files, force)
         for file in missing_files:
             _fetch_file(client, number, file, folder, force)
-            result.written_files.append(file.name)
+            result.written_names.append(file.name)
     except OSError as error:
         cause = error.strerror or error
         raise FarmError(f"{folder} cannot be written ({cause}); give another folder with --out") from error
     for file in files:
-        result.by_name[file.name] = result.by_sha256[file.sha256] = folder / file.name
+        result.paths_by_name[file.name] = result.paths_by_sha256[file.sha256] = folder / file.name
     return result
 
 
@@ -137,7 +137,7 @@ def _fetch_file(client: Client, number: int, file: api.FileView, folder: Path, f
                 except OSError as error:
                     raise FarmError(f"{temporary} cannot be written ({error.strerror})") from error
 
-            client.download(number, file.name, write)
+            client.download_file(number, file.name, write)
         if remaining_bytes or digest.hexdigest() != file.sha256:
             raise FarmError(f"{file.name} arrived damaged or incomplete: fetch it again")
         temporary.chmod(0o666 & ~_read_umask())

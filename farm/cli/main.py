@@ -19,7 +19,8 @@ COMMANDS = {
         CommandEntry(
             "down",
             "daemon.down",
-            "Stop the daemon and the agents. While the farm prints or plans, --wait or --now is needed.",
+            "Stop the daemon and the agents. While the farm is printing or planning, --wait or --now is "
+            "needed.",
         ),
         CommandEntry(
             "setup",

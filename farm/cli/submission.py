@@ -143,7 +143,7 @@ class Submitter:
             timeline = self.client.fetch_timeline(number)
         finally:
             if not JobState(self.client.fetch_job(number).job.state).ended:
-                self.client.cancel(number)
+                self.client.cancel_job(number)
         if not self.quiet:
             show_timeline(timeline)
         return timeline

@@ -15,22 +15,22 @@ class TaskFiles:
 
     Attributes
     ----------
-    reads
+    input_files
         Files that it reads.
-    folders
+    output_folders
         Folders that it writes into.
-    writes
-        Files that it writes, besides those folders.
-    caches
+    output_files
+        Files that it writes, besides those in these folders.
+    cache_folders
         Folders that cache results by content; another computer uses folders of its own.
     live_files
-        Files in `folders` that others read while the task runs, such as its progress.
+        Files in `output_folders` that others read while the task runs, such as its progress.
     """
 
-    reads: tuple[Path, ...] = ()
-    folders: tuple[Path, ...] = ()
-    writes: tuple[Path, ...] = ()
-    caches: tuple[Path, ...] = ()
+    input_files: tuple[Path, ...] = ()
+    output_folders: tuple[Path, ...] = ()
+    output_files: tuple[Path, ...] = ()
+    cache_folders: tuple[Path, ...] = ()
     live_files: tuple[Path, ...] = ()
 
 

@@ -11,13 +11,13 @@ class Limit:
 
     Attributes
     ----------
-    work
+    work_name
         Name of the work, for messages.
     urgent
         True if the work is quick and a user waits for it; it then starts before other work.
     """
 
-    work: str
+    work_name: str
     seconds: float
     urgent: bool = False
 

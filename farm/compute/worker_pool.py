@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 _MAX_ATTEMPTS = 2
-_RETRY_S = 5.0
+_RETRY_INTERVAL_S = 5.0
 _GB = 2**30
 _CLOSED_MESSAGE = "the daemon is shutting down: submit it again after `farm up`"
 
@@ -55,7 +55,7 @@ class _WaitingTask:
 
     group: Hashable
     urgent: bool
-    slot: asyncio.Future[Worker]
+    worker_future: asyncio.Future[Worker]
 
 
 class WorkerPool:
@@ -86,11 +86,11 @@ class WorkerPool:
         self._warm_up = warm_up
         self._is_closed = False
         self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")
-        self._alive: set[Worker] = set()
-        self._idle: list[Worker] = []
+        self._live_workers: set[Worker] = set()
+        self._idle_workers: list[Worker] = []
         self._urgent_worker: Worker | None = None
-        self._waiting: list[_WaitingTask] = []
-        self._running: Counter[Hashable] = Counter()  # tasks in workers, by group
+        self._waiting_tasks: list[_WaitingTask] = []
+        self._running_counts: Counter[Hashable] = Counter()  # tasks in workers, by group
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         for _ in range(count):
@@ -99,7 +99,7 @@ class WorkerPool:
     @property
     def pids(self) -> frozenset[int]:
         """Ids of the running processes."""
-        return frozenset(worker.pid for worker in self._alive)
+        return frozenset(worker.pid for worker in self._live_workers)
 
     @property
     def memory_bytes(self) -> int:
@@ -109,13 +109,13 @@ class WorkerPool:
     @property
     def start_step(self) -> str | None:
         """Step of the start of the workers, as text; None once one of them is ready."""
-        steps = [worker.start_step for worker in self._alive]
+        steps = [worker.start_step for worker in self._live_workers]
         return steps[0] if steps and all(steps) else None
 
     @property
     def has_idle_worker(self) -> bool:
         """True if a task would start immediately; see `Pool.has_idle_worker`."""
-        return any(worker is not self._urgent_worker for worker in self._idle)
+        return any(worker is not self._urgent_worker for worker in self._idle_workers)
 
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
@@ -126,7 +126,7 @@ class WorkerPool:
         for _ in range(_MAX_ATTEMPTS):
             worker = await self._acquire_worker(group, limit.urgent)
             is_reusable = False
-            self._running[group] += 1
+            self._running_counts[group] += 1
             try:
                 async with asyncio.timeout(limit.seconds):
                     loop = asyncio.get_running_loop()
@@ -134,8 +134,8 @@ class WorkerPool:
                 is_reusable = not isinstance(answer, MemoryError)
             except TimeoutError:
                 raise FarmError(
-                    f"{limit.work} did not end within {limit.seconds / 60:g} min: scale the model down or "
-                    "simplify its mesh",
+                    f"{limit.work_name} did not end within {limit.seconds / 60:g} min: scale the model down "
+                    "or simplify its mesh",
                     ErrorCode.LIMIT,
                 ) from None
             except EOFError:
@@ -145,11 +145,11 @@ class WorkerPool:
                 log.warning("worker %d ended unexpectedly (%s)", worker.pid, exit_text)
                 continue
             finally:
-                self._running -= Counter([group])
+                self._running_counts -= Counter([group])
                 self._release_worker(worker, is_reusable)
             if isinstance(answer, MemoryError):
                 raise FarmError(
-                    f"not enough memory for {limit.work} (a worker may use "
+                    f"not enough memory for {limit.work_name} (a worker may use "
                     f"{self._memory_bytes / _GB:.1f} GB): "
                     "scale the model down, simplify its mesh, or raise `memory_gb` in fleet.yaml",
                     ErrorCode.LIMIT,
@@ -158,7 +158,7 @@ class WorkerPool:
                 raise answer.error
             return answer  # type: ignore[no-any-return]
         raise FarmError(
-            f"{limit.work} ended its worker process {_MAX_ATTEMPTS} times ({exit_text}): most often "
+            f"{limit.work_name} ended its worker process {_MAX_ATTEMPTS} times ({exit_text}): most often "
             "too little memory; scale the model down or simplify its mesh",
             ErrorCode.LIMIT,
         )
@@ -166,18 +166,18 @@ class WorkerPool:
     def close(self) -> None:
         """Abandon all work, and wait for every worker to end."""
         self._is_closed = True
-        for worker in self._alive:
+        for worker in self._live_workers:
             worker.end()
-        self._alive.clear()
-        for task in self._waiting:
-            if not task.slot.done():
-                task.slot.set_exception(FarmError(_CLOSED_MESSAGE))
+        self._live_workers.clear()
+        for task in self._waiting_tasks:
+            if not task.worker_future.done():
+                task.worker_future.set_exception(FarmError(_CLOSED_MESSAGE))
         self._threads.shutdown(wait=False, cancel_futures=True)
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _start_worker(self) -> None:
         worker = Worker(self._scratch, self._memory_bytes, self._warm_up)
-        self._alive.add(worker)
+        self._live_workers.add(worker)
         self._assign_worker(worker)
 
     def _replace_worker(self) -> None:
@@ -188,28 +188,30 @@ class WorkerPool:
             self._start_worker()
         except OSError as error:
             log.error("no worker can be started: %s; retrying", error)
-            asyncio.get_running_loop().call_later(_RETRY_S, self._replace_worker)
+            asyncio.get_running_loop().call_later(_RETRY_INTERVAL_S, self._replace_worker)
 
     async def _acquire_worker(self, group: Hashable, urgent: bool) -> Worker:
         """Wait for a free worker, preferably one that is ready. Raises FarmError if the pool is closed."""
         if self._is_closed:
             raise FarmError(_CLOSED_MESSAGE)
-        free_workers = [worker for worker in self._idle if urgent or worker is not self._urgent_worker]
+        free_workers = [
+            worker for worker in self._idle_workers if urgent or worker is not self._urgent_worker
+        ]
         if free_workers:
             worker = max(free_workers, key=lambda worker: worker.start_step is None)
-            self._idle.remove(worker)
+            self._idle_workers.remove(worker)
             return worker
         task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
-        self._waiting.append(task)
+        self._waiting_tasks.append(task)
         if urgent:
             self._start_urgent_worker()
         try:
-            return await task.slot
+            return await task.worker_future
         except asyncio.CancelledError:
-            if task in self._waiting:
-                self._waiting.remove(task)
-            elif task.slot.exception() is None:  # cancelled just when a worker became free
-                self._assign_worker(task.slot.result())
+            if task in self._waiting_tasks:
+                self._waiting_tasks.remove(task)
+            elif task.worker_future.exception() is None:  # cancelled just when a worker became free
+                self._assign_worker(task.worker_future.result())
             raise
 
     def _start_urgent_worker(self) -> None:
@@ -221,19 +223,19 @@ class WorkerPool:
         except OSError as error:
             log.error("no worker for urgent tasks can be started: %s", error)
             return
-        self._alive.add(worker)
+        self._live_workers.add(worker)
         self._assign_worker(worker)
 
     def _assign_worker(self, worker: Worker) -> None:
         """Give a free worker to the waiting task that is served first, if there is one."""
-        open_tasks = [task for task in self._waiting if not task.slot.done()]
+        open_tasks = [task for task in self._waiting_tasks if not task.worker_future.done()]
         tasks = [task for task in open_tasks if task.urgent or worker is not self._urgent_worker]
         if not tasks:
-            self._idle.append(worker)
+            self._idle_workers.append(worker)
             return
-        first = min(tasks, key=lambda task: (not task.urgent, self._running[task.group]))
-        self._waiting.remove(first)
-        first.slot.set_result(worker)
+        first = min(tasks, key=lambda task: (not task.urgent, self._running_counts[task.group]))
+        self._waiting_tasks.remove(first)
+        first.worker_future.set_result(worker)
 
     def _release_worker(self, worker: Worker, is_reusable: bool) -> None:
         """Return a worker to the pool, or replace it if it cannot take more work."""
@@ -243,15 +245,15 @@ class WorkerPool:
             self._assign_worker(worker)
             return
         worker.end()
-        self._alive.discard(worker)
+        self._live_workers.discard(worker)
         if worker is self._urgent_worker:
             self._urgent_worker = None
-            if any(task.urgent for task in self._waiting):
+            if any(task.urgent for task in self._waiting_tasks):
                 self._start_urgent_worker()
         else:
             self._replace_worker()
         # A dying engine may write a file after its folder was removed, so remove every unused folder.
-        used_folders = {worker.folder for worker in self._alive}
+        used_folders = {worker.folder for worker in self._live_workers}
         for folder in self._scratch.iterdir():
             if folder not in used_folders:
                 shutil.rmtree(folder, ignore_errors=True)

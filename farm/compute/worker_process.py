@@ -27,7 +27,7 @@ _PR_SET_PDEATHSIG = 1
 _EXIT_TIMEOUT_S = 2.0  # maximum wall seconds from the closing of the pipe to the exit of the process
 _START_NICE, _WORK_NICE = 5, 19
 """Niceness of the start and of the work. With the latter, the start would take minutes on a busy host."""
-_STEP = "step"
+_STEP_FILE = "step"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +50,12 @@ class Worker:
     memory_bytes
         Limit on its data memory.
     warm_up
-        Function that the process calls first; None for none.
+        Function that the process calls first; None if there is none.
     """
 
     def __init__(self, scratch: Path, memory_bytes: int, warm_up: WarmUp | None) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="worker-", dir=scratch))
-        (self.folder / _STEP).write_text("loading the planning code")
+        (self.folder / _STEP_FILE).write_text("loading the planning code")
         context = multiprocessing.get_context("spawn")  # the daemon has threads, so a fork could hang
         self._pipe, child_pipe = context.Pipe()
         arguments = (child_pipe, os.getpid(), self.folder, memory_bytes, warm_up)
@@ -68,7 +68,7 @@ class Worker:
     def start_step(self) -> str | None:
         """Step of the start, as text; None once the process is ready."""
         try:
-            return (self.folder / _STEP).read_text() or "starting"
+            return (self.folder / _STEP_FILE).read_text() or "starting"
         except OSError:
             return None
 
@@ -112,11 +112,11 @@ def _serve_calls(
     _prepare_process(daemon_pid, folder, memory_bytes)
     if warm_up is not None:
         try:
-            warm_up((folder / _STEP).write_text)
+            warm_up((folder / _STEP_FILE).write_text)
         except Exception:
             traceback.print_exc()  # a task that needs the missing module fails with a message
     os.nice(_WORK_NICE - _START_NICE)
-    (folder / _STEP).unlink(missing_ok=True)
+    (folder / _STEP_FILE).unlink(missing_ok=True)
     while True:
         try:
             request = pipe.recv_bytes()

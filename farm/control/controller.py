@@ -247,13 +247,13 @@ class Controller:
         event = self._replanning.finish(plate, result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
-    def on_clock_set(self, by_s: float) -> None:
-        """Handle a step of the host's clock by `by_s` farm seconds, which must not change durations."""
-        self.started_s += by_s
+    def on_clock_set(self, step_s: float) -> None:
+        """Handle a step of the host's clock by `step_s` farm seconds, which must not change durations."""
+        self.started_s += step_s
         self.forecast.on_clock_set()
         self._replanning.on_clock_set()
         try:
-            self.handle(ev.ClockSet(at_s=self.clock.now(), by_s=by_s))
+            self.handle(ev.ClockSet(at_s=self.clock.now(), by_s=step_s))
         except StoreError as error:
             log.error("%s", error)
 

@@ -22,7 +22,7 @@ DRY_RUN_TIMEOUT_S = 60.0
 """Wall seconds without a request after which a dry run is abandoned; a restart of the daemon takes less."""
 PAGE_DRY_RUN_TIMEOUT_S = 3600.0
 """Wall seconds for which a dry run is kept after its plan was shown on a page."""
-_CANCELLER = "the farm: nobody waits for its plan any more"
+_CANCELLER = "the farm: nobody is waiting for its plan any more"
 
 
 class JobCommands:
@@ -59,7 +59,7 @@ class JobCommands:
         fleet = f"the fleet has {format_count(printers, 'printer')}"
         problems = []
         if options.printers is not None and options.printers > printers:
-            problems.append(f"--printers {options.printers}: {fleet}, and the job uses no more")
+            problems.append(f"--printers {options.printers}: {fleet}, so the job cannot use more")
         if options.spares >= printers:
             problems.append(f"--spares {options.spares}: {fleet}, and at least one has to print the job")
         return problems
@@ -166,7 +166,7 @@ class JobCommands:
             raise RefusedError(f"job {number} has already ended: it is {books.get_job(number).state}")
         order = [job.id for job in list_queue(books)]
         if number not in order:
-            raise RefusedError(f"no plate of job {number} waits: all of them have started")
+            raise RefusedError(f"no plate of job {number} is waiting: all of them have started")
         return order
 
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
@@ -213,7 +213,7 @@ class JobCommands:
         return self.submit(request_id, job.name, model, options, by)[0]
 
     async def release(self, number: int, state: StateFolder, by: str, is_operator: bool) -> None:
-        """Release a job from its hold, planned or not; a job that already prints does not change.
+        """Release a job from its hold, planned or not; a job that is already printing does not change.
 
         Parameters
         ----------

@@ -22,7 +22,7 @@ _MAX_EVENT_AGE_S = 30 * 24 * 3600.0  # farm seconds after which an event is too 
 
 
 class Notifier:
-    """Sender of notices of new events; a file records sent notices, so that a restart does not repeat them.
+    """Sender of notices about new events; a file records sent notices, so that a restart repeats none.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Notifier:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self._channels = [_open_channel(number, url) for number, url in enumerate(urls, 1)]
         self._title, self._file = farm, file
-        self._since_s, self._sent = _load_record(file, now_s)
+        self._record_start_s, self._sent_notices = _load_record(file, now_s)
         self._queue: SimpleQueue[str] = SimpleQueue()
         # A daemon thread, because an address that does not answer must not delay the exit.
         Thread(target=self._send_notices, name="notify", daemon=True).start()
@@ -52,23 +52,25 @@ class Notifier:
 
     def notify(self, books: Books, now_s: float) -> None:
         """Queue the notices that are due according to the committed books; a thread sends them."""
-        notices = list_due_notices(books, now_s, self._since_s, self._sent)
+        notices = list_due_notices(books, now_s, self._record_start_s, self._sent_notices)
         if not notices:
             return
-        self._since_s = max(self._since_s, now_s - _MAX_EVENT_AGE_S)
-        self._sent = {key: at_s for key, at_s in self._sent.items() if at_s >= self._since_s}
-        self._sent |= {notice.key: notice.at_s for notice in notices}
+        self._record_start_s = max(self._record_start_s, now_s - _MAX_EVENT_AGE_S)
+        self._sent_notices = {
+            key: at_s for key, at_s in self._sent_notices.items() if at_s >= self._record_start_s
+        }
+        self._sent_notices |= {notice.key: notice.at_s for notice in notices}
         self._save_record()  # before sending: a lost notice is better than a duplicate
         self._queue.put("\n".join(notice.text for notice in notices))
 
-    def on_clock_set(self, by_s: float) -> None:
+    def on_clock_set(self, step_s: float) -> None:
         """Shift the start of the record after a step back of the clock, so that later events are sent."""
-        self._since_s = min(self._since_s, self._since_s + by_s)
+        self._record_start_s = min(self._record_start_s, self._record_start_s + step_s)
 
     def _save_record(self) -> None:
         temporary = self._file.with_suffix(".half")
         try:
-            temporary.write_text(json.dumps({"since_s": self._since_s, "told": self._sent}))
+            temporary.write_text(json.dumps({"since_s": self._record_start_s, "told": self._sent_notices}))
             temporary.replace(self._file)
         except OSError as error:
             log.warning("%s: cannot be written (%s): some notices may be sent twice", self._file, error)

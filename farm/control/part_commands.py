@@ -55,7 +55,7 @@ class PartCommands:
         """Cancel a part, which is then not printed; return its name."""
         return self._cancel_plate(self._find_plate(job, part), by)
 
-    def cancel_on(self, printer: str, by: str) -> str:
+    def cancel_on_printer(self, printer: str, by: str) -> str:
         """Cancel the part that a printer is printing; return its name."""
         attempt = self._printers.find_open_print(printer)
         return self._cancel_plate(self._controller.books.plates[attempt.plate], by)

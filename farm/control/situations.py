@@ -134,7 +134,7 @@ class Situations:
         _ = waiting.planned_printers, waiting.demands  # each job caches its values
 
     def update(self, situation: Situation, starts: Collection[Assignment]) -> Situation:
-        """Return a situation after these starts, which have just been committed."""
+        """Return a situation as it is after some starts, which have just been committed."""
         started_printers = {p.name: p for p in self._list_printers([start.printer for start in starts])}
         printers = tuple([started_printers.get(p.name, p) for p in situation.printers])
         return situation.without({start.plate for start in starts}).with_printers(printers)

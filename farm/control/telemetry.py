@@ -69,22 +69,22 @@ class Telemetry:
     def store(self, snapshot: AgentSnapshot, now_s: float) -> bool:
         """Store a snapshot; return whether a field that the scheduler reads has changed."""
         self._temperatures.setdefault(snapshot.printer, TemperatureRecord()).add(snapshot, now_s)
-        previous = self.snapshots.get(snapshot.printer)
+        previous_snapshot = self.snapshots.get(snapshot.printer)
         self.snapshots[snapshot.printer] = snapshot
         has_failed = self._failures.pop(snapshot.printer, None) is not None
         return (
             has_failed
-            or previous is None
-            or summarise_availability(previous) != summarise_availability(snapshot)
+            or previous_snapshot is None
+            or summarise_availability(previous_snapshot) != summarise_availability(snapshot)
         )
 
-    def reject(self, snapshot: AgentSnapshot, previous: AgentSnapshot | None, reason: str) -> None:
+    def reject(self, snapshot: AgentSnapshot, previous_snapshot: AgentSnapshot | None, reason: str) -> None:
         """Undo the change by a snapshot that could not be handled, so that its repetition is handled."""
         self._failures[snapshot.printer] = reason
-        if previous is None:
+        if previous_snapshot is None:
             self.snapshots.pop(snapshot.printer, None)
         else:
-            self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": previous.link})
+            self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": previous_snapshot.link})
 
     def count_refusal(self, print_id: str) -> bool:
         """Count an agent's refusal to start a print; return whether the limit is reached."""
@@ -163,7 +163,11 @@ class SnapshotChanges:
 
 
 def compare_snapshot(
-    books: Books, snapshot: AgentSnapshot, previous: AgentSnapshot | None, is_in_use: bool, now_s: float
+    books: Books,
+    snapshot: AgentSnapshot,
+    previous_snapshot: AgentSnapshot | None,
+    is_in_use: bool,
+    now_s: float,
 ) -> SnapshotChanges:
     """Compare a snapshot with the books.
 
@@ -171,7 +175,7 @@ def compare_snapshot(
     ----------
     books
         The committed books.
-    snapshot, previous
+    snapshot, previous_snapshot
         The agent's latest snapshot, and the one before; None if there was none.
     is_in_use
         True if the printer is in the fleet and enabled.
@@ -180,7 +184,7 @@ def compare_snapshot(
     """
     comparison = _Comparison(books, snapshot, now_s)
     try:
-        comparison.run(previous, is_in_use)
+        comparison.run(previous_snapshot, is_in_use)
     except InvalidTransition as error:
         return SnapshotChanges(tuple(comparison.events), tuple(comparison.instructions), error)
     return SnapshotChanges(tuple(comparison.events), tuple(comparison.instructions))
@@ -239,12 +243,16 @@ class _Comparison:
         self.events: list[ev.AnyEvent] = []
         self.instructions: list[ev.AnyInstruction] = []
 
-    def run(self, previous: AgentSnapshot | None, is_in_use: bool) -> None:
+    def run(self, previous_snapshot: AgentSnapshot | None, is_in_use: bool) -> None:
         snapshot, now_s, name = self._snapshot, self._now_s, self._snapshot.printer
         self._add_results(detect_alarm(self._books.get_printer(name), snapshot, now_s))
         attempt, printer = self._books.find_open_print(name), self._books.get_printer(name)
         if attempt is None:
-            if previous is not None and previous.link is Link.READY and snapshot.link is Link.ABSENT:
+            if (
+                previous_snapshot is not None
+                and previous_snapshot.link is Link.READY
+                and snapshot.link is Link.ABSENT
+            ):
                 self._add_results([ev.PrinterLost(at_s=now_s, printer=name)])
             self._add_results(observe_idle_printer(self._books.get_printer(name), snapshot, now_s))
         elif attempt.cancel_reason is None and is_in_use and printer.unreported_since_s is not None:

@@ -148,10 +148,10 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
             yield make_success("agents", f"{name}: no agent, because the daemon is down")
         elif agent.protocol is None:
             text = f"{name}: its agent is running but does not answer"
-            yield make_problem("agents", text, f"`farm up --replace {name}` when nothing prints there")
+            yield make_problem("agents", text, f"`farm up --replace {name}` when nothing is printing there")
         elif agent.protocol < PROTOCOL:
             text = f"{name}: its agent has an earlier version (protocol {agent.protocol} of {PROTOCOL})"
-            yield make_warning("agents", text, f"`farm up --replace {name}` when nothing prints there")
+            yield make_warning("agents", text, f"`farm up --replace {name}` when nothing is printing there")
         else:
             yield make_success("agents", f"{name}: its agent answers")
 
@@ -220,7 +220,7 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
             "clock", text, "restore that value in fleet.yaml, or name another folder with --state"
         )
     elif clock.anchor is not None and clock.anchor[1] > clock.now_s:
-        text = "the farm's clock was started later than it is now: the host's clock was set back"
+        text = "the start of the farm's clock is in the future: the host's clock was set back"
         yield make_warning("clock", text, action)
     if clock.host_zone is not None and clock.host_zone != zone:
         text = f"hours in fleet.yaml are in {zone}, the host is in {clock.host_zone}"

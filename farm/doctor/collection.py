@@ -49,10 +49,10 @@ from slicing.settings import find_engine, find_resources
 
 _AGENT_TIMEOUT_S = 10.0
 _ENGINE_TIMEOUT_S = 20.0
-_TIME_ERROR = 5  # result of adjtimex(2) if the clock is not synchronised
-_ENGINE_VERSION = re.compile(r"version (\d+(?:\.\d+)+)")
-_SETTINGS_VERSION = re.compile(r'"setting_version":\s*(\d+)')
-_SHARED_MEMORY = Path("/dev/shm")
+_CLOCK_NOT_SYNCHRONISED = 5  # TIME_ERROR, a result of adjtimex(2)
+_ENGINE_VERSION_PATTERN = re.compile(r"version (\d+(?:\.\d+)+)")
+_SETTINGS_VERSION_PATTERN = re.compile(r'"setting_version":\s*(\d+)')
+_SHARED_MEMORY_FOLDER = Path("/dev/shm")
 
 
 def collect_facts(paths: FarmPaths, daemon_version: str | None, daemon_error: str | None) -> Facts:
@@ -88,7 +88,7 @@ def collect_facts(paths: FarmPaths, daemon_version: str | None, daemon_error: st
         disk=_measure_disk(paths.state, books.books),
         free_spaces=tuple(_measure_free_spaces(paths.state)),
         code=_read_code_facts(),
-        shared_memory=_measure_free_space(_SHARED_MEMORY),
+        shared_memory=_measure_free_space(_SHARED_MEMORY_FOLDER),
     )
 
 
@@ -195,7 +195,7 @@ def _read_engine_version(engine: Path) -> str | None:
         )
     except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
         return None
-    match = _ENGINE_VERSION.search(result.stdout + result.stderr)
+    match = _ENGINE_VERSION_PATTERN.search(result.stdout + result.stderr)
     return match.group(1) if match else None
 
 
@@ -204,7 +204,7 @@ def _read_settings_version(resources: Path) -> str | None:
         text = (resources / "definitions" / "fdmprinter.def.json").read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return None
-    match = _SETTINGS_VERSION.search(text)
+    match = _SETTINGS_VERSION_PATTERN.search(text)
     return match.group(1) if match else None
 
 
@@ -230,7 +230,7 @@ def _is_synchronised() -> bool | None:
         answer = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
     except (OSError, AttributeError):
         return None
-    return None if answer < 0 else bool(answer != _TIME_ERROR)
+    return None if answer < 0 else bool(answer != _CLOCK_NOT_SYNCHRONISED)
 
 
 def _read_host_zone() -> str | None:

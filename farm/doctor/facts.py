@@ -60,7 +60,7 @@ class AgentFacts:
     printer
         Its printer.
     alive
-        True if its process runs.
+        True if its process is running.
     protocol
         Version of its protocol; None if it did not answer.
     folder_error

@@ -20,7 +20,7 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
             for worker in state.workers
         ],
         tasks=[
-            api.ClusterTaskView(what=task.work, group=_name_group(task), worker=task.host)
+            api.ClusterTaskView(what=task.work_name, group=_name_group(task), worker=task.host)
             for task in state.tasks
         ],
         waiting=state.waiting_count,
@@ -42,7 +42,7 @@ def _describe_work(state: ClusterState) -> str:
     slots = format_count(sum(worker.slots for worker in usable_workers), "slot")
     head = f"{format_count(len(usable_workers), 'worker')} with {slots} on {state.scheduler}"
     sent_count = len(state.tasks) - counts.total()
-    running_note = f"running: {places}" if places else "nothing runs"
+    running_note = f"running: {places}" if places else "nothing is running"
     running_note += f", {format_count(sent_count, 'task')} on the way" if sent_count else ""
     local_note = f", {format_count(state.local_count, 'task')} on this host" if state.local_count else ""
     return f"{head}; {running_note}{queue_note}{local_note}"

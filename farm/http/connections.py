@@ -30,7 +30,7 @@ _MAX_HANDSHAKES = 64
 _DESCRIPTORS_PER_PRINTER, _DESCRIPTORS_PER_WORKER = 3, 3
 _DESCRIPTORS_PER_CONNECTION = 2  # the connection and the file of an upload
 _CHECK_INTERVAL_S = 1.0
-_RETRY_S = 0.1
+_RETRY_INTERVAL_S = 0.1
 _LOG_INTERVAL_S = 60.0
 _STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -248,7 +248,7 @@ class BoundedServer(uvicorn.Server):
                 self._rate_limited_log.warn(
                     "too many connections: one without a request was closed", self._read_clock_s()
                 )
-            await asyncio.sleep(0.0 if waiting_connection is not None else _RETRY_S)
+            await asyncio.sleep(0.0 if waiting_connection is not None else _RETRY_INTERVAL_S)
 
     async def _close_overdue_connections(self) -> None:
         while True:

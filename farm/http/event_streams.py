@@ -10,7 +10,7 @@ from farm.http.stream_limit import StreamLimit
 from farm.state.event_rows import EventRow
 
 _MAX_STREAMS_PER_CALLER = 4
-_BATCH_EVENTS = 20  # number of events that are read at once, because each may take megabytes
+_MAX_BATCH_EVENTS = 20  # maximum number of events read at once, because each may take megabytes
 _POLLS_PER_HEARTBEAT = 30  # number of polls without an event between two heartbeats
 
 
@@ -52,13 +52,13 @@ class EventStreams(StreamLimit):
         The event log.
     limit
         Maximum number of streams at a time; one caller may have four.
-    poll_s
+    poll_interval_s
         Seconds between two reads of the log.
     """
 
-    def __init__(self, log: EventLog, limit: int = 16, poll_s: float = 0.5) -> None:
+    def __init__(self, log: EventLog, limit: int = 16, poll_interval_s: float = 0.5) -> None:
         super().__init__(limit, _MAX_STREAMS_PER_CALLER)
-        self.log, self._poll_s = log, poll_s
+        self.log, self._poll_interval_s = log, poll_interval_s
 
     async def follow(
         self, after: int, is_allowed: Callable[[], bool], wait: bool
@@ -76,7 +76,7 @@ class EventStreams(StreamLimit):
         """
         idle_polls = 0
         while is_allowed() and not self.is_closed:
-            rows = list(self.log.read_events(after, _BATCH_EVENTS))
+            rows = list(self.log.read_events(after, _MAX_BATCH_EVENTS))
             if rows:
                 after, idle_polls = rows[-1].number, 0
                 yield rows
@@ -87,4 +87,4 @@ class EventStreams(StreamLimit):
             idle_polls += 1
             if idle_polls % _POLLS_PER_HEARTBEAT == 0:
                 yield []
-            await self.wait(self._poll_s)
+            await self.wait(self._poll_interval_s)

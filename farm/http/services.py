@@ -138,16 +138,16 @@ class Services:
     hosts: Hosts | None = None
     sessions: SessionCommands = field(init=False)
     uploads: Uploads = field(init=False)
-    since_s: float = field(init=False)
+    started_s: float = field(init=False)
 
     def __post_init__(self) -> None:
         uploads = Uploads(self.controller, self.state, self.workers, self.inspections)
         object.__setattr__(self, "uploads", uploads)
-        object.__setattr__(self, "since_s", self.controller.started_s)
+        object.__setattr__(self, "started_s", self.controller.started_s)
         object.__setattr__(self, "sessions", SessionCommands(self.controller))
 
     def describe_daemon(self, context: ViewContext) -> api.DaemonView:
         """Describe this daemon: process, version and start time."""
         return api.DaemonView(
-            pid=os.getpid(), version=farm.__version__, since=context.format_time(self.since_s) or ""
+            pid=os.getpid(), version=farm.__version__, since=context.format_time(self.started_s) or ""
         )

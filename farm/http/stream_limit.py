@@ -29,7 +29,7 @@ class StreamLimit:
 
     def __init__(self, limit: int = 100, limit_per_caller: int = 20) -> None:
         self._limit, self._limit_per_caller = limit, limit_per_caller
-        self._callers: Counter[str] = Counter()
+        self._counts_by_caller: Counter[str] = Counter()
         self._close_event = asyncio.Event()
 
     def close(self) -> None:
@@ -47,21 +47,26 @@ class StreamLimit:
             async with asyncio.timeout(duration_s):
                 await self._close_event.wait()
 
-    def check(self, caller: str) -> None:
+    def check_caller(self, caller: str) -> None:
         """Raise RefusedError if a caller may not open another stream."""
         if self.is_closed:
             raise RefusedError("the daemon is shutting down: open the stream after `farm up`")
-        if self._callers.total() >= self._limit or self._callers[caller] >= self._limit_per_caller:
-            raise RefusedError(f"too many streams are open ({self._callers[caller]} of {caller}): end one")
+        if (
+            self._counts_by_caller.total() >= self._limit
+            or self._counts_by_caller[caller] >= self._limit_per_caller
+        ):
+            raise RefusedError(
+                f"too many streams are open ({self._counts_by_caller[caller]} of {caller}): end one"
+            )
 
     @contextmanager
-    def count(self, caller: str) -> Iterator[None]:
+    def count_stream(self, caller: str) -> Iterator[None]:
         """Count a stream of a caller while it is open."""
-        self._callers[caller] += 1
+        self._counts_by_caller[caller] += 1
         try:
             yield
         finally:
-            self._callers[caller] -= 1
+            self._counts_by_caller[caller] -= 1
 
 
 class StreamResponse(StreamingResponse):

@@ -47,7 +47,12 @@ def parse_options(options: str) -> JobOptions:
 
 
 def check_quota(
-    quota: UploadsSection, name: str, size: int, missing_bytes: Sequence[int], free_bytes: int, open_jobs: int
+    quota: UploadsSection,
+    name: str,
+    size_bytes: int,
+    missing_bytes: Sequence[int],
+    free_bytes: int,
+    open_jobs: int,
 ) -> None:
     """Refuse an upload that exceeds the limits on number or size.
 
@@ -55,8 +60,8 @@ def check_quota(
     ----------
     quota
         The limits.
-    name, size
-        Name of the upload, and its size in bytes.
+    name, size_bytes
+        Name of the upload, and its announced size.
     missing_bytes
         Bytes of each open upload that have not arrived yet.
     free_bytes
@@ -69,9 +74,9 @@ def check_quota(
     RefusedError
         If the upload exceeds a limit; the message names its key in `fleet.yaml`.
     """
-    if size > quota.model_gb * _GB:
+    if size_bytes > quota.model_gb * _GB:
         raise RefusedError(
-            f"{name} has {size / _GB:.1f} GB; the largest model may have {quota.model_gb:g} GB: "
+            f"{name} has {size_bytes / _GB:.1f} GB; the largest model may have {quota.model_gb:g} GB: "
             "simplify its mesh, or raise `fleet.uploads.model_gb` in fleet.yaml"
         )
     if len(missing_bytes) >= quota.at_once:
@@ -84,7 +89,7 @@ def check_quota(
             f"{format_count(open_jobs, 'open job')} already: cancel some with `farm cancel JOB`, or raise "
             "`fleet.uploads.open_jobs` in fleet.yaml"
         )
-    remaining_bytes = free_bytes - sum(missing_bytes) - size
+    remaining_bytes = free_bytes - sum(missing_bytes) - size_bytes
     if quota.free_gb and remaining_bytes < quota.free_gb * _GB:
         raise RefusedError(
             f"{name} would leave {max(0.0, remaining_bytes / _GB):.1f} GB free on the disk of the state "
@@ -100,7 +105,7 @@ class Upload:
     ----------
     request_id
         Id with which a client requests its progress.
-    size
+    size_bytes
         Announced number of bytes of the request's body.
     missing_bytes
         Bytes of the body that have not arrived yet.
@@ -108,8 +113,9 @@ class Upload:
         The file; it is deleted when the upload ends.
     """
 
-    def __init__(self, request_id: str, size: int, path: Path, memory_bytes: int) -> None:
-        self.request_id, self.size, self.missing_bytes, self.path = request_id, size, size, path
+    def __init__(self, request_id: str, size_bytes: int, path: Path, memory_bytes: int) -> None:
+        self.request_id, self.path = request_id, path
+        self.size_bytes = self.missing_bytes = size_bytes
         self._memory_bytes = memory_bytes
 
     @asynccontextmanager
@@ -129,7 +135,7 @@ class Upload:
             nonlocal head, is_checked, unwritten_bytes
             if not is_checked:
                 head += content[:HEAD_BYTES]
-                if len(head) >= min(self.size, HEAD_BYTES):
+                if len(head) >= min(self.size_bytes, HEAD_BYTES):
                     is_checked = True
                     self._check_head(name, head)
             unwritten_bytes += content
@@ -145,7 +151,7 @@ class Upload:
 
     def _check_head(self, name: str, head: bytes) -> None:
         try:
-            check_head(name, head, self.size, Path(name).suffix.lower(), self._memory_bytes)
+            check_head(name, head, self.size_bytes, Path(name).suffix.lower(), self._memory_bytes)
         except ModelTooDetailed as error:
             detail = f"{error}, or raise `fleet.compute.memory_gb` in fleet.yaml"
             raise FarmError(detail, ErrorCode.LIMIT) from error
@@ -181,7 +187,7 @@ class Uploads:
                 with suppress(OSError):  # the inspection has not started, or has ended
                     step = name_step_file(path).read_text() or step
                 return api.UploadView(
-                    step=step, received=upload.size - upload.missing_bytes, size=upload.size
+                    step=step, received=upload.size_bytes - upload.missing_bytes, size=upload.size_bytes
                 )
         raise NotFoundError(f"there is no open upload {request_id}")
 
@@ -192,7 +198,7 @@ class Uploads:
         return f"waiting for the workers to start: {start_step}"
 
     @asynccontextmanager
-    async def admit(self, request_id: str, name: str, size: int) -> AsyncIterator[Upload]:
+    async def admit(self, request_id: str, name: str, size_bytes: int) -> AsyncIterator[Upload]:
         """Admit an upload, and delete its file at the end.
 
         Parameters
@@ -201,7 +207,7 @@ class Uploads:
             Identifies the upload in `describe`.
         name
             The name of the model, for messages.
-        size
+        size_bytes
             The announced number of bytes.
 
         Raises
@@ -209,9 +215,9 @@ class Uploads:
         RefusedError
             See `check_quota`.
         """
-        self._check_quota(name, size)
+        self._check_quota(name, size_bytes)
         path = self._state.work / f"upload-{uuid.uuid4().hex}"
-        upload = self._open_uploads[path] = Upload(request_id, size, path, self._workers.memory_bytes)
+        upload = self._open_uploads[path] = Upload(request_id, size_bytes, path, self._workers.memory_bytes)
         try:
             yield upload
         finally:
@@ -228,7 +234,7 @@ class Uploads:
             self._inspections.pop(upload.path, None)
 
     async def receive_model(
-        self, content: AsyncIterator[bytes], request_id: str, name: str, size: int, options: JobOptions
+        self, content: AsyncIterator[bytes], request_id: str, name: str, size_bytes: int, options: JobOptions
     ) -> InspectedSubmission:
         """Receive a model and inspect it.
 
@@ -236,7 +242,7 @@ class Uploads:
         ----------
         content
             The bytes of the file, in chunks.
-        request_id, name, size
+        request_id, name, size_bytes
             See `admit`.
         options
             The options of the job.
@@ -249,7 +255,7 @@ class Uploads:
             If the model cannot be printed; with code `limit`, as soon as its first bytes announce too many
             triangles.
         """
-        async with self.admit(request_id, name, size) as upload:
+        async with self.admit(request_id, name, size_bytes) as upload:
             async with upload.open_file(name) as append:
                 with suppress(ClientDisconnect):  # the check of the size below detects it
                     async for chunk in content:
@@ -258,19 +264,20 @@ class Uploads:
                             break
                         await append(chunk)
             if upload.missing_bytes:
-                received_bytes = size - upload.missing_bytes
+                received_bytes = size_bytes - upload.missing_bytes
                 raise RefusedError(
-                    f"the upload of {name} stopped after {received_bytes} of {size} bytes; submit it again"
+                    f"the upload of {name} stopped after {received_bytes} of {size_bytes} bytes; submit "
+                    "it again"
                 )
             return await self.inspect(upload, name, options)
 
-    def _check_quota(self, name: str, size: int) -> None:
+    def _check_quota(self, name: str, size_bytes: int) -> None:
         """Refuse an upload that exceeds a limit in the present state of the farm."""
         controller = self._controller
         check_quota(
             controller.fleet.fleet.uploads,
             name,
-            size,
+            size_bytes,
             [upload.missing_bytes for upload in self._open_uploads.values()],
             shutil.disk_usage(self._state.root).free,
             sum(not job.state.ended for job in controller.books.jobs.values()),

@@ -36,7 +36,7 @@ class AgentPrint(PrintReadings, Entity):
     starved_s: float = 0.0  # time that a simulated printer waited for the host
     layers: int = 0
     pause_ends_s: float | None = None  # time at which its agent ends the print unless it is resumed
-    ends_by_s: float | None = None  # time at which its agent ends the print if it still runs
+    ends_by_s: float | None = None  # time at which its agent ends the print if it is still running
     sha256: str | None = None  # hash of its G-code file
 
 

@@ -48,7 +48,9 @@ ShortText = Annotated[str, AfterValidator(flatten_text)]
 class JobOptions(Entity):
     """Options of a job, as submitted."""
 
-    printers: int | None = Field(default=None, ge=1)  # None: as many free ones as save time
+    printers: int | None = Field(
+        default=None, ge=1
+    )  # None: the number of free printers that saves the most time
     longest_side_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     scale: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     engine: Engine = Engine.BEST
@@ -56,7 +58,7 @@ class JobOptions(Entity):
     colour: str | None = None
     only: tuple[str, ...] = ()  # printers that may print it; empty: any
     quality: str = "glue"
-    priority: int = Field(default=0, ge=-100, le=100)  # higher prints earlier
+    priority: int = Field(default=0, ge=-100, le=100)  # jobs of higher priority print earlier
     at: str | None = Field(default=None, max_length=40)  # earliest start, as the user wrote it
     overnight: bool = False  # starts when attended hours end
     done_by: str | None = Field(default=None, max_length=40)  # use the fewest parts that finish by this time
@@ -119,18 +121,20 @@ class Job(Entity):
     lower_bound_s: float | None = None  # lower bound of any schedule of its plates
     expected_s: float | None = None  # parallel printing time of the plan
     serial_s: float | None = None
-    picture: str | None = None  # picture of the assembly; this and the next three are names in the file store
-    assembly: str | None = None  # as a GLB
-    decomposition: str | None = None  # the report on the decomposition, as JSON
-    instructions: str | None = None  # for gluing the parts, as HTML
-    cuts: Mapping[str, str] = Field(default_factory=dict)  # reports on parts that were recut, by part
-    cut_instructions: Mapping[str, str] = Field(default_factory=dict)  # for the same parts
+    picture: str | None = None  # name of a picture of the assembly in the file store
+    assembly: str | None = None  # name of a GLB of the assembly in the file store
+    decomposition: str | None = None  # name of the report on the decomposition (JSON) in the file store
+    instructions: str | None = None  # name of the instructions for gluing (HTML) in the file store
+    cuts: Mapping[str, str] = Field(default_factory=dict)  # names of the reports on recut parts, by part
+    cut_instructions: Mapping[str, str] = Field(
+        default_factory=dict
+    )  # names of their gluing instructions, by part
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
-    paused: bool = False  # by a person; none of its plates starts
+    paused: bool = False  # True if a person has paused it; none of its plates starts
     moved_priority: int | None = None  # replaces the priority of its options after a move in the queue
     moved_rank: float | None = None  # replaces its number in the order of jobs with equal priority
-    restored: bool = False  # from a backup; more may have been printed than is recorded
+    restored: bool = False  # True if it is from a backup; more may have been printed than is recorded
     planned_s: float | None = None
     planned_for: tuple[str, ...] = ()  # printers that its plan could use; empty: unknown
     planning_s: float | None = None  # duration of its planning, on the farm's clock
@@ -139,7 +143,9 @@ class Job(Entity):
     revisions: int = 0  # number of plans that replaced the first one
     ended_s: float | None = None
     pruned_s: float | None = None  # time at which its files, except the pictures, were deleted
-    part_pictures: Mapping[str, str] = Field(default_factory=dict)  # of a pruned job: by part, in the store
+    part_pictures: Mapping[str, str] = Field(
+        default_factory=dict
+    )  # names of pictures of a pruned job, by part
     reopenings: tuple[Reopening, ...] = ()
 
     @property
@@ -189,9 +195,9 @@ class PlanProgress(Entity):
     """Progress of a job's plan, in memory only."""
 
     step: PlanStep
-    done: int = 0  # plates sliced
+    done: int = 0  # number of sliced plates
     of: int = 0  # total number of plates; 0 while unknown
-    cached: int = 0  # plates of `done` that came from the cache
+    cached: int = 0  # number of these plates that came from the cache
     share: float | None = None  # used share of the search's budget, 0 to 1; the search may end sooner
     remaining_s: float | None = None  # longest remaining time of that search, in wall seconds
 

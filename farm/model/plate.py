@@ -64,7 +64,7 @@ class Part(Entity):
     geometry: PartGeometry
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
     cut_from: str | None = None  # the failed part that it was cut from
-    copy_number: int = 1  # of the copies of the model
+    copy_number: int = 1  # number of the copy of the model, from 1
     glue_rank: int | None = None  # place in the order in which parts are glued, from 1; None: unknown
 
     @model_validator(mode="before")
@@ -114,7 +114,7 @@ class FeatureFactors(Entity):
     supports: float
     travel: float
     prints: int  # number of finished prints from which they were learned
-    own: bool  # of this printer alone; else of all printers of its family
+    own: bool  # True if learned from this printer alone, not from its whole family
 
     @property
     def factors(self) -> tuple[float, ...]:
@@ -149,26 +149,26 @@ class Plate(Entity):
     gcode: str
     sha256: str
     sliced_s: float  # time of its layers, by CuraEngine; of own G-code, by the firmware's planner
-    features: FeatureSeconds | None = None  # of `sliced_s`; None: unknown, for example for own G-code
-    expected_s: float  # with heat-up, start and end code, at the printer's factor
+    features: FeatureSeconds | None = None  # `sliced_s` by feature; None: unknown, for example for own G-code
+    expected_s: float  # time with heat-up, start and end code, and with the printer's factor
     grams: float
     filament_mm: float
-    price: float | None = None  # in the fleet's currency, by the material of the planned printer
+    price: float | None = None  # price of its filament on the planned printer, in the fleet's currency
     layers: int
     min_mm: tuple[float, float, float]  # extent of all extrusion, from the bed's centre
     max_mm: tuple[float, float, float]
     material: str
     nozzle_mm: float
     family: str | None = None  # `Profile.family`: the printer family that it was sliced for; None: any
-    printer: str  # chosen by the plan
-    time_factor: float = 1.0  # of that printer when it was planned; included in `expected_s`
-    cached: bool = False  # its slice came from the cache
+    printer: str  # the printer that the plan chose
+    time_factor: float = 1.0  # factor of that printer when the plate was planned; included in `expected_s`
+    cached: bool = False  # True if its slice came from the cache
     warnings: tuple[str, ...] = ()  # such as walls too thin to print, or parts that may fall over
     prints: tuple[str, ...] = ()
     counted_from: int = 0  # index of the first print whose failure counts, after `farm reprint`
     replaced_by: tuple[str, ...] = ()  # plates printed instead of this one
-    cancelled: bool = False  # by a person: not printed unless a person requests it
-    paused: bool = False  # by a person, until it is resumed
+    cancelled: bool = False  # True if a person has cancelled it; it is printed only on request
+    paused: bool = False  # True from a person's pause command until it is resumed
 
     @model_validator(mode="before")
     @classmethod

@@ -63,16 +63,16 @@ class Print(Entity):
     reason: str | None = None
     extruded: bool = False
     cancel_reason: str | None = None
-    restored: bool = False  # from a backup; it may have started or ended since, and is never started
+    restored: bool = False  # True if from a backup; it may have started or ended since, and is never started
     fail_reason: str | None = None  # reason why a person failed it (`farm fail`)
-    charged: bool = True  # its failure counts as an attempt of its plate
-    verdict: Verdict | None = None  # on its part; None until a person has judged it
+    charged: bool = True  # True if its failure counts as an attempt of its plate
+    verdict: Verdict | None = None  # judgement of its part; None until a person has judged it
     verdict_why: str | None = None
-    pause_requested: bool = False  # by a person
-    paused: bool = False  # was paused at some time, so no time factor is learned from it
+    pause_requested: bool = False  # True if a person has requested a pause
+    paused: bool = False  # True if it was ever paused, so no time factor is learned from it
     starved_s: float = 0.0
     grams: float = 0.0  # used filament; 0 until the print has ended
-    stills: tuple[Still, ...] = ()  # one for each moment at most
+    stills: tuple[Still, ...] = ()  # at most one for each moment
 
     @property
     def shown_state(self) -> PrintState:

@@ -29,11 +29,11 @@ class Reel(Entity):
     """Filament on a printer, and its nozzle, as last reported by a person."""
 
     material: str
-    kind: str | None = None  # of the material, like PLA; None: not known
+    kind: str | None = None  # kind of the material, such as PLA; None: unknown
     colour: str | None = None
     grams: float | None = None  # remaining filament; None: unknown
     nozzle_mm: float
-    uncertain: bool = False  # `grams` are from a backup; later prints may have used some
+    uncertain: bool = False  # True if `grams` is from a backup; later prints may have used some
 
 
 class HostLoss(Entity):

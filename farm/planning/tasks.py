@@ -21,13 +21,17 @@ if TYPE_CHECKING:
 def list_decompose_files(task: DecomposeTask) -> TaskFiles:
     """List the files of `decompose_job`: the model, and the folder of the plan with its progress."""
     return TaskFiles(
-        reads=(task.model,), folders=(task.folder,), live_files=(task.folder / PROGRESS_FILE_NAME,)
+        input_files=(task.model,),
+        output_folders=(task.folder,),
+        live_files=(task.folder / PROGRESS_FILE_NAME,),
     )
 
 
 def list_attempt_files(task: DecomposeTask, record: Path, _number: int, folder: Path) -> TaskFiles:
     """List the files of `try_grid`: the model, the record of the search, the folder of the attempt."""
-    return TaskFiles(reads=(task.model, record), folders=(folder,), live_files=(folder / PROGRESS_FILE_NAME,))
+    return TaskFiles(
+        input_files=(task.model, record), output_folders=(folder,), live_files=(folder / PROGRESS_FILE_NAME,)
+    )
 
 
 def list_continue_files(
@@ -35,17 +39,19 @@ def list_continue_files(
 ) -> TaskFiles:
     """List the files of `continue_job`: those of `decompose_job`, the record, the outcomes of the round."""
     reads = (task.model, record, *(file for file in outcomes if isinstance(file, Path)))
-    return TaskFiles(reads=reads, folders=(task.folder,), live_files=(task.folder / PROGRESS_FILE_NAME,))
+    return TaskFiles(
+        input_files=reads, output_folders=(task.folder,), live_files=(task.folder / PROGRESS_FILE_NAME,)
+    )
 
 
 def list_overview_files(drawing_record: Path, out: Path) -> TaskFiles:
     """List the files of `draw_overview`: the record of the parts, and the picture."""
-    return TaskFiles(reads=(drawing_record,), writes=(out,))
+    return TaskFiles(input_files=(drawing_record,), output_files=(out,))
 
 
 def list_step_files(drawing_record: Path, _first: int, _end: int, out: Path) -> TaskFiles:
     """List the files of `draw_step_range`: the record of the parts, and the pictures."""
-    return TaskFiles(reads=(drawing_record,), writes=(out,))
+    return TaskFiles(input_files=(drawing_record,), output_files=(out,))
 
 
 def list_draw_files(
@@ -53,26 +59,26 @@ def list_draw_files(
 ) -> TaskFiles:
     """List the files of `draw_job_parts`: the record of the parts, earlier pictures and the plan's folder."""
     pictures = steps if overview is None else (overview, *steps)
-    return TaskFiles(reads=(drawing_record, *pictures), folders=(task.folder,))
+    return TaskFiles(input_files=(drawing_record, *pictures), output_folders=(task.folder,))
 
 
 def list_relevel_files(sliced_job: SlicedJob, folder: Path) -> TaskFiles:
     """List the files of `relevel_parts`: the model, the cuts, and the folder of the new parts."""
     record = sliced_job.decomposed_job.cut_record
     reads = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)
-    return TaskFiles(reads=reads, folders=(folder,))
+    return TaskFiles(input_files=reads, output_folders=(folder,))
 
 
 def list_slice_files(task: SliceTask) -> TaskFiles:
     """List the files of `slice_part`: the part, its G-code, and the cache of slices."""
     caches = () if task.cache is None else (task.cache,)
-    return TaskFiles(reads=(task.stl,), writes=(task.out,), caches=caches)
+    return TaskFiles(input_files=(task.stl,), output_files=(task.out,), cache_folders=caches)
 
 
 def list_cut_files(task: ReplanTask) -> TaskFiles:
     """List the files of `cut_part`: all parts of the copy, the job's reports, and the pieces' folder."""
     names = (*(part.file for part in (task.part, *task.other_parts)), *task.reports)
-    return TaskFiles(reads=tuple(task.files / name for name in names), folders=(task.folder,))
+    return TaskFiles(input_files=tuple(task.files / name for name in names), output_folders=(task.folder,))
 
 
 if TYPE_CHECKING:

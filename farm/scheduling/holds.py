@@ -299,7 +299,7 @@ class HoldReasons:
             if (end_s := self._situation.fleet[n].free_s) is not None and end_s > self._situation.now_s
         ]
         rules, now_s = self._situation.rules, self._situation.now_s
-        times = (rules.name_time(min(ends_s), now_s),) if ends_s else ()
+        times = (rules.make_text_time(min(ends_s), now_s),) if ends_s else ()
         end_text = f" until {times[0].text}" if times else ""
         text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{end_text}"
         uncleared_printers = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]

@@ -55,9 +55,9 @@ def _list_spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Sp
         date = datetime.fromordinal(ordinal).replace(tzinfo=zone)
         for window in windows:
             if date.weekday() in window.days:
-                day_offset = timedelta(days=window.ends <= window.begins)
-                start = datetime.combine(date, window.begins, zone)
-                end = datetime.combine(date + day_offset, window.ends, zone)
+                day_offset = timedelta(days=window.end <= window.start)
+                start = datetime.combine(date, window.start, zone)
+                end = datetime.combine(date + day_offset, window.end, zone)
                 spans.append((start.timestamp(), max(end.timestamp(), end.replace(fold=1).timestamp())))
     return tuple(
         (start_s, math.inf if end_s - start_s > _MAX_SPAN_S else end_s)

@@ -13,7 +13,7 @@ from farm.model import Hold, HoldCode, ShortReel, TextTime
 from farm.scheduling.hours import Hours
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
 from farm.text import format_duration
-from farm.wording import name_time
+from farm.wording import make_text_time
 
 DELAY_FACTOR = 1.05
 """Factor by which a print may take longer than expected."""
@@ -102,11 +102,11 @@ class StartRules:
 
     def format_moment(self, at_s: float, now_s: float) -> str:
         """Format a time for users, like `Fri 22:00`; with its date if it is more than six days from now."""
-        return self.name_time(at_s, now_s).text
+        return self.make_text_time(at_s, now_s).text
 
-    def name_time(self, at_s: float, now_s: float) -> TextTime:
+    def make_text_time(self, at_s: float, now_s: float) -> TextTime:
         """Return a time with its text in a sentence; see `format_moment`."""
-        return name_time(at_s, now_s, self.zone)
+        return make_text_time(at_s, now_s, self.zone)
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
         """Find the earliest time, not before `from_s`, at which hours allow a plate to start on a printer.
@@ -135,7 +135,7 @@ class StartRules:
 
     def make_start_hold(self, at_s: float, now_s: float) -> Hold:
         """Return the hold of a plate whose job starts later."""
-        start = self.name_time(at_s, now_s)
+        start = self.make_text_time(at_s, now_s)
         return Hold(code=HoldCode.START_TIME, text=f"its job starts {start.text}", times=(start,))
 
     def find_start_window(self, may_print_unattended: bool, at_s: float) -> StartWindow:
@@ -157,7 +157,7 @@ class StartRules:
             return None
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
-        start, end = times = tuple(self.name_time(at_s, now_s) for at_s in quiet)
+        start, end = times = tuple(self.make_text_time(at_s, now_s) for at_s in quiet)
         duration = format_duration(plate.expected_s)
         text = f"it takes {duration}, and quiet hours are from {start.text} to {end.text}"
         return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=text, times=times))
@@ -179,7 +179,7 @@ class StartRules:
         if next_span is None:
             text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
-        start = self.name_time(next_span[0], now_s)
+        start = self.make_text_time(next_span[0], now_s)
         hold = Hold(code=HoldCode.UNATTENDED, text=f"{rule}: from {start.text}", times=(start,))
         return Start(next_span[0], hold)
 

@@ -27,7 +27,7 @@ from farm.state import Books, PlateState, find_possibly_complete_print, find_sto
 from farm.text import format_count, format_mass, format_recent_moment
 from farm.views.context import ViewContext
 from farm.views.host_losses import describe_lost_hosts, list_lost_printers
-from farm.wording import name_time
+from farm.wording import make_text_time
 
 _RANKS = {
     "alarm": 0,
@@ -244,12 +244,12 @@ def list_deadlines(
     hours_s = math.inf if reported_print.ends_by_s is None else reported_print.ends_by_s
     is_waiting = attempt.state is PrintState.PAUSED and attempt.pause_requested  # neither parking nor resumed
     if is_waiting and reported_print.pause_ends_s is not None:
-        deadline = name_time(min(reported_print.pause_ends_s, hours_s), now_s, zone)
+        deadline = make_text_time(min(reported_print.pause_ends_s, hours_s), now_s, zone)
         text = f"resume {name} by {deadline.text}, or its print will be ended: `farm resume {name}`"
         deadlines.append(api.Todo(code="resume", printers=[name], text=text, times=[deadline]))
     end_s = now_s + remaining_s
     if end_s > hours_s:
-        end, hours_end = times = [name_time(at_s, now_s, zone) for at_s in (end_s, hours_s)]
+        end, hours_end = times = [make_text_time(at_s, now_s, zone) for at_s in (end_s, hours_s)]
         action = f"{name} needs until {end.text}, but its print ends at {hours_end.text}"
         text = (
             f"{action}, when the attended hours end: if somebody stays, extend `attended` in "

@@ -27,7 +27,7 @@ class NetworkAddress:
         `http` or `https`.
     netloc
         Name or IP address, with the port if there is one.
-    path
+    path_prefix
         Prefix of each path, without a final slash, for a daemon behind a proxy.
     key
         The key's text.
@@ -35,11 +35,11 @@ class NetworkAddress:
 
     scheme: str
     netloc: str
-    path: str
+    path_prefix: str
     key: str
 
     def __str__(self) -> str:
-        return f"{self.scheme}://{self.netloc}{self.path}"
+        return f"{self.scheme}://{self.netloc}{self.path_prefix}"
 
 
 Address = Path | NetworkAddress
@@ -95,7 +95,7 @@ def make_headers(address: Address) -> dict[str, str]:
 
 def make_target(address: Address, path: str) -> str:
     """Return the path of a request with the prefix that the daemon at an address expects."""
-    return path if isinstance(address, Path) else f"{address.path}{NETWORK_PREFIX}{path}"
+    return path if isinstance(address, Path) else f"{address.path_prefix}{NETWORK_PREFIX}{path}"
 
 
 def read_address(url: str, key_file: Path | None) -> NetworkAddress:

@@ -38,7 +38,7 @@ _CHUNK_BYTES = 1 << 20  # size of a chunk of a download
 class Client:
     """Client of one daemon.
 
-    Every method raises DaemonUnreachable, or the FarmError that the daemon answered.
+    Every method raises DaemonUnreachable, or the FarmError with which the daemon answered.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Client:
     def fetch_job(self, number: int) -> api.JobStatus:
         return self._request(api.JobStatus, "GET", f"/jobs/{number}")
 
-    def cancel(self, number: int) -> api.JobStatus:
+    def cancel_job(self, number: int) -> api.JobStatus:
         return self._request(api.JobStatus, "POST", f"/jobs/{number}/cancel")
 
     def clear_bed(self, printer: str, request: api.ClearedRequest) -> api.ClearedResponse:
@@ -95,10 +95,10 @@ class Client:
         answer = self._send("POST", path, body=body)
         return _validate(api.NameResponse, answer).name if answer else ""
 
-    def load(self, printer: str, request: api.LoadRequest) -> api.Reel:
+    def load_reel(self, printer: str, request: api.LoadRequest) -> api.Reel:
         return self._request(api.Reel, "POST", f"/printers/{printer}/load", body=request)
 
-    def approve(self, number: int, request: api.ApproveRequest) -> None:
+    def approve_job(self, number: int, request: api.ApproveRequest) -> None:
         self._send("POST", f"/jobs/{number}/approve", body=request)
 
     def record_assembly(self, number: int, request: api.AssembledRequest) -> api.JobStatus:
@@ -113,10 +113,10 @@ class Client:
     def fetch_queue(self) -> api.Queue:
         return self._request(api.Queue, "GET", "/queue")
 
-    def move(self, number: int, request: api.QueueMove) -> api.Queue:
+    def move_job(self, number: int, request: api.QueueMove) -> api.Queue:
         return self._request(api.Queue, "POST", f"/jobs/{number}/move", body=request)
 
-    def reschedule(self, number: int, request: api.JobStart) -> api.JobStatus:
+    def reschedule_job(self, number: int, request: api.JobStart) -> api.JobStatus:
         return self._request(api.JobStatus, "POST", f"/jobs/{number}/start", body=request)
 
     def fetch_timeline(self, number: int) -> api.Timeline:
@@ -125,7 +125,7 @@ class Client:
     def list_files(self, number: int) -> api.JobFiles:
         return self._request(api.JobFiles, "GET", f"/jobs/{number}/files")
 
-    def download(self, number: int, name: str, write: Callable[[bytes], None]) -> None:
+    def download_file(self, number: int, name: str, write: Callable[[bytes], None]) -> None:
         """Download a file of a job, and call `write` with each chunk."""
         self._send("GET", f"/jobs/{number}/files/{name}", write=write)
 
@@ -220,7 +220,7 @@ class Client:
             except DaemonUnreachable:
                 if time.monotonic() - last_answer_s > self._answer_timeout_s and not result.done():
                     raise
-            except FarmError:  # the upload has not started or has ended, or the daemon is an earlier version
+            except FarmError:  # the upload has not started or has ended, or the daemon has an earlier version
                 last_answer_s = time.monotonic()
             else:
                 last_answer_s = time.monotonic()
@@ -257,7 +257,8 @@ class Client:
             with closing(
                 open_connection(self._address, self._connect_timeout_s, answer_timeout_s)
             ) as connection:
-                with suppress(BrokenPipeError, ConnectionResetError):  # it may answer before it has read all
+                # The daemon may answer before it has read the whole request.
+                with suppress(BrokenPipeError, ConnectionResetError):
                     connection.request(method, target, content, headers)
                 answer = connection.getresponse()
                 if write is not None and answer.status < _MIN_ERROR_STATUS:

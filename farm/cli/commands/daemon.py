@@ -60,7 +60,7 @@ def _load_fleet(paths: FarmPaths) -> Fleet:
 
 
 def _print_warnings(fleet: Fleet, paths: FarmPaths) -> None:
-    """Warn of missing ports, and of a fleet file with passwords that all users can read."""
+    """Warn about missing ports, and about a fleet file with passwords that all users can read."""
     for printer in fleet.printers:
         is_local = printer.enabled and printer.host is None and printer.port.startswith("/")
         if is_local and not Path(printer.port).exists():
@@ -127,7 +127,7 @@ def down(
     ] = False,
     now: Annotated[bool, typer.Option("--now", help="Stop open prints safely first.")] = False,
 ) -> None:
-    """Stop the daemon and the agents. While the farm prints or plans, --wait or --now is needed."""
+    """Stop the daemon and the agents. While the farm is printing or planning, --wait or --now is needed."""
     if wait and now:
         raise typer.BadParameter("--wait and --now exclude each other", param_hint="--now")
     client = Client(paths.socket)

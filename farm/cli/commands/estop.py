@@ -17,7 +17,7 @@ import typer
 
 from drivers.printers import PROFILES, find_firmware
 from farm.cli import completion
-from farm.cli.estop_socket import Report, StopReport, find_estop_socket, request_stop, serve_request
+from farm.cli.estop_socket import ReportCallback, StopReport, find_estop_socket, request_stop, serve_request
 from farm.cli.options import Json, with_paths
 from farm.errors import FarmError, FleetFileError, NotFoundError
 from farm.fleet_file import load_fleet
@@ -70,7 +70,7 @@ def estop(
             print_json({"schema": 1, "printers": rows})
 
 
-def stop_all(paths: FarmPaths, printers: Iterable[str], report: Report) -> None:
+def stop_all(paths: FarmPaths, printers: Iterable[str], report: ReportCallback) -> None:
     """Stop printers by their names; all if no name is given.
 
     Raises
@@ -110,7 +110,7 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: Report) -> None:
         )
 
 
-def _run_stops(targets: Mapping[str, Target], report: Report) -> Iterator[StopResult]:
+def _run_stops(targets: Mapping[str, Target], report: ReportCallback) -> Iterator[StopResult]:
     """Stop printers in parallel, with one connection to each host service; yield each result."""
     by_host: dict[tuple[str, str, str], list[StartFile]] = {}
     results: Queue[StopResult] = Queue()
@@ -149,7 +149,7 @@ def _describe_outcome(result: StopResult, start_s: float) -> StopReport:
     )
 
 
-def _report_progress(report: Report, printer: str, text: str) -> None:
+def _report_progress(report: ReportCallback, printer: str, text: str) -> None:
     """Report the progress of a printer whose stop has not ended."""
     report(StopReport(printer=printer, text=text))
 
@@ -160,7 +160,7 @@ def print_report(line: StopReport) -> None:
     sys.stdout.flush()
 
 
-def serialise_reports(report: Report) -> Report:
+def serialise_reports(report: ReportCallback) -> ReportCallback:
     """Return `report` with a lock, for calls from several threads."""
     lock = Lock()
 
@@ -197,7 +197,7 @@ def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | 
     from drivers.safety import StopTarget, list_targets
 
     agents = list_targets(paths.state.root / "agents")
-    targets: dict[str, Target] = {name: _stop_local_printer(target) for name, target in agents.items()}
+    targets: dict[str, Target] = {name: _make_local_stop(target) for name, target in agents.items()}
     try:
         fleet = load_fleet(paths.fleet, frozenset(PROFILES))
     except FleetFileError as error:
@@ -208,23 +208,21 @@ def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | 
             start = StartFile(name, section.model, section.port, power_off_cmd=relay)
             remote = (section.host, section.host_command, fleet.fleet.name)
             has_service = runs_host_service(section.host_command)
-            targets[name] = (
-                HostTarget(remote, start) if has_service else _stop_remote_printers(*remote, start)
-            )
+            targets[name] = HostTarget(remote, start) if has_service else _make_remote_stop(*remote, start)
         elif section.enabled and name not in targets:
             folder, firmware = paths.state.find_agent_folder(name), find_firmware(section.model)
             target = StopTarget(name, section.port, folder, firmware, relay)
-            targets[name] = _stop_local_printer(target)
+            targets[name] = _make_local_stop(target)
     return targets, None
 
 
-def _stop_local_printer(target: StopTarget) -> Stop:
+def _make_local_stop(target: StopTarget) -> Stop:
     from drivers.safety import stop_printer
 
     return lambda notify: stop_printer(target, notify=notify)
 
 
-def _stop_remote_printers(host: str, command: str, farm: str, start: StartFile) -> Stop:
+def _make_remote_stop(host: str, command: str, farm: str, start: StartFile) -> Stop:
     from drivers.remote import stop_over_ssh  # slow to load, and most printers are on this host
 
     return lambda _: stop_over_ssh(host, command, farm, start)

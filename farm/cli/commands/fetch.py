@@ -36,9 +36,9 @@ def fetch(
 
     client, folder = connect(paths), out or Path(f"job-{job}")
     result = fetch_files(client, job, folder, force)
-    present_count = len(result.by_name) - len(result.written_files)
+    present_count = len(result.paths_by_name) - len(result.written_names)
     print(
-        f"{folder}: {format_count(len(result.written_files), 'file')} of job {job} fetched"
+        f"{folder}: {format_count(len(result.written_names), 'file')} of job {job} fetched"
         + (f", {present_count} already there" if present_count else "")
     )
     report = folder / _REPORT_FILE

@@ -154,7 +154,7 @@ def cancel(
             f"part {name} is cancelled; if it was being printed, clear the bed, then `farm cleared PRINTER`"
         )
         return
-    answer = client.cancel(int(target))
+    answer = client.cancel_job(int(target))
     printers = sorted({plate.printer for plate in answer.job.plates if plate.printing})
     print(f"job {target} is cancelled{_describe_ending(printers)}")
 
@@ -178,7 +178,7 @@ def pause(paths: FarmPaths, targets: Targets) -> None:
     for target in targets:
         path = find_target_path(target)
         printer = client.send_command(f"{path}/pause")
-        effect = "pausing; none of its waiting parts starts" if target.isdigit() else "pausing"
+        effect = "pausing; none of its waiting parts will start" if target.isdigit() else "pausing"
         if "/parts/" in path:
             effect = f"pausing on {printer}" if printer else "will not start"
         print(f"{_format_target(target)}: {effect}; continue with `farm resume {target}`")
@@ -198,7 +198,7 @@ def resume(paths: FarmPaths, targets: OptionalTargets = None) -> None:
         client.send_command(f"{find_target_path(target)}/resume")
         print(f"{_format_target(target)}: resumed")
     for task in client.fetch_status_summary().todo:
-        if task.code == "hours":  # resumed, but it will be ended with the attended hours
+        if task.code == "hours":  # resumed, but it will be ended when the attended hours end
             print(task.text)
 
 
@@ -227,7 +227,7 @@ def load(
     if material is None and colour is None and grams is None and nozzle is None:
         raise typer.BadParameter("give the filament, or one of --material, --colour, --grams and --nozzle")
     request = LoadRequest(material=material, colour=colour, grams=grams, nozzle_mm=nozzle)
-    reel = connect(paths).load(printer, request)
+    reel = connect(paths).load_reel(printer, request)
     amount = f", {reel.grams:.0f} g" if reel.grams is not None else ", amount not known"
     colour_and_kind = " ".join(filter(None, (reel.colour, describe_material(reel.material, reel.kind))))
     print(f"{printer}: {colour_and_kind}{amount}, nozzle {reel.nozzle_mm:g} mm")

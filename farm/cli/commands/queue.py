@@ -51,15 +51,15 @@ def queue(
         raise typer.BadParameter("give a job as well", param_hint="--before" if at is None else "--at")
     client = connect(paths)
     if job is not None and at is not None:
-        client.reschedule(job, api.JobStart(at=at))
+        client.reschedule_job(job, api.JobStart(at=at))
     elif job is not None:
-        client.move(job, api.QueueMove(to=to, before=before))
+        client.move_job(job, api.QueueMove(to=to, before=before))
     answer = client.fetch_queue()
     if json:
         print_json(answer)
         return
     if not answer.jobs:
-        print("no job waits")
+        print("no job is waiting")
         return
     rows = [
         (

@@ -139,6 +139,6 @@ def approve(
     if not job_view.plates:
         raise RefusedError(f"job {job} has no plan yet: it is {job_view.state}")
     timeline = client.fetch_timeline(job)
-    client.approve(job, api.ApproveRequest(plan=plan or job_view.plan or ""))
+    client.approve_job(job, api.ApproveRequest(plan=plan or job_view.plan or ""))
     show_timeline(timeline)
     print(f"job {job} is approved: plan {job_view.plan or 'without a number'}")

@@ -15,7 +15,7 @@ from farm.cli.display.console import HEADING_STYLE
 _GAP = 2  # spaces between two columns
 _INDENT = 2  # indent of the continuation lines of a row
 _COMMAND_PATTERN = re.compile(r"`[^`]*`")
-_UNBREAKABLE_SPACE = "\ue000"  # replaces a space at which a line must not be wrapped
+_NON_BREAKING_SPACE = "\ue000"  # replaces a space at which a line must not be wrapped
 _CONSOLE = Console(width=80)  # required by `Text.wrap`; nothing is printed on it
 
 
@@ -78,7 +78,9 @@ def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
     if width is None or text.cell_len <= width:
         return [text]
     text = text.copy()
-    text.plain = _COMMAND_PATTERN.sub(lambda command: command[0].replace(" ", _UNBREAKABLE_SPACE), text.plain)
+    text.plain = _COMMAND_PATTERN.sub(
+        lambda command: command[0].replace(" ", _NON_BREAKING_SPACE), text.plain
+    )
     first, *rest = _wrap(text, width)
     lines = [first]
     if rest:
@@ -87,7 +89,7 @@ def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
         folded_lines = _wrap(remainder, max(1, width - indent))
         lines += [Text.assemble(" " * min(indent, width - 1), line) for line in folded_lines]
     for line in lines:
-        line.plain = line.plain.replace(_UNBREAKABLE_SPACE, " ")
+        line.plain = line.plain.replace(_NON_BREAKING_SPACE, " ")
     return lines
 
 

@@ -93,7 +93,7 @@ class ClusterPool:
         self._slot_queue = SlotQueue()
         self._workers: tuple[ClusterWorker, ...] = ()
         self._lost_since_s: float | None = read_clock_s()
-        self._running: dict[str, tuple[RunningTask, RemoteTask]] = {}
+        self._running_tasks: dict[str, tuple[RunningTask, RemoteTask]] = {}
         self._local_count = 0
         self._sent_hashes: set[str] = set()  # hashes of files that were already sent to the cluster
         self._close_event = asyncio.Event()  # set while the cluster gets no work
@@ -122,7 +122,7 @@ class ClusterPool:
     @property
     def state(self) -> ClusterState:
         """State of the cluster."""
-        tasks = tuple(running for running, _ in self._running.values())
+        tasks = tuple(running for running, _ in self._running_tasks.values())
         lost_s = self._measure_lost_s()
         return ClusterState(
             self._scheduler,
@@ -151,10 +151,10 @@ class ClusterPool:
             call=dump((Deferred(work.target), args)),
             limit=limit,
             installation=self._installation,
-            reads=await asyncio.to_thread(hash_files, files),
-            folders=tuple(map(str, files.folders)),
-            writes=tuple(map(str, files.writes)),
-            caches=tuple(map(str, files.caches)),
+            input_files=await asyncio.to_thread(hash_files, files),
+            output_folders=tuple(map(str, files.output_folders)),
+            output_files=tuple(map(str, files.output_files)),
+            cache_folders=tuple(map(str, files.cache_folders)),
             live_files=tuple(map(str, files.live_files)),
         )
         for _ in range(_MAX_ATTEMPTS):
@@ -164,7 +164,7 @@ class ClusterPool:
                 try:
                     answer = await self._make_attempt(task, group)
                 except AttemptLost as lost:
-                    log.warning("%s is submitted again: %s", limit.work, lost)
+                    log.warning("%s is submitted again: %s", limit.work_name, lost)
                     continue
             if answer.error is not None:
                 raise answer.error
@@ -190,8 +190,8 @@ class ClusterPool:
 
     async def _make_attempt(self, task: RemoteTask, group: Hashable) -> RemoteAnswer:
         """Run a task on the cluster, first without the files that were already sent. Raises AttemptLost."""
-        new_files = tuple(file for file in task.reads if file.sha256 not in self._sent_hashes)
-        for files in (new_files, task.reads):
+        new_files = tuple(file for file in task.input_files if file.sha256 not in self._sent_hashes)
+        for files in (new_files, task.input_files):
             contents = await asyncio.to_thread(_read_contents, files)
             answer = await self._submit_task(task, contents, group)
             self._sent_hashes.update(contents)
@@ -205,9 +205,9 @@ class ClusterPool:
         self, task: RemoteTask, contents: dict[str, bytes], group: Hashable
     ) -> RemoteAnswer:
         """Submit a task under a new name, and wait until it is answered or the cluster is abandoned."""
-        kind = re.sub(r"[^a-z]+", "_", task.limit.work.lower())
+        kind = re.sub(r"[^a-z]+", "_", task.limit.work_name.lower())
         named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns durations by this prefix
-        self._running[named_task.id] = (RunningTask(task.limit.work, group), named_task)
+        self._running_tasks[named_task.id] = (RunningTask(task.limit.work_name, group), named_task)
         answer_future = asyncio.ensure_future(self._connection.submit(named_task, contents))
         close_future = asyncio.ensure_future(self._close_event.wait())
         try:
@@ -216,7 +216,7 @@ class ClusterPool:
                 raise AttemptLost("the cluster does not answer")
             return answer_future.result()
         finally:
-            del self._running[named_task.id]
+            del self._running_tasks[named_task.id]
             for future in (answer_future, close_future):
                 future.cancel()
             await asyncio.gather(answer_future, close_future, return_exceptions=True)
@@ -248,10 +248,10 @@ class ClusterPool:
 
     def _on_message(self, message: dict[str, Any]) -> None:
         """Store the worker of a task, and write its live files."""
-        running_task, task = self._running.get(str(message.get("task")), (None, None))
+        running_task, task = self._running_tasks.get(str(message.get("task")), (None, None))
         if running_task is None or task is None:
             return
-        self._running[task.id] = (replace(running_task, host=str(message.get("host"))), task)
+        self._running_tasks[task.id] = (replace(running_task, host=str(message.get("host"))), task)
         path, content = message.get("path"), message.get("content")
         if isinstance(content, str) and path in task.live_files:
             with suppress(OSError):  # on a full disk the task itself may still succeed

@@ -40,7 +40,7 @@ class ClusterWorker:
 class RunningTask:
     """Task that was given to the cluster; `host` is None until it starts there."""
 
-    work: str
+    work_name: str
     group: Hashable
     host: str | None = None
 

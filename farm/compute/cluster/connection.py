@@ -23,7 +23,7 @@ from farm.compute.cluster.security import make_security
 
 log = logging.getLogger(__name__)
 
-_POLL_S = 1.0  # wall seconds between two checks of the workers
+_POLL_INTERVAL_S = 1.0  # wall seconds between two checks of the workers
 _ANSWER_TIMEOUT_S = 10.0  # wall seconds within which the scheduler must answer
 _CONNECT_TIMEOUT_S = 10.0
 _HEARTBEAT_TIMEOUT_S = 20.0
@@ -86,7 +86,7 @@ class Connection:
                     log.info("no connection to the scheduler %s: %s", self._scheduler, error)
                 self._report_workers(())
                 await self._disconnect()
-                await asyncio.sleep(_POLL_S)
+                await asyncio.sleep(_POLL_INTERVAL_S)
         finally:
             report_task.cancel()
             await self._disconnect()
@@ -170,7 +170,7 @@ class Connection:
             workers = list_workers(identity["workers"], self._installation)
             await self._remove_stuck_workers(identity["workers"])
             self._report_workers(workers)
-            await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(_POLL_INTERVAL_S)
 
     def _on_event(self, event: tuple[float, dict[str, Any]]) -> None:
         self._on_message(event[1])
@@ -186,7 +186,7 @@ class Connection:
     async def _repeat_report(self) -> None:
         """Report the last list of workers every second, even while there is no connection."""
         while True:
-            await asyncio.sleep(_POLL_S)
+            await asyncio.sleep(_POLL_INTERVAL_S)
             self._on_workers(self._workers)
 
     async def _remove_stuck_workers(self, records: dict[str, dict[str, Any]]) -> None:
@@ -203,9 +203,9 @@ class Connection:
     async def _disconnect(self) -> None:
         client, self._client = self._client, None
         if client is not None:
-            close_future = asyncio.ensure_future(client.close(timeout=_POLL_S))
+            close_future = asyncio.ensure_future(client.close(timeout=_POLL_INTERVAL_S))
             close_future.add_done_callback(_ignore_result)
-            await asyncio.wait({close_future}, timeout=_POLL_S)
+            await asyncio.wait({close_future}, timeout=_POLL_INTERVAL_S)
 
 
 async def _wait_for(future: Any) -> object:

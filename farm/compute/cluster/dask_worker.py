@@ -14,7 +14,7 @@ RESOURCE = "farm"
 """Dask resource of which each task uses one unit, so that workers without it get no tasks of a farm."""
 TOPIC = "farm-{}"
 """Topic of the messages about the tasks of a client: the host of each task, and its live files."""
-_WATCH_S = 0.2  # wall seconds between two checks that the result of a task is still needed
+_WATCH_INTERVAL_S = 0.2  # wall seconds between two checks that the result of a task is still needed
 
 
 class FarmWorker(Worker):  # type: ignore[misc]
@@ -89,7 +89,7 @@ async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) ->
     )
     try:
         while not execution.done():
-            await asyncio.wait({execution}, timeout=_WATCH_S)
+            await asyncio.wait({execution}, timeout=_WATCH_INTERVAL_S)
             state = worker.state.tasks.get(task.id)
             if state is None or state.state == "cancelled":
                 break

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-CACHE_BYTES = 8 * 2**30
+MAX_CACHE_BYTES = 8 * 2**30
 
 
 class FileCache:
@@ -24,7 +24,7 @@ class FileCache:
         Limit on the total size; files that tasks use are kept even above it.
     """
 
-    def __init__(self, folder: Path, max_bytes: int = CACHE_BYTES) -> None:
+    def __init__(self, folder: Path, max_bytes: int = MAX_CACHE_BYTES) -> None:
         self._folder, self._max_bytes = folder, max_bytes
         self._use_counts: Counter[str] = Counter()  # number of tasks that use each file
         folder.mkdir(parents=True, exist_ok=True)

@@ -37,7 +37,7 @@ class RemoteTask:
         Function and arguments, written by `relocation.dump`.
     installation
         Versions that the worker must have.
-    folders, writes, caches, live_files
+    output_folders, output_files, cache_folders, live_files
         See `TaskFiles`.
     """
 
@@ -45,15 +45,15 @@ class RemoteTask:
     call: bytes
     limit: Limit
     installation: Installation
-    reads: tuple[InputFile, ...] = ()
-    folders: tuple[str, ...] = ()
-    writes: tuple[str, ...] = ()
-    caches: tuple[str, ...] = ()
+    input_files: tuple[InputFile, ...] = ()
+    output_folders: tuple[str, ...] = ()
+    output_files: tuple[str, ...] = ()
+    cache_folders: tuple[str, ...] = ()
     live_files: tuple[str, ...] = ()
 
     def list_hashes(self) -> tuple[str, ...]:
         """Return the hashes of the files that the task reads."""
-        return tuple(file.sha256 for file in self.reads)
+        return tuple(file.sha256 for file in self.input_files)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class RemoteAnswer:
 def hash_files(files: TaskFiles) -> tuple[InputFile, ...]:
     """Hash the files that a task reads. Raises OSError if one of them cannot be read."""
     hashed_files = []
-    for path in dict.fromkeys(files.reads):
+    for path in dict.fromkeys(files.input_files):
         with path.open("rb") as source:
             sha256 = hashlib.file_digest(source, "sha256").hexdigest()
         hashed_files.append(InputFile(str(path), sha256, path.stat().st_size))
@@ -106,7 +106,7 @@ def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:
     """
     for name, content in files.items():
         path = Path(name)
-        if ".." in path.parts or not (name in task.writes or _is_in_folder(name, task.folders)):
+        if ".." in path.parts or not (name in task.output_files or _is_in_folder(name, task.output_folders)):
             raise ValueError(f"the worker wrote {name}, which is not a file of its task")
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.new")

@@ -12,7 +12,7 @@ from farm.errors import ErrorCode, FarmError
 if TYPE_CHECKING:
     from distributed import Security
 
-AUTHORITY, CERTIFICATE, KEY = "ca.pem", "cert.pem", "key.pem"
+AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "cert.pem", "key.pem"
 
 
 def check_cluster(scheduler: str, certificates: Path | None) -> None:
@@ -31,10 +31,10 @@ def check_cluster(scheduler: str, certificates: Path | None) -> None:
         return
     if certificates is None:
         raise FarmError(f"{scheduler}: needs a folder with certificates", ErrorCode.SETTINGS)
-    for name in (AUTHORITY, CERTIFICATE, KEY):
+    for name in (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE):
         if not (certificates / name).is_file():
             raise FarmError(
-                f"{certificates}: lacks {name}; the how-to 'Compute on a cluster' says how to make it",
+                f"{certificates}: lacks {name}; the how-to 'Compute on a cluster' explains how to make it",
                 ErrorCode.SETTINGS,
             )
 
@@ -57,10 +57,10 @@ def make_security(scheduler: str, certificates: Path | None) -> Security | None:
         return None
     from distributed import Security
 
-    cert, key = str(certificates / CERTIFICATE), str(certificates / KEY)
+    cert, key = str(certificates / CERTIFICATE_FILE), str(certificates / KEY_FILE)
     return Security(
         require_encryption=True,
-        tls_ca_file=str(certificates / AUTHORITY),
+        tls_ca_file=str(certificates / AUTHORITY_FILE),
         tls_client_cert=cert,
         tls_client_key=key,
         tls_worker_cert=cert,

@@ -22,37 +22,37 @@ class SlotQueue:
     """Queue of tasks for a number of slots, which may change."""
 
     def __init__(self) -> None:
-        self._slots = 0
+        self._slot_count = 0
         self._is_closed = False  # while True, no task waits, because there is no cluster
-        self._waiting: list[_WaitingTask] = []
-        self._running: Counter[Hashable] = Counter()
+        self._waiting_tasks: list[_WaitingTask] = []
+        self._running_counts: Counter[Hashable] = Counter()
 
     @property
     def waiting_count(self) -> int:
         """Number of tasks that wait."""
-        return len(self._waiting)
+        return len(self._waiting_tasks)
 
     @property
     def has_free_slot(self) -> bool:
         """True if a slot is free."""
-        return self._running.total() < self._slots
+        return self._running_counts.total() < self._slot_count
 
     def update(self, slots: int, is_closed: bool) -> None:
         """Set the number of slots; with `is_closed`, refuse a slot to all waiting tasks."""
-        self._slots, self._is_closed = slots, is_closed
+        self._slot_count, self._is_closed = slots, is_closed
         self._assign_slots()
 
     @asynccontextmanager
     async def take(self, group: Hashable, urgent: bool) -> AsyncIterator[bool]:
         """Wait for a slot, and hold it for the block. Yields False without a slot if the queue is closed."""
         task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
-        self._waiting.append(task)
+        self._waiting_tasks.append(task)
         self._assign_slots()
         try:
             has_slot = await task.grant
         except asyncio.CancelledError:
-            if task in self._waiting:
-                self._waiting.remove(task)
+            if task in self._waiting_tasks:
+                self._waiting_tasks.remove(task)
             elif not task.grant.cancelled() and task.grant.result():  # cancelled just as it got a slot
                 self._release_slot(group)
             raise
@@ -65,16 +65,18 @@ class SlotQueue:
             self._release_slot(group)
 
     def _release_slot(self, group: Hashable) -> None:
-        self._running -= Counter([group])
+        self._running_counts -= Counter([group])
         self._assign_slots()
 
     def _assign_slots(self) -> None:
         """Grant free slots to waiting tasks in their order; if the queue is closed, refuse them."""
-        while self._waiting and (self._is_closed or self._running.total() < self._slots):
-            first = min(self._waiting, key=lambda task: (not task.urgent, self._running[task.group]))
-            self._waiting.remove(first)
+        while self._waiting_tasks and (self._is_closed or self._running_counts.total() < self._slot_count):
+            first = min(
+                self._waiting_tasks, key=lambda task: (not task.urgent, self._running_counts[task.group])
+            )
+            self._waiting_tasks.remove(first)
             if first.grant.done():  # its task was cancelled
                 continue
             if not self._is_closed:
-                self._running[first.group] += 1
+                self._running_counts[first.group] += 1
             first.grant.set_result(not self._is_closed)

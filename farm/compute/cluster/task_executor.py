@@ -17,7 +17,7 @@ from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
-_POLL_S = 0.5  # wall seconds between two readings of a live file
+_POLL_INTERVAL_S = 0.5  # wall seconds between two readings of a live file
 LiveFileListener = Callable[[str, bytes], None]
 
 
@@ -84,20 +84,20 @@ class TaskExecutor:
     def _place_files(self, task: RemoteTask, folder: Path) -> Relocation:
         """Link the input files of a task into its folder; return the relocation of the task's paths."""
         pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self.installation))
-        for number, file in enumerate(task.reads):
+        for number, file in enumerate(task.input_files):
             path = folder / f"read-{number}" / Path(file.path).name
             path.parent.mkdir()
             path.hardlink_to(self._files.make_path(file.sha256))
             pairs.append((file.path, path))
-        for number, name in enumerate(task.folders):
+        for number, name in enumerate(task.output_folders):
             path = folder / f"folder-{number}"
             path.mkdir()
             pairs.append((name, path))
-        for number, name in enumerate(task.writes):
+        for number, name in enumerate(task.output_files):
             path = folder / f"written-{number}" / Path(name).name
             path.parent.mkdir()
             pairs.append((name, path))
-        for name in task.caches:
+        for name in task.cache_folders:
             cache = self._folder / "slices"
             cache.mkdir(exist_ok=True)
             pairs.append((name, cache))
@@ -114,18 +114,18 @@ class TaskExecutor:
         finally:
             watch_task.cancel()
         files = await asyncio.to_thread(lambda: dict(_collect_files(task, relocation)))
-        if task.caches:
+        if task.cache_folders:
             await asyncio.to_thread(trim_cache, self._folder / "slices")
         return RemoteAnswer(self.host, result=result, files=files)
 
 
 def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[str, bytes]]:
     """Yield the files that a task wrote, with their paths on the submitting computer."""
-    for name in task.writes:
+    for name in task.output_files:
         path = Path(relocation.move(name))
         if path.is_file():
             yield name, path.read_bytes()
-    for name in task.folders:
+    for name in task.output_folders:
         folder = Path(relocation.move(name))
         for path in sorted(folder.rglob("*")):
             if path.is_file() and not path.is_symlink():
@@ -138,7 +138,7 @@ async def _watch_files(
     """Report live files whenever they change."""
     last_contents: dict[str, bytes] = {}
     while live_files:
-        await asyncio.sleep(_POLL_S)
+        await asyncio.sleep(_POLL_INTERVAL_S)
         for name in live_files:
             try:
                 content = Path(relocation.move(name)).read_bytes()

@@ -16,7 +16,7 @@ from farm.compute.worker_pool import WorkerPool
 from farm.compute.worker_process import WarmUp
 
 log = logging.getLogger(__name__)
-_RETRY_S = 2.0
+_RETRY_INTERVAL_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ async def serve_tasks(options: WorkerOptions, warm_up: WarmUp | None) -> None:
             await _serve_once(worker, stop_event)
             if not stop_event.is_set():
                 log.warning("the connection to %s ended; connecting again", options.scheduler)
-                await asyncio.sleep(_RETRY_S)
+                await asyncio.sleep(_RETRY_INTERVAL_S)
     finally:
         pool.close()
 

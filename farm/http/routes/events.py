@@ -56,14 +56,14 @@ def make_event_routes(services: Services) -> APIRouter:
                 f"the last event is {newest}: the database was restored; begin with since={newest}"
             )
         is_allowed: Callable[[], bool] = getattr(request.state, "is_allowed", lambda: True)
-        streams.check(by)
+        streams.check_caller(by)
 
         async def stream_events() -> AsyncIterator[str]:
             yield _RETRY
             async for rows in streams.follow(after, is_allowed, wait):
                 yield describe_rows(rows)
 
-        return StreamResponse(stream_events(), streams.count(by))
+        return StreamResponse(stream_events(), streams.count_stream(by))
 
     return router
 

@@ -29,7 +29,9 @@ def make_host_routes(services: Services) -> APIRouter:
     async def update_agents(by: OperatorName) -> api.HostUpdate:
         hosts = () if services.hosts is None else services.hosts.begin_update(by)
         if not hosts:
-            raise RefusedError("no connected host has agents of a version other than its service's")
+            raise RefusedError(
+                "the agents of all connected hosts already have the version of their host's service"
+            )
         return api.HostUpdate(hosts=list(hosts))
 
     return router

@@ -38,7 +38,7 @@ def make_printer_routes(services: Services, printers: PrinterCommands, parts: Pa
 
     @router.post("/printers/{name}/cancel")
     async def cancel_print(name: str, by: CallerName) -> api.NameResponse:
-        return api.NameResponse(name=parts.cancel_on(name, by))
+        return api.NameResponse(name=parts.cancel_on_printer(name, by))
 
     @router.post("/printers/{name}/maintenance")
     async def begin_maintenance(name: str, request: api.Reason, by: CallerName) -> None:

@@ -106,7 +106,7 @@ def make_list_routes(services: Services) -> APIRouter:
 
 
 def _refuse_while_busy(services: Services) -> None:
-    """Refuse a shutdown while the farm prints, plans, or checks a submission. Raises RefusedError."""
+    """Raise RefusedError while the farm is printing, planning or checking a submission."""
     books = services.controller.books
     printers = sorted({attempt.printer for attempt in books.list_open_prints()})
     if printers:

@@ -92,11 +92,15 @@ def _run_on_cluster(cluster: Cluster, work: Deferred, path: Path, out: Path, *ar
 
 
 def _list_decompose_files(path: Path, out: Path, _: object, cache: Path | None) -> TaskFiles:
-    return TaskFiles(reads=(path,), folders=(out,), caches=() if cache is None else (cache,))
+    return TaskFiles(
+        input_files=(path,), output_folders=(out,), cache_folders=() if cache is None else (cache,)
+    )
 
 
 def _list_slice_files(path: Path, out: Path, _: object, cache: Path | None) -> TaskFiles:
-    return TaskFiles(reads=(path,), writes=(out,), caches=() if cache is None else (cache,))
+    return TaskFiles(
+        input_files=(path,), output_files=(out,), cache_folders=() if cache is None else (cache,)
+    )
 
 
 _decompose = Deferred("farm.planning.local.decompose_file:decompose_to_folder", _list_decompose_files)

@@ -69,7 +69,7 @@ def make_print_form_routes(printers: PrinterCommands, parts: PartCommands) -> AP
 
     @router.post("/printers/{name}/cancel")
     async def cancel_print(name: str, request: Request, by: CallerName) -> Response:
-        part = parts.cancel_on(name, by)
+        part = parts.cancel_on_printer(name, by)
         return answer_form(request, Note(f"Part {part} on {name} is cancelled."))
 
     return router

@@ -26,9 +26,9 @@ def make_live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
     ) -> StreamingResponse:
         """Send the changed elements of a page as JSON by their ids, and heartbeats between changes."""
         holder = find_holder(request)
-        streams.check(holder.name)
+        streams.check_caller(holder.name)
         await pages.find_topic(page, holder.role)  # raises an error before the stream begins
         changes = pages.follow(page, holder.role, version, request.state.is_allowed)
-        return StreamResponse(changes, streams.count(holder.name))
+        return StreamResponse(changes, streams.count_stream(holder.name))
 
     return router

@@ -77,7 +77,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
             case "pause":
                 jobs.pause(job.id, body.wants_pause(job.paused), by)
             case "cancel" if open_print is not None:
-                parts.cancel_on(open_print.printer, by)
+                parts.cancel_on_printer(open_print.printer, by)
             case "cancel":
                 jobs.cancel(job.id, by)
             case _:

@@ -145,7 +145,7 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_must_be_replaced(tm
         for _ in range(3):
             connection.send(make_start_file(ends_by_s=900.0))
             connection.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
-            while connection._pending:
+            while connection._pending_requests:
                 await asyncio.sleep(0.01)
         # The print was not started, so its plate is assigned again.
         assert listener.refusals == [("p", True)] * 3
@@ -168,7 +168,7 @@ def test_print_of_an_older_agent_continues_and_can_be_cancelled(tmp_path: Path):
         connection = manager._connections["a"]
         connection.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
         connection.send(m.CancelPrint(id=0, print_id="p"))
-        while connection._pending:
+        while connection._pending_requests:
             await asyncio.sleep(0.01)
 
     agent = run_with_agent(tmp_path, True, run_scenario)

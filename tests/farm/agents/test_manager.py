@@ -367,7 +367,7 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
     )
 
     async def run_scenario(agent_connection, client):  # type: ignore[no-untyped-def]
-        agent_connection._remote = True
+        agent_connection._is_remote = True
         agent_connection.send(start)
         while not client.sent_requests:
             await asyncio.sleep(0)

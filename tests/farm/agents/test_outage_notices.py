@@ -65,7 +65,7 @@ class LostHosts(RuleBasedStateMachine):
         self.hosts = Hosts(self.fleet, StateFolder(Path(self.folder.name)), self.clock, self)
         self.records = {record.host: record for record in self.hosts.records}
         for host, record in self.records.items():
-            record.reported = host in self.controller.books.lost_hosts
+            record.is_loss_reported = host in self.controller.books.lost_hosts
 
     def handle(self, *events):
         """Count losses, as the listener of the hosts, before the controller records them."""

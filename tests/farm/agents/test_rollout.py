@@ -102,7 +102,7 @@ def test_loss_is_reported_once_after_ten_seconds_and_the_return_once():
     record.on_lost(205.0, "no route")
     assert record.find_change(209.0, 1.0) is None
     assert record.find_change(210.0, 1.0) is HostChange.LOST
-    record.reported = True
+    record.is_loss_reported = True
     assert record.find_change(300.0, 1.0) is None
     assert record.describe_wait() == "a connection: no route"
     record.on_state(301.0, HostState(pid=2))

@@ -26,7 +26,7 @@ def test_attempts_are_two_seconds_apart_and_at_least_one_a_minute_is_allowed(ste
     state, now_s, begin_times_s = CameraState(), 0.0, []
     for wait_s, succeeds in steps:
         now_s += wait_s
-        assert state.next_attempt_s <= (state.attempt_s or 0.0) + MAX_INTERVAL_S
+        assert state.next_attempt_s <= (state.last_attempt_s or 0.0) + MAX_INTERVAL_S
         if now_s >= state.next_attempt_s:
             begin_times_s.append(now_s)
             state = state.begin(now_s)

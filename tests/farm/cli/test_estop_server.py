@@ -64,7 +64,7 @@ class ServerRig:
 def rig(tmp_path):
     rig = ServerRig(tmp_path)
     yield rig
-    for client in (rig.listener, *rig.clients, *rig.server._pending):
+    for client in (rig.listener, *rig.clients, *rig.server._pending_connections):
         client.close()
 
 

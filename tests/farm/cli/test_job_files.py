@@ -27,7 +27,7 @@ class FakeClient:
         ]
         return api.JobFiles(job=number, files=rows)
 
-    def download(self, number, name, write):
+    def download_file(self, number, name, write):
         self.downloads.append(name)
         content = self.contents[name]
         for start in range(0, len(content), 7):
@@ -62,7 +62,7 @@ def test_second_fetch_downloads_only_missing_files(tmp_path):
     fetch_files(FakeClient(), 3, tmp_path)
     (tmp_path / "p01.stl").unlink()
     client = FakeClient()
-    assert fetch_files(client, 3, tmp_path).written_files == client.downloads == ["p01.stl"]
+    assert fetch_files(client, 3, tmp_path).written_names == client.downloads == ["p01.stl"]
     assert read_folder(tmp_path) == CONTENTS
 
 
@@ -113,11 +113,11 @@ def test_damaged_content_leaves_no_file(tmp_path, sent_content):
 
 def test_lost_connection_keeps_only_complete_files(tmp_path):
     class DisconnectingClient(FakeClient):
-        def download(self, number, name, write):
+        def download_file(self, number, name, write):
             if self.downloads:
                 write(b"G28")
                 raise FarmError("no daemon answers")
-            super().download(number, name, write)
+            super().download_file(number, name, write)
 
     with pytest.raises(FarmError, match="no daemon"):
         fetch_files(DisconnectingClient(), 3, tmp_path)

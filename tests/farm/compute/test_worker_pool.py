@@ -279,7 +279,7 @@ def test_failed_worker_start_is_retried(pool, monkeypatch):
 
     async def run_scenario(workers):
         monkeypatch.setattr("farm.compute.worker_pool.Worker", FullDiskWorker)
-        monkeypatch.setattr("farm.compute.worker_pool._RETRY_S", 0.0)
+        monkeypatch.setattr("farm.compute.worker_pool._RETRY_INTERVAL_S", 0.0)
         with pytest.raises(FarmError, match="2 times"):
             await workers.run(work.die)
         return await workers.run(work.get_pid)

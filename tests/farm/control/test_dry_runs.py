@@ -33,7 +33,7 @@ def test_abandoned_dry_run_is_cancelled(tmp_path):
     dry_runs.cancel_abandoned(DRY_RUN_TIMEOUT_S + 1.0)
     jobs = farm.controller.books.jobs
     assert [jobs[n].state.ended for n in (kept_job, abandoned_job, held_job)] == [False, True, False]
-    assert jobs[abandoned_job].reason == "cancelled by the farm: nobody waits for its plan any more"
+    assert jobs[abandoned_job].reason == "cancelled by the farm: nobody is waiting for its plan any more"
     dry_runs.cancel_abandoned(3 * DRY_RUN_TIMEOUT_S)
     assert farm.controller.books.jobs[kept_job].state is JobState.CANCELLED
 

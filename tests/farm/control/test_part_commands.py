@@ -84,12 +84,12 @@ def test_part_is_cancelled_by_name_or_by_printer(farm):
     assert farm.parts.cancel(1, "p03", "ann") == "1/p03"
     with pytest.raises(RefusedError, match="already cancelled"):
         farm.parts.cancel(1, "p03", "ann")
-    assert farm.parts.cancel_on("a", "ann") == "1/p01"
+    assert farm.parts.cancel_on_printer("a", "ann") == "1/p01"
     end_print(farm, "a", PrintState.CANCELLED)
     end_print(farm, "b")
     farm.clear_bed("a")
     with pytest.raises(RefusedError, match="a is not printing"):
-        farm.parts.cancel_on("a", "ann")
+        farm.parts.cancel_on_printer("a", "ann")
     with pytest.raises(RefusedError, match="1/p02 is already printed"):
         farm.parts.cancel(1, "p02", "ann")
     assert farm.controller.books.jobs[1].state is JobState.PRINTED

@@ -290,7 +290,7 @@ def test_shutdown_is_refused_during_planning(daemon):
     ("options", "notices"),
     [
         ('{"printers": 1}', None),
-        ('{"printers": 9}', ["--printers 9: the fleet has 1 printer, and the job uses no more"]),
+        ('{"printers": 9}', ["--printers 9: the fleet has 1 printer, so the job cannot use more"]),
         (
             '{"spares": 1}',
             ["--spares 1: the fleet has 1 printer, and at least one has to print the job"],

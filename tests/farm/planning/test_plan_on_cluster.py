@@ -115,14 +115,14 @@ class CountingWorkers(WorkerPool):
 
     async def run(self, work, *args, limit=None, group=None):
         cls = CountingWorkers
-        cls.running_tasks[limit.work] += 1
-        cls.max_running_tasks[limit.work] = max(
-            cls.max_running_tasks[limit.work], cls.running_tasks[limit.work]
+        cls.running_tasks[limit.work_name] += 1
+        cls.max_running_tasks[limit.work_name] = max(
+            cls.max_running_tasks[limit.work_name], cls.running_tasks[limit.work_name]
         )
         try:
             return await super().run(work, *args, limit=limit, group=group)
         finally:
-            cls.running_tasks[limit.work] -= 1
+            cls.running_tasks[limit.work_name] -= 1
 
 
 def read_attempts(state, result):
@@ -158,7 +158,7 @@ def test_parallel_attempts_make_the_same_plan_as_one_worker(bar, tmp_path):
         CountingWorkers.max_running_tasks.clear()
         states.append(StateFolder(tmp_path / name))
         plans.append(asyncio.run(make_plan(states[-1])))
-        max_running_tasks.append(CountingWorkers.max_running_tasks[DECOMPOSING_LIMIT.work])
+        max_running_tasks.append(CountingWorkers.max_running_tasks[DECOMPOSING_LIMIT.work_name])
     plan_by_one_worker, plan_by_two_workers = plans
     assert plan_by_two_workers == replace(plan_by_one_worker, decomposition=plan_by_two_workers.decomposition)
     assert list_stored_files(states[0]) == list_stored_files(states[1])

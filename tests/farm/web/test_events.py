@@ -114,8 +114,8 @@ def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
     key = farm.add_key(Role.LOOK)
     streams = farm.services.streams
     for _ in range(4):
-        streams.check("key look")
-        with streams.count("key look"):
+        streams.check_caller("key look")
+        with streams.count_stream("key look"):
             pass
 
     def on_text(text):
@@ -123,22 +123,22 @@ def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
             streams.close()
 
     follow_stream(farm, key, on_text)
-    assert streams._callers.total() == 0
+    assert streams._counts_by_caller.total() == 0
     with pytest.raises(RefusedError, match="shutting down"):
-        streams.check("key look")
+        streams.check_caller("key look")
 
 
 def test_streams_are_limited_for_a_caller_and_in_total():
     streams = EventStreams(EmptyEventLog(), limit=6)
     with ExitStack() as open_streams:
         for caller in ("ann", "ann", "ann", "ann", "bob", "bob"):
-            streams.check(caller)
-            open_streams.enter_context(streams.count(caller))
+            streams.check_caller(caller)
+            open_streams.enter_context(streams.count_stream(caller))
         with pytest.raises(RefusedError, match="4 of ann"):
-            streams.check("ann")
+            streams.check_caller("ann")
         with pytest.raises(RefusedError, match="0 of eve"):
-            streams.check("eve")
-    streams.check("ann")
+            streams.check_caller("eve")
+    streams.check_caller("ann")
 
 
 def test_long_log_is_sent_in_order(monkeypatch):

@@ -9,7 +9,7 @@ from farm.errors import FarmError
 
 
 def list_files(source, folder, *_):
-    return TaskFiles(reads=(source,), folders=(folder,), live_files=(folder / "progress.json",))
+    return TaskFiles(input_files=(source,), output_folders=(folder,), live_files=(folder / "progress.json",))
 
 
 def _copy(source, folder):

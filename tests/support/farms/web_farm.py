@@ -32,7 +32,7 @@ class WebFarm(Farm):
             folder / "fleet.yaml",
             workers or AcceptingWorkers(),
             self._refuse_shutdown,
-            streams=EventStreams(self.store, poll_s=0.0),
+            streams=EventStreams(self.store, poll_interval_s=0.0),
         )
         self.web = make_web_app(self.services, DryRuns(self.controller), {HOST})
         self.unix = call_as(DAEMON_USER, make_app(self.services, DryRuns(self.controller)))

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from farm.model import TextTime
 from farm.text import format_count, format_duration
 from farm.views.report.decomposition import CurvePoint
-from farm.wording import name_time
+from farm.wording import make_text_time
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 640, 220, 60, 16, 12, 28  # px
 _MAX_LABELS = 12
@@ -82,7 +82,7 @@ def lay_out_curve(
 
     def place_choice(number: int) -> Choice:
         time_s = by_number[number]
-        end = name_time(start.timestamp() + time_s, now.timestamp(), now.tzinfo or UTC)
+        end = make_text_time(start.timestamp() + time_s, now.timestamp(), now.tzinfo or UTC)
         return Choice(
             printers=number,
             text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end.text}",

@@ -53,7 +53,7 @@ def test_cancel_names_the_beds_to_clear(printers, expected_text, monkeypatch):
         def __init__(self, _):
             pass
 
-        def cancel(self, number):
+        def cancel_job(self, number):
             plates = [PlateStatus.model_construct(printer=name, printing=True) for name in printers]
             return JobStatus.model_construct(job=JobView.model_construct(plates=plates))
 
@@ -82,7 +82,7 @@ class RecordingDaemon:
     def __init__(self):
         self.requests = []
 
-    def load(self, printer, request):
+    def load_reel(self, printer, request):
         self.requests.append((printer, request))
         return Reel(material="generic_abs", kind="ABS", colour="black", grams=750.0, nozzle_mm=0.6)
 

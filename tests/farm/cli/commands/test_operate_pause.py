@@ -32,7 +32,7 @@ def test_print_resumed_too_late_gets_a_warning(monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.parametrize(
     ("target", "output"),
     [
-        ("3", "job 3: pausing; none of its waiting parts starts; continue with `farm resume 3`"),
+        ("3", "job 3: pausing; none of its waiting parts will start; continue with `farm resume 3`"),
         ("3/p01", "3/p01: pausing on um2-01; continue with `farm resume 3/p01`"),
         ("3/p02", "3/p02: will not start; continue with `farm resume 3/p02`"),
         ("um2-01", "um2-01: pausing; continue with `farm resume um2-01`"),

@@ -23,11 +23,11 @@ def moves(monkeypatch):
             jobs = [api.QueueEntry(id=n, name=f"m{n}.stl", **ENTRY_FIELDS) for n in (7, 3)]
             return api.Queue(now="2026-01-01T00:00:00+00:00", jobs=jobs)
 
-        def move(self, number, request):
+        def move_job(self, number, request):
             requests.append((number, request.to, request.before))
             return self.fetch_queue()
 
-        def reschedule(self, number, request):
+        def reschedule_job(self, number, request):
             requests.append((number, request.at))
 
     monkeypatch.setattr(queue, "connect", Daemon)

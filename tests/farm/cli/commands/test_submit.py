@@ -69,7 +69,7 @@ class FakeDaemon:
             currency=None,
         )
 
-    def cancel(self, number):
+    def cancel_job(self, number):
         self.cancelled_jobs.append(number)
 
 

@@ -227,6 +227,6 @@ def test_worker_refuses_damaged_files_and_other_versions(tmp_path, files):
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "/farm/job-1/../other", "/farm/job-10/p.stl", "/farm/job-1"])
 def test_worker_writes_only_files_of_its_task(name):
-    task = RemoteTask("t", b"", CHECKING_LIMIT, INSTALLATION, folders=("/farm/job-1",))
+    task = RemoteTask("t", b"", CHECKING_LIMIT, INSTALLATION, output_folders=("/farm/job-1",))
     with pytest.raises(ValueError, match="not a file of its task"):
         write_files(task, RemoteAnswer("w", files={name: b"x"}).files)

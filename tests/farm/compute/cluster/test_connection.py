@@ -9,7 +9,7 @@ from farm.compute.cluster.connection import Connection, list_stuck_workers, list
 
 def test_connection_can_be_cancelled_while_it_closes_after_a_loss(monkeypatch):
     """Cancel the connection while Dask's client closes, which takes long without its scheduler."""
-    monkeypatch.setattr(connection, "_POLL_S", 0.05)
+    monkeypatch.setattr(connection, "_POLL_INTERVAL_S", 0.05)
     is_closing = asyncio.Event()
 
     class SlowClient:

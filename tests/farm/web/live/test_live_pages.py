@@ -174,7 +174,7 @@ def test_stream_of_an_unknown_page_or_beyond_the_limit_is_refused(tmp_path):
     assert farm.browse("GET", "/live?page=/nothing", session).status_code == 404
     with ExitStack() as open_streams:
         for _ in range(20):
-            open_streams.enter_context(farm.services.page_streams.count("ann"))
+            open_streams.enter_context(farm.services.page_streams.count_stream("ann"))
         response = farm.browse("GET", "/live?page=/", session)
     assert (response.status_code, "too many streams" in response.text) == (409, True)
     farm.services.page_streams.close()
