@@ -21,6 +21,7 @@ from farm.planning.printer_settings import build_slicing_printer
 from slicing.checks import read_toolpath, read_wall_layout
 from slicing.checks.toolpath import Toolpath
 from slicing.checks.walls import WallLayout, Walls
+from slicing.hidden_walls import HiddenSide
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
@@ -117,7 +118,7 @@ def measure_depth_mm(mark: Mark) -> float:
 
 
 def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
-    """Slice a part in its pose, with the settings of quality `glue`, in the middle of an endless bed."""
+    """Slice a part in its pose as in quality `glue`, with its hidden faces, on an endless bed."""
     resources = find_resources()
     request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]))
     plain_settings = resolve_settings(request, resources)
@@ -128,12 +129,29 @@ def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
     settings = resolve_settings(
         request,
         resources,
-        PartSettings(float(np.ptp(placed_mm[:, 2])), part.brim_width_mm, part.layer_0_expansion_mm),
+        PartSettings(
+            float(np.ptp(placed_mm[:, 2])),
+            part.brim_width_mm,
+            part.layer_0_expansion_mm,
+            bed_face_hidden=part.bed_face_hidden,
+            tops_hidden=part.tops_hidden,
+        ),
     )
+    sides = [
+        HiddenSide((x, y), plain_settings.scale_xy * offset_mm).move((shift[0], shift[1]))
+        for x, y, offset_mm in part.hidden_sides.tolist()
+    ]
     stl, output = folder / "part.stl", folder / "part.gcode"
     write_stl(stl, (placed_mm + shift)[faces].astype(np.float32))
     result = slice_plate(
-        PlateRequest(stl=stl, settings=settings, output_path=output, engine=find_engine(), bed=ENDLESS_BED)
+        PlateRequest(
+            stl=stl,
+            settings=settings,
+            output_path=output,
+            engine=find_engine(),
+            bed=ENDLESS_BED,
+            hidden_sides=tuple(sides),
+        )
     )
     path, layout = read_toolpath(output.read_bytes()), read_wall_layout(settings)
     if layout is None:
