@@ -53,10 +53,19 @@ _DATASET_OVERRIDES: Mapping[str, Any] = {**UNIFORM_INFILL, "roofing_layer_count"
 # This project's two qualities, and settings that differ in all terms of the physical model; `even` is `glue`
 # as it was when the dataset was made.
 SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
-    "even": ("glue", 0.4, _DATASET_OVERRIDES),
+    "even": ("glue", 0.4, {**_DATASET_OVERRIDES, "infill_line_width": 0.35}),
     "paper": ("paper", 0.4, {}),
     "glue": ("glue", 0.4, {}),
-    "fine": ("glue", 0.4, {**_DATASET_OVERRIDES, "layer_height": 0.15, "infill_sparse_density": 20}),
+    "fine": (
+        "glue",
+        0.4,
+        {
+            **_DATASET_OVERRIDES,
+            "infill_line_width": 0.35,
+            "layer_height": 0.15,
+            "infill_sparse_density": 20,
+        },
+    ),
     "wide": ("glue", 0.6, {**_DATASET_OVERRIDES, "speed_topbottom": 20}),
     "other": (
         "glue",
@@ -65,6 +74,7 @@ SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
             **_DATASET_OVERRIDES,
             "layer_height": 0.25,
             "line_width": 0.4,
+            "infill_line_width": 0.4,
             "speed_wall_0": 25,
             "speed_wall_x": 35,
             "speed_infill": 80,

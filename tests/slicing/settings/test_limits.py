@@ -90,7 +90,7 @@ def test_only_two_settings_of_qualities_are_reserved(resources):
         ({"infill_line_distance": "0.05"}, "infill_line_distance=0.05 is out of range; at least 0.2"),
         (
             {"infill_overlap": "5000"},
-            "infill_overlap_mm=17.5 follows from infill_overlap and is out of range",
+            "infill_overlap_mm=19.75 follows from infill_overlap and is out of range",
         ),
         ({"skin_overlap_mm": "30"}, "at most 0.8"),
         ({"magic_fuzzy_skin_enabled": "true", "magic_fuzzy_skin_thickness": "30"}, "at most 0.8"),
@@ -118,7 +118,7 @@ def test_derived_invalid_value_is_refused_with_its_cause(resources):
     assert message.startswith("material_initial_print_temperature=261 is out of range")
     message = read_refusal(resources, {"infill_sparse_density": "1000"})
     assert message.startswith(
-        "infill_line_distance=0.035 follows from infill_sparse_density and is out of range"
+        "infill_line_distance=0.044 follows from infill_sparse_density and is out of range"
     )
 
 

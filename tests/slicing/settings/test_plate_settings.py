@@ -144,6 +144,26 @@ def test_quality_glue_closes_its_tops_at_any_layer_height(make_settings):
     assert make_settings("glue").support_enabled
 
 
+def test_infill_of_glue_is_wider_than_walls_up_to_the_flow_of_the_paper(make_settings):
+    def read_infill(**overrides):
+        settings = make_settings("glue", **overrides)
+        width_mm = float(settings.extruder["infill_line_width"])
+        return width_mm, width_mm * settings.layer_height_mm * settings.speed_infill_mm_s
+
+    assert read_infill() == pytest.approx((0.44, 5.28))
+    assert read_infill(layer_height="0.208") == pytest.approx((0.44, 5.4912))
+    assert read_infill(layer_height="0.25")[1] == pytest.approx(5.5)
+    assert read_infill(speed_infill="75")[1] == pytest.approx(5.5)
+    assert read_infill(speed_infill="120")[0] == 0.35
+    assert float(make_settings("paper").extruder["infill_line_width"]) == 0.35
+
+
+@pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
+def test_infill_of_other_nozzles_is_as_wide_as_walls(resources, nozzle_mm):
+    settings = resolve_settings(SettingsRequest(PRINTERS["ultimaker2_plus"], nozzle_mm=nozzle_mm), resources)
+    assert float(settings.extruder["infill_line_width"]) == pytest.approx(settings.line_width_mm)
+
+
 def test_override_changes_dependent_settings(make_settings):
     settings = make_settings("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
     line_mm = float(settings.extruder["infill_line_width"])
