@@ -13,19 +13,19 @@ from decompose.options import THIN_FILAMENT_MM
 
 REFERENCE_S = 5_000.0  # print time of a part on which a mark has its price in `PRICES_S`
 PRICES_S = {
-    "groove upright": 3.9,
-    "groove top": 11.0,
-    "groove bed": 11.0,
-    "groove upright thin": 2.1,  # for thin filament
-    "groove top thin": 5.0,
+    "groove upright": 18.0,
+    "groove top": 17.0,
+    "groove bed": 18.0,
+    "groove upright thin": 10.0,  # for thin filament; those on hidden sides are estimated, few were sliced
+    "groove top thin": 8.0,
     "groove bed thin": 22.0,
     "hole upright": 35.0,
     "hole top": 35.0,
     "hole bed": 35.0,
-    "mark upright": 3.3,
+    "mark upright": 7.2,
     "mark top": 12.0,
-    "mark bed": 8.7,
-    "gutter mm": 0.45,
+    "mark bed": 24.0,
+    "gutter mm": 0.75,
     "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
 }
 

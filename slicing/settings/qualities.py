@@ -24,9 +24,9 @@ _CURA_SKIN_SPEED, _CURA_ROOF_SPEED = (
     f"extruderValueFromContainer(0, '{key}', {int(ProfileIndex.QUALITY)})"
     for key in ("speed_topbottom", "speed_roofing")
 )
-# Fewer and wider lines with the same plastic, at most 1.1 times as wide as the nozzle. The flow is that of the
-# infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of 0.4 mm),
-# and 4 % more in the highest layers that are fitted to a part.
+# Fewer and wider lines with the same plastic, at most 1.1 times as wide as the nozzle. The flow is that of
+# the infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of
+# 0.4 mm), and 4 % more in the highest layers that are fitted to a part.
 _MAX_INFILL_FLOW_MM3_S = 5.5
 _INFILL_LINE_WIDTH = (
     "max(line_width, min(1.1 * machine_nozzle_size,"
