@@ -22,7 +22,7 @@ from slicing.hidden_walls.sides import (
 
 MAX_UNSUPPORTED_MM = 15.0
 """[assumed] Maximum length of the outer wall between two points where infill reaches it. The lines of the
-sparsest infill of quality `glue` are 10 mm apart along a side that they meet at 45 degrees."""
+sparsest infill of quality `glue` are 12.4 mm apart along a side that they meet at 45 degrees."""
 MAX_GAPS_MM = 3.0
 """Maximum length of a stretch without an inner wall that the next layer's outer wall may leave uncovered."""
 _BOUNDARY_DEPTH_MM = 0.3  # depth below the edge of the inner wall within which lines of infill end
