@@ -22,7 +22,7 @@ from drivers.printers import PROFILES
 from drivers.records import JOURNAL, Journal
 from drivers.remote import AgentClient
 
-BY_PATH = Path("/dev/serial/by-path")
+LINKS_FOLDER = Path("/dev/serial/by-path")
 _BOARD_TIMEOUT_S = 40.0  # wall seconds for the board to answer
 _AGENT_TIMEOUT_S = 60.0  # wall seconds for the agent to report the result
 
@@ -34,7 +34,7 @@ class PluggedDevice:
     Attributes
     ----------
     port
-        Stable path by USB socket if it exists, else the path of the device.
+        Stable path that names the USB socket, if there is one, else the path of the device.
     device
         Path of the device.
     description
@@ -50,7 +50,7 @@ class PluggedDevice:
 
 
 def list_plugged_devices(
-    fleet: Iterable[tuple[str, str]], devices: list[Device] | None = None, by_path: Path = BY_PATH
+    fleet: Iterable[tuple[str, str]], devices: list[Device] | None = None, links_folder: Path = LINKS_FOLDER
 ) -> list[PluggedDevice]:
     """List all serial devices on USB, without opening them.
 
@@ -58,7 +58,7 @@ def list_plugged_devices(
     ----------
     fleet
         Name and port of each printer.
-    devices, by_path
+    devices, links_folder
         Devices to list (default: all devices of the host), and the folder of links named after USB sockets.
         Tests replace both.
 
@@ -68,7 +68,7 @@ def list_plugged_devices(
         In the order of `devices`.
     """
     printer_by_path = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
-    links = {link.resolve(): link for link in sorted(by_path.glob("*"), reverse=True)}
+    links = {link.resolve(): link for link in sorted(links_folder.glob("*"), reverse=True)}
     result = []
     for device in list_devices() if devices is None else devices:
         path = device.path.resolve()

@@ -2,7 +2,7 @@
 
 The daemon sends `Request`s with a unique `id`. The agent answers each with one `Reply` of the same id. It
 also pushes a `Snapshot` after every change, and about once per wall second while the printer is warm or
-prints. Requests are idempotent by `print_id`: a repeated request changes nothing and gets the same answer.
+printing. Requests are idempotent by `print_id`: a repeated request changes nothing and gets the same answer.
 """
 
 from __future__ import annotations

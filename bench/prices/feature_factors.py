@@ -61,11 +61,11 @@ def make_feeder_limits(feed_mm_s: float, jerk_e_mm_s: float) -> Limits:
 
 FIRMWARES: Mapping[str, Callable[[], Limits]] = {
     "as assumed": make_limits,
-    "third of the acceleration": lambda: make_limits(print_mm_s2=1000.0),
+    "third of the acceleration": lambda: make_limits(print_acceleration_mm_s2=1000.0),
     "half of the jerk": lambda: make_limits(jerk_xy_mm_s=10.0),
-    "both": lambda: make_limits(print_mm_s2=1000.0, jerk_xy_mm_s=10.0),
+    "both": lambda: make_limits(print_acceleration_mm_s2=1000.0, jerk_xy_mm_s=10.0),
     "slow feeder": lambda: make_feeder_limits(12.0, 1.0),
-    "quicker": lambda: make_limits(print_mm_s2=5000.0, jerk_xy_mm_s=30.0),
+    "quicker": lambda: make_limits(print_acceleration_mm_s2=5000.0, jerk_xy_mm_s=30.0),
 }
 
 

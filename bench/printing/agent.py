@@ -122,7 +122,7 @@ class FakeBoards(threading.Thread):
             for fd, _ in events:
                 if fd in boards_by_watch_fd:
                     board = boards_by_watch_fd[fd]
-                    if board.port.process_opens():
+                    if board.port.process_port_events():
                         board.reset()
                         deadlines = [entry for entry in deadlines if entry[2] is not board]
                         heapq.heapify(deadlines)

@@ -297,7 +297,7 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
     lines = (faults + 2) * LINES_PER_FAULT
     program = [*(make_move(index) for index in range(lines)), *END_LINES]
     firmware, link, injector = Recorder(rng), Link(ULTIMAKER2), FaultInjector(kind, rng)
-    link.poll_every_s = 0.2
+    link.poll_interval_s = 0.2
     link.on_opened(0.0)
     to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)
     now_s, is_connected, fault, fault_count = 0.0, False, None, 0

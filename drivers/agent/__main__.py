@@ -1,4 +1,4 @@
-"""Run ``python -m drivers.agent --folder FOLDER``: one agent, for the printer in FOLDER/start.json."""
+"""Run the agent of the printer in FOLDER/start.json: ``python -m drivers.agent --folder FOLDER``."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Alarms:
         self._printer, self._command = printer, command
         self.alarm = alarm
         self._power_off: PowerOffRun | None = None
-        self._requested_by: Session | None = None  # the session that asked for the mains to be cut
+        self._requesting_session: Session | None = None  # the session that asked for the mains to be cut
 
     @property
     def is_pending(self) -> bool:
@@ -70,8 +70,8 @@ class Alarms:
         """Take over the finding of a session, and add it to the reason of its print."""
         suspicion, alarm = session.context.suspicion, self.alarm
         if session.context.wants_power_off:
-            if session is not self._requested_by:
-                self._requested_by = session
+            if session is not self._requesting_session:
+                self._requesting_session = session
                 self._request_power_off(suspicion.text if suspicion is not None else _UNCONFIRMED_TEXT, now_s)
                 assert self.alarm is not None
                 session.add_reason(self.alarm.text)

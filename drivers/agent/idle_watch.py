@@ -1,4 +1,4 @@
-"""Watch over an idle board that detects manual actions, SD prints and faults. Pure.
+"""Detection of manual actions, SD prints and faults at an idle board. Pure.
 
 Answers have no checksum, so a finding that a garbled digit could cause must occur twice.
 """
@@ -14,8 +14,8 @@ SD_PRINT_REASON = "it is printing from its SD card"
 MOVED_REASON = "somebody moved it at the printer"
 HEATED_REASON = "somebody switched a heater on at the printer"
 MAX_COLD_C = 45.0
-# A heater is stuck on if it rises by RISE_C to above MIN_STUCK_C with the target 0.
-RISE_C, MIN_STUCK_C = 15.0, 60.0
+# A heater is stuck on if its target is 0 and it rises by more than STUCK_RISE_C, to above MIN_STUCK_C.
+STUCK_RISE_C, MIN_STUCK_C = 15.0, 60.0
 
 _POSITION = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
 _SD_ANSWERS = (b"SD printing byte", b"Not SD printing", b"Card error:")
@@ -40,7 +40,7 @@ class FilamentWatch:
         self._has_printed = False  # since the last reset; the position proves nothing before a print
 
     def confirm(self) -> None:
-        """Trust the journal from now on: a print begins, or a person has stated the filament's position."""
+        """Trust the journal from now on: a print is beginning, or a person has stated the position."""
         self.is_certain, self.rest_position = True, None
 
     def note_print(self) -> None:
@@ -87,13 +87,13 @@ class IdleWatch:
         self._unconfirmed_position: bytes | None = None  # last answer that differs from the known position
         self._was_heated = False
         self._coolest_c = [float("inf"), float("inf")]
-        self._hot_reports = 0  # number of consecutive reports with a heater stuck on
-        self._cold_reports = 0  # number of consecutive reports with both off and cold
+        self._hot_report_count = 0  # number of consecutive reports with a heater stuck on
+        self._cold_report_count = 0  # number of consecutive reports with both off and cold
 
     @property
     def is_cold(self) -> bool:
         """True if three consecutive reports showed both heaters off and cold."""
-        return self._cold_reports >= 3
+        return self._cold_report_count >= 3
 
     def judge_answer(self, text: bytes) -> tuple[bool, str | None]:
         """Judge an answer to `Firmware.idle_queries`.
@@ -133,20 +133,20 @@ class IdleWatch:
         """
         is_heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
         is_cold = not is_heated and max(report.nozzle_c, report.bed_c) < MAX_COLD_C
-        self._cold_reports = self._cold_reports + 1 if is_cold else 0
+        self._cold_report_count = self._cold_report_count + 1 if is_cold else 0
         is_heated_twice, self._was_heated = is_heated and self._was_heated, is_heated
         if is_heated:
             self._coolest_c = [float("inf"), float("inf")]
-            self._hot_reports = 0
+            self._hot_report_count = 0
             return (HEATED_REASON if is_heated_twice else None), None
         now_c = (report.nozzle_c, report.bed_c)
         self._coolest_c = [min(old_c, new_c) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)]
         is_rising = [
-            new_c > max(MIN_STUCK_C, old_c + RISE_C)
+            new_c > max(MIN_STUCK_C, old_c + STUCK_RISE_C)
             for old_c, new_c in zip(self._coolest_c, now_c, strict=True)
         ]
-        self._hot_reports = self._hot_reports + 1 if any(is_rising) else 0
-        if self._hot_reports < 3:
+        self._hot_report_count = self._hot_report_count + 1 if any(is_rising) else 0
+        if self._hot_report_count < 3:
             return None, None
         heater, at_c = ("nozzle", now_c[0]) if is_rising[0] else ("bed", now_c[1])
         return None, LinkFault(

@@ -25,7 +25,7 @@ from drivers.records import AGENT_LOG, JOURNAL, Journal, StartFile
 log = logging.getLogger(__name__)
 
 EMULATOR_FOLDER = "emulator"
-PUSH_INTERVAL_S = 1.0  # wall seconds between two snapshots while the printer is warm or prints
+PUSH_INTERVAL_S = 1.0  # wall seconds between two snapshots while the printer is warm or printing
 IDLE_PUSH_INTERVAL_S = 5.0
 LOG_CHECK_INTERVAL_S = 60.0  # wall seconds between two checks of the log's size
 MIN_WARM_C = 40.0  # temperature above which a heater counts as warm
@@ -95,7 +95,7 @@ class Agent:
         self._board.tick()
         self._server = Server(self._folder, self._selector, self._answer, self._build_snapshot)
         wake_wall_s = 0.0
-        while not self._requests.has_ended:
+        while not self._requests.must_end:
             wait_s = wake_wall_s - read_wall_s()
             for key, mask in self._selector.select(wait_s if wait_s > 0.0 else 0.0):
                 key.data(mask)
@@ -118,8 +118,8 @@ class Agent:
 
     def _save(self) -> None:
         self._recorder.record_changes()
-        if self._requests.is_ending and self._board.session is None and not self._board.state.hot:
-            self._requests.has_ended = True
+        if self._requests.must_end_after_print and self._board.session is None and not self._board.state.hot:
+            self._requests.must_end = True
 
     # --- messages ---
 
@@ -175,7 +175,7 @@ class Agent:
             self._selector.register(fd, selectors.EVENT_READ, self._board.on_readable)
 
     def _listen_to_signals(self) -> tuple[socket.socket, socket.socket]:
-        """Let SIGTERM and SIGINT wake the loop through a socket, to handle them between two steps."""
+        """Let SIGTERM and SIGINT wake the loop through a socket, so it handles them between two steps."""
         read_end, write_end = socket.socketpair()
         for end in (read_end, write_end):
             end.setblocking(False)
@@ -189,9 +189,9 @@ class Agent:
         """End after the open print on SIGTERM; on SIGINT, end the print safely first."""
         ends_print = signal.SIGINT in self._signals[0].recv(64)
         if self._board.session is None and (ends_print or not self._board.state.hot):
-            self._requests.has_ended = True
+            self._requests.must_end = True
             return
-        self._requests.is_ending = True
+        self._requests.must_end_after_print = True
         log.warning(
             "asked to end by a signal: %s", "at once" if ends_print else "when the open print has ended"
         )

@@ -198,8 +198,8 @@ class Recorder:
         if self._program is not None:
             readings["line"] = context.acknowledged_lines
             mark = self._program.compute_progress(context.acknowledged_lines)
-            readings["progress_s"] = mark.seconds
-            readings["layers"] = self._program.layers
+            readings["progress_s"] = mark.time_s
+            readings["layers"] = self._program.layer_count
             if mark.layer is not None:
                 readings |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
             readings["started_s"] = context.started_s

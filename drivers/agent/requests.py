@@ -47,15 +47,15 @@ class RequestHandler:
 
     Attributes
     ----------
-    has_ended
-        True if the agent ends now.
-    is_ending
-        True if the agent ends after the open print.
+    must_end
+        True if the agent has to end now.
+    must_end_after_print
+        True if the agent has to end after the open print.
     """
 
     def __init__(self, printer: str, recorder: Recorder, spool: Spool, clock: Clock) -> None:
-        self.has_ended = False
-        self.is_ending = False
+        self.must_end = False
+        self.must_end_after_print = False
         self._printer = printer
         self._recorder, self._board, self._journal = recorder, recorder.board, recorder.journal
         self._spool, self._clock = spool, clock
@@ -152,7 +152,7 @@ class RequestHandler:
 
     def _clear_bed(self, request: BedCleared) -> None:
         if self._board.session is not None:
-            raise AgentError(f"{self._printer} prints: clear its bed after the print")
+            raise AgentError(f"{self._printer} is printing: clear its bed after the print")
         snapshot, attention = self._journal.state.print, self._board.state.attention_reason
         if attention is not None and snapshot is not None and snapshot.fault == Fault.WRONG_PRINTER:
             self._journal.write(self._clock.now(), identity=None)  # a person has checked which printer it is
@@ -168,9 +168,9 @@ class RequestHandler:
         if self._board.session is None:
             if self._board.state.hot and not request.now:
                 raise AgentError(f"{self._printer} may still be hot: check it, or shut down with `now`")
-            self.has_ended = True
+            self.must_end = True
         elif request.now:
-            self.is_ending = True
+            self.must_end_after_print = True
             self._board.cancel("the farm was shut down")
         else:
-            raise AgentError(f"{self._printer} prints: cancel it, or shut down with `now`")
+            raise AgentError(f"{self._printer} is printing: cancel it, or shut down with `now`")

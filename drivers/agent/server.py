@@ -1,4 +1,4 @@
-"""Socket of an agent: requests in, replies and snapshots out, one JSON object per line."""
+"""Socket of an agent, which receives requests and sends replies and snapshots as one JSON object per line."""
 
 from __future__ import annotations
 

@@ -29,7 +29,9 @@ class Inhibitor:
 
     def __init__(self, printer: str, *, is_simulated: bool, command: Sequence[str] | None = None) -> None:
         is_enabled = command is not None or (_SYSTEMD.is_dir() and not is_simulated)
-        self._command = (*(command or _COMMAND), f"--why={printer} prints", "cat") if is_enabled else None
+        self._command = (
+            (*(command or _COMMAND), f"--why={printer} is printing", "cat") if is_enabled else None
+        )
         self._child: subprocess.Popen[bytes] | None = None
 
     def hold(self, is_enabled: bool) -> None:

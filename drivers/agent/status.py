@@ -14,7 +14,7 @@ from drivers.records import StartFile
 UNVERIFIED_REASON = (
     "it is not verified that DTR resets its board: this is tested when a person confirms that it is idle"
 )
-_PARKED_TOLERANCE_MM = 1.0
+_POSITION_TOLERANCE_MM = 1.0
 
 
 def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, str | None]:
@@ -113,6 +113,6 @@ def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]
 
 def _read_filament(end_mm: float, park_retraction_mm: float) -> Filament:
     """Return the filament position of an emulator."""
-    if abs(end_mm + park_retraction_mm) <= _PARKED_TOLERANCE_MM:
+    if abs(end_mm + park_retraction_mm) <= _POSITION_TOLERANCE_MM:
         return Filament.PARKED
-    return Filament.AT_NOZZLE if abs(end_mm) <= 1.0 else Filament.UNKNOWN
+    return Filament.AT_NOZZLE if abs(end_mm) <= _POSITION_TOLERANCE_MM else Filament.UNKNOWN

@@ -1,4 +1,4 @@
-"""Run ``python -m drivers.emulator``: one loop over the port, the control socket and the clock."""
+"""Run an emulator (``python -m drivers.emulator``): one loop over port, control socket and clock."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ class Emulator:
     def _process_port_events(self, now_s: float) -> None:
         """Handle openings and closings of the port by the host: opening resets the board."""
         was_open = self._port.is_open
-        if self._port.process_opens() and not self._firmware.board.faults.no_reset:
+        if self._port.process_port_events() and not self._firmware.board.faults.no_reset:
             self._port.discard()
             for wire in self._wires or ():
                 wire.cut()

@@ -1,7 +1,7 @@
 """Faults to inject, by name, and the sampler that draws them at random.
 
-A new fault is a field of `Faults`, under its name in the url, and one place that applies it: `FaultSampler`
-for faults of lines, `EmulatedBoard` for physical faults, `EmulatedFirmware` for faults of the board's
+A new fault needs a field of `Faults`, named as in the url, and code that applies it: in `FaultSampler` for
+faults of lines, in `EmulatedBoard` for physical faults, in `EmulatedFirmware` for faults of the board's
 program.
 """
 
@@ -21,7 +21,7 @@ from drivers.printers import PROFILES, Profile
 class Faults:
     """Faults to inject; the default is a printer without faults.
 
-    ``*_after`` counts the lines that the firmware has accepted since power-on; each such fault happens once.
+    ``*_after`` is the number of lines, accepted since power-on, after which a fault happens once.
     """
 
     # on the wire, in both directions; probabilities per byte
@@ -150,11 +150,11 @@ class SimUrl:
     profile: Profile
     faults: Faults
     seed: int
-    words: tuple[str, ...]  # the faults as NAME=VALUE, for a command line
+    fault_arguments: tuple[str, ...]  # the faults as NAME=VALUE, for a command line
 
 
 def parse_url(url: str) -> SimUrl:
-    """Read a ``sim://`` url.
+    """Parse a ``sim://`` url.
 
     Raises
     ------

@@ -80,7 +80,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
         arguments = ["--model", address.profile.model, "--folder", str(folder.absolute()), "--detach"]
         arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
         arguments += ["--seed", str(address.seed)]
-        arguments += [word for fault in address.words for word in ("--fault", fault)]
+        arguments += [word for fault in address.fault_arguments for word in ("--fault", fault)]
         try:
             _run_emulator(arguments, folder / LOG_FILE)
         except (OSError, subprocess.SubprocessError) as error:

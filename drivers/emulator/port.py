@@ -57,7 +57,7 @@ class Port:
         self.watch_fd = _watch(self.name)
         self.is_plugged = True
         self.is_open = False
-        self._hosts = 0
+        self._host_count = 0
         new_link = self._link.with_name(f".{self._link.name}.new")
         new_link.unlink(missing_ok=True)
         new_link.symlink_to(self.name)
@@ -71,7 +71,7 @@ class Port:
             os.close(self.watch_fd)
         self.is_plugged = self.is_open = False
 
-    def process_opens(self) -> bool:
+    def process_port_events(self) -> bool:
         """Process openings and closings of the slave; return True if it was closed and then opened.
 
         Only the first of several hosts raises DTR.
@@ -86,11 +86,11 @@ class Port:
             _, mask, _, name_bytes = _EVENT.unpack_from(data, offset)
             offset += _EVENT.size + name_bytes
             if mask & _OPEN:
-                self._hosts += 1
-                is_dtr_raised = is_dtr_raised or self._hosts == 1
+                self._host_count += 1
+                is_dtr_raised = is_dtr_raised or self._host_count == 1
             if mask & (_CLOSE_WRITE | _CLOSE_NOWRITE):
-                self._hosts = max(0, self._hosts - 1)
-        self.is_open = self._hosts > 0
+                self._host_count = max(0, self._host_count - 1)
+        self.is_open = self._host_count > 0
         return is_dtr_raised
 
     def read(self) -> bytes:

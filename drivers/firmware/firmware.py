@@ -78,7 +78,7 @@ class Firmware:
         Command that arms the dead-man timer: heaters go off after ``%d`` seconds without a command; 0 disarms
         it.
     dead_man_observed
-        True if this was observed on a real printer. Otherwise a real printer prints only while attended.
+        True if the timer was observed on a real printer. Otherwise a real printer prints only while attended.
     setup_commands
         Commands sent before a print to a board that has restarted.
     reset_commands

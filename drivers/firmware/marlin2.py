@@ -48,7 +48,7 @@ MARLIN2 = Firmware(
         (b"kill() called", Fault.KILL),
         (b"Printer stopped", Fault.STOPPED),
         (b"STOP called", Fault.STOPPED),
-        (b"busy: paused", Fault.STOPPED),  # waits for a person at the printer, as after a filament sensor
+        (b"busy: paused", Fault.STOPPED),  # waits for a person, for instance because the filament has run out
         (b"Homing Failed", Fault.ENDSTOP),
         (b"cold extrusion", Fault.COLD_EXTRUSION),
         (b"too long extrusion", Fault.BAD_FILE),

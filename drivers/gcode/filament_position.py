@@ -39,7 +39,7 @@ def read_position(answer: bytes) -> Point | None:
         return None
 
 
-def measure_retraction_mm(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
+def measure_retraction_mm(program: Program, done_lines: int, stop_point: Point | None = None) -> float:
     """Compute the distance from the nozzle's tip back to the end of the filament.
 
     Parameters
@@ -48,7 +48,7 @@ def measure_retraction_mm(program: Program, done_lines: int, stopped_at: Point |
         The program; the filament was at the nozzle at its first extrusion.
     done_lines
         Number of acknowledged lines.
-    stopped_at
+    stop_point
         Position of the head after a quick stop; None if all moves were executed.
 
     Returns
@@ -57,7 +57,7 @@ def measure_retraction_mm(program: Program, done_lines: int, stopped_at: Point |
         Distance in mm; 0 at the tip. It is exact, unless a G92 among the last moves shifted the coordinates.
     """
     motion = MotionState(program, done_lines)
-    return motion.retracted_mm if stopped_at is None else motion.find_retraction_mm(stopped_at)
+    return motion.retracted_mm if stop_point is None else motion.find_retraction_mm(stop_point)
 
 
 class MotionState:
@@ -142,13 +142,13 @@ class MotionState:
             BUFFERED_LINES,
         )
 
-    def find_retraction_mm(self, stopped_at: Point) -> float:
+    def find_retraction_mm(self, stop_point: Point) -> float:
         """Compute `retracted_mm` at a stop in a buffered move; at the last line if no move passes there."""
         nearest_mm, found_mm = POSITION_TOLERANCE_MM, self.retracted_mm
         for start_point, end_point, retracted_mm in self._moves:
-            distance_mm = _compute_distance_mm(stopped_at, start_point, end_point)
+            distance_mm = _compute_distance_mm(stop_point, start_point, end_point)
             if distance_mm < nearest_mm:
-                fed_mm = stopped_at[3] - start_point[3]
+                fed_mm = stop_point[3] - start_point[3]
                 nearest_mm = distance_mm
                 found_mm = retracted_mm if math.isnan(fed_mm) else max(0.0, retracted_mm - fed_mm)
         return found_mm

@@ -10,9 +10,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-LINE_BYTES = 94
+MAX_FRAME_BYTES = 94
 """Maximum length of a line, without its newline (docs/explanation/ultimaker2-serial.md, section 1.5)."""
-_MAX_BYTES = LINE_BYTES - len(b"255")
+_MAX_BYTES_BEFORE_CHECKSUM = MAX_FRAME_BYTES - len(b"255")
 
 _CHECKSUMS = {b"%0*d" % (width, total): total for total in range(128) for width in range(7)} | {b"": 0}
 """Checksum that the firmware would read, by up to 6 decimals in ASCII."""
@@ -54,7 +54,10 @@ def add_frame(number: int, command: bytes) -> bytes:
     dot = line.find(b".")
     while dot >= 0:
         end = line.find(b" ", dot)  # -1 in the last word, which the star ends
-        if _CHECKSUMS.get(line[dot + 1 : end]) == checksums[dot - 1] and len(line) < _MAX_BYTES:
+        if (
+            _CHECKSUMS.get(line[dot + 1 : end]) == checksums[dot - 1]
+            and len(line) < _MAX_BYTES_BEFORE_CHECKSUM
+        ):
             word = line.rindex(b" ", 0, dot)
             line = line[:word] + b" " + line[word:]
             checksums = compute_running_checksums(line)

@@ -27,7 +27,8 @@ _BLOCK_LINES = 256
 _EXTRUDING_MOVE = re.compile(rb"G[0-3] [^E]*E")
 _RISING_CODES = frozenset((b"G0", b"G1"))
 _HEATING_CODES = frozenset((b"M104", b"M109", b"M140", b"M190"))
-_MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # axes (0) or E (1), relative
+# By command: 0 for the mode of the axes or 1 for that of E; 0 for absolute or 1 for relative.
+_MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}
 _MAX_LAYERS = 1e6
 _MAX_PRINT_TIME_S = 1e8
 _PEAK_STEP_MM = 1.0  # a spiral rises with every line: heights are stored in steps of this size
@@ -106,8 +107,8 @@ class Program:
     heat_commands: tuple[HeatCommand, ...]
     home_line: int
     extrusion_line: int
-    _relative: array[int]  # lines at which G91 alternately takes effect and ends
-    _relative_e: array[int]  # the same for M83
+    _relative_lines: array[int]  # lines at which G91 alternately takes effect and ends
+    _relative_e_lines: array[int]  # the same for M83
     _peak_lines: array[int]
     _peaks_mm: array[float]
 
@@ -117,9 +118,9 @@ class Program:
         return self.timeline.time_s
 
     @property
-    def layers(self) -> int:
+    def layer_count(self) -> int:
         """Number of layers."""
-        return self.timeline.layers
+        return self.timeline.layer_count
 
     def read_lines(self, start: int, stop: int) -> list[bytes]:
         """Read lines `start` to `stop` (excluded), without newlines.
@@ -166,11 +167,11 @@ class Program:
 
     def is_relative(self, line: int) -> bool:
         """Return True if G91 is in effect after `line` lines."""
-        return bisect_left(self._relative, line) % 2 == 1
+        return bisect_left(self._relative_lines, line) % 2 == 1
 
     def is_e_relative(self, line: int) -> bool:
         """Return True if M83 is in effect after `line` lines."""
-        return bisect_left(self._relative_e, line) % 2 == 1
+        return bisect_left(self._relative_e_lines, line) % 2 == 1
 
 
 def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramStore | None = None) -> Program:
@@ -285,8 +286,8 @@ class _Reader:
             heat_commands=tuple(self._heat_commands),
             home_line=count if self._home_line < 0 else self._home_line,
             extrusion_line=count if self.extrusion_line < 0 else self.extrusion_line,
-            _relative=self._toggles[0],
-            _relative_e=self._toggles[1],
+            _relative_lines=self._toggles[0],
+            _relative_e_lines=self._toggles[1],
             _peak_lines=self._peak_lines,
             _peaks_mm=self._peaks_mm,
         )

@@ -40,7 +40,7 @@ class Mark:
     ----------
     line
         Line of the program, from 0.
-    seconds
+    time_s
         Print time as counted by the slicer, which excludes heating, homing, start code and end code.
     layer
         Layer of the file, from 0; None before the first.
@@ -51,14 +51,14 @@ class Mark:
     """
 
     line: int
-    seconds: float
+    time_s: float
     layer: int | None = None
     z_mm: float = 0.0
     feature: Feature | None = None
 
 
 class Timeline:
-    """Marks of a file, increasing in line and seconds; between two marks, time is linear in the lines.
+    """Marks of a file, increasing in line and time; between two marks, time is linear in the lines.
 
     Call `add_layer`, `add_feature`, `add_height` and `add_time` in the order of the lines, then `close`.
 
@@ -66,14 +66,14 @@ class Timeline:
     ----------
     time_s
         Print time of the whole file, in seconds.
-    layers
+    layer_count
         Number of layers.
     """
 
     def __init__(self) -> None:
         self.time_s = 0.0
-        self.layers = 0
-        self._lines, self._seconds = array("Q"), array("d")  # seconds are NaN if no comment states them
+        self.layer_count = 0
+        self._lines, self._times_s = array("Q"), array("d")  # times are NaN if no comment states them
         self._layers, self._heights_mm, self._features = array("i"), array("d"), array("b")
         self._layer = _NO_LAYER
         self._z_mm = 0.0
@@ -86,7 +86,7 @@ class Timeline:
         layer, feature = self._layers[index], self._features[index]
         return Mark(
             self._lines[index],
-            self._seconds[index],
+            self._times_s[index],
             None if layer == _NO_LAYER else layer,
             self._heights_mm[index],
             None if feature < 0 else _FEATURES[feature],
@@ -100,24 +100,24 @@ class Timeline:
         index = bisect_right(self._lines, line)
         previous = self[index - 1] if index else Mark(0, 0.0)
         if line >= count or index == len(self):
-            return replace(previous, line=line, seconds=self.time_s if line >= count else previous.seconds)
+            return replace(previous, line=line, time_s=self.time_s if line >= count else previous.time_s)
         fraction = (line - previous.line) / (self._lines[index] - previous.line)
         return replace(
             previous,
             line=line,
-            seconds=previous.seconds + fraction * (self._seconds[index] - previous.seconds),
+            time_s=previous.time_s + fraction * (self._times_s[index] - previous.time_s),
         )
 
     # --- additions ---
 
-    def add_time(self, line: int, seconds: float) -> None:
+    def add_time(self, line: int, time_s: float) -> None:
         """Add the print time at a line."""
-        self.time_s = max(self.time_s, seconds)
+        self.time_s = max(self.time_s, time_s)
         self._mark(line, self.time_s)
 
     def add_layer(self, line: int, layer: int) -> None:
         """Add a layer that begins at a line."""
-        self.layers = max(self.layers, layer + 1)
+        self.layer_count = max(self.layer_count, layer + 1)
         self._layer, self._feature = layer, -1
         self._mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first layer
 
@@ -133,27 +133,27 @@ class Timeline:
             self._layers[-1], self._heights_mm[-1], self._features[-1] = self._layer, z_mm, -1
 
     def close(self) -> None:
-        """Interpolate the seconds of marks without a time."""
-        lines, seconds = self._lines, self._seconds
+        """Interpolate the times of marks without a time."""
+        lines, times_s = self._lines, self._times_s
         last_line, last_s, unknown_start = 0, 0.0, 0
         for index, line in enumerate(lines):
-            if math.isnan(seconds[index]):
+            if math.isnan(times_s[index]):
                 continue
             for unknown in range(unknown_start, index):
                 fraction = (lines[unknown] - last_line) / (line - last_line)
-                seconds[unknown] = last_s + fraction * (seconds[index] - last_s)
-            last_line, last_s, unknown_start = line, seconds[index], index + 1
+                times_s[unknown] = last_s + fraction * (times_s[index] - last_s)
+            last_line, last_s, unknown_start = line, times_s[index], index + 1
         for unknown in range(unknown_start, len(lines)):
-            seconds[unknown] = last_s
+            times_s[unknown] = last_s
 
-    def _mark(self, line: int, seconds: float) -> None:
+    def _mark(self, line: int, time_s: float) -> None:
         if not (self._lines and self._lines[-1] == line):
             self._lines.append(line)
-            self._seconds.append(seconds)
+            self._times_s.append(time_s)
             self._layers.append(self._layer)
             self._heights_mm.append(self._z_mm)
             self._features.append(self._feature)
             return
         self._layers[-1], self._heights_mm[-1], self._features[-1] = self._layer, self._z_mm, self._feature
-        if not math.isnan(seconds):
-            self._seconds[-1] = seconds
+        if not math.isnan(time_s):
+            self._times_s[-1] = time_s

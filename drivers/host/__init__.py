@@ -3,10 +3,10 @@
 `service` and `program` are not imported here: they are separate programs.
 """
 
-from drivers.host.connection import LINE_BYTES, MuxConnection
+from drivers.host.connection import MAX_LINE_BYTES, MuxConnection
 from drivers.host.messages import (
-    SILENCE_S,
-    STATE_S,
+    SILENCE_TIMEOUT_S,
+    STATE_INTERVAL_S,
     AgentPhase,
     AgentState,
     HostMessage,
@@ -19,9 +19,9 @@ from drivers.host.messages import (
 )
 
 __all__ = [
-    "LINE_BYTES",
-    "SILENCE_S",
-    "STATE_S",
+    "MAX_LINE_BYTES",
+    "SILENCE_TIMEOUT_S",
+    "STATE_INTERVAL_S",
     "AgentPhase",
     "AgentState",
     "HostMessage",

@@ -29,7 +29,7 @@ from drivers.remote import (
 
 log = logging.getLogger(__name__)
 
-_RETRY_S = 1.0  # wall seconds between two attempts to connect to the agent
+_RETRY_INTERVAL_S = 1.0  # wall seconds between two attempts to connect to the agent
 _END_TIMEOUT_S = 30.0  # wall seconds for an idle agent to end
 
 
@@ -86,7 +86,7 @@ class AgentWatch:
 
     @property
     def is_running(self) -> bool:
-        """True while an agent runs, including one that has just been started and has no lock yet."""
+        """True while an agent is running, even if it has just been started and has no lock yet."""
         return self.is_alive or (self._process is not None and self._process.poll() is None)
 
     def describe(self) -> AgentState:
@@ -103,7 +103,7 @@ class AgentWatch:
         )
 
     def find_installation(self) -> Installation | None:
-        """Return the installation that the agent runs; None if no agent runs."""
+        """Return the installation that the agent runs; None if no agent is running."""
         pid = find_agent_pid(self._folder)
         return None if pid is None else Installation.from_agent(pid)
 
@@ -115,7 +115,7 @@ class AgentWatch:
         return AgentPhase.PRINTING if self.snapshot.print is not None else AgentPhase.IDLE
 
     def keep_alive(self) -> None:
-        """Start the agent if none runs and its wait is over; kill one that hangs."""
+        """Start the agent if none is running and the wait before its restart is over; kill one that hangs."""
         if self._listen_task is None:
             self._listen_task = asyncio.create_task(self._listen())
         if self._process is not None and self._process.poll() is not None:
@@ -169,7 +169,7 @@ class AgentWatch:
                 async for snapshot in self._client.snapshots():
                     self.snapshot = snapshot
             self.snapshot = None
-            await asyncio.sleep(_RETRY_S)
+            await asyncio.sleep(_RETRY_INTERVAL_S)
 
     async def end(self) -> None:
         """End the agent if it is idle, and wait until it has ended.
@@ -185,7 +185,7 @@ class AgentWatch:
             raise AgentError(reply.error)
         try:
             async with asyncio.timeout(_END_TIMEOUT_S):
-                # If the id has changed, the next agent runs already.
+                # If the id has changed, the next agent is already running.
                 while self.is_alive and find_agent_pid(self._folder) == pid:
                     await asyncio.sleep(0.05)
         except TimeoutError as error:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from drivers.errors import AgentError
 from drivers.host.mux import DataReceived, Message, Mux, StreamClosed, StreamOpened
 
-LINE_BYTES = 1024 * 1024
+MAX_LINE_BYTES = 1024 * 1024
 """Maximum length of a line from an agent."""
 _READ_BYTES = 128 * 1024
 # A writer pauses above the first number of unsent bytes of its stream, and resumes at the second.
@@ -22,7 +22,7 @@ class MuxStream(asyncio.Transport):
     def __init__(self, owner: MuxConnection, number: int) -> None:
         super().__init__()
         self._owner, self._number = owner, number
-        self._reader = asyncio.StreamReader(LINE_BYTES)
+        self._reader = asyncio.StreamReader(MAX_LINE_BYTES)
         self._protocol = asyncio.StreamReaderProtocol(self._reader)
         self._protocol.connection_made(self)
         self._is_closing = self._is_reading_paused = self._is_writing_paused = False

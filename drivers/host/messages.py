@@ -13,9 +13,9 @@ from drivers.records import StartFile
 
 HOST_PROTOCOL = 1
 """Version of these messages, increased when the meaning of one changes; new fields have defaults."""
-STATE_S = 5.0
+STATE_INTERVAL_S = 5.0
 """Wall seconds between two states of a host; they are the heartbeat of the connection."""
-SILENCE_S = 20.0
+SILENCE_TIMEOUT_S = 20.0
 """Wall seconds after which a silent connection is lost."""
 
 

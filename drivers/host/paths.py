@@ -17,7 +17,7 @@ from pathlib import Path
 from drivers.errors import AgentError
 from drivers.locks import find_holder, is_locked, kill_holder
 from drivers.records import StartFile
-from drivers.remote import RETRY_S, Installation
+from drivers.remote import RETRY_INTERVAL_S, Installation
 from drivers.remote.bridge import find_folder
 
 _FOLDER = ".host"  # no printer's name begins with a dot
@@ -134,7 +134,7 @@ def reach_service(paths: HostPaths) -> socket.socket:
                 connection.close()
                 raise
             return connection
-        time.sleep(RETRY_S)
+        time.sleep(RETRY_INTERVAL_S)
     raise AgentError(f"{paths.folder}: the service of this host does not answer; see {paths.log}")
 
 
@@ -164,6 +164,6 @@ def end_service(paths: HostPaths) -> None:
             os.kill(pid, signal.SIGTERM)
     deadline_s = time.monotonic() + _END_TIMEOUT_S
     while is_locked(paths.lock) and time.monotonic() < deadline_s:
-        time.sleep(RETRY_S / 5)
+        time.sleep(RETRY_INTERVAL_S / 5)
     if is_locked(paths.lock) and not kill_holder(paths.lock):
         raise AgentError(f"{paths.folder}: the service of another version cannot be ended; end it by hand")

@@ -8,11 +8,11 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.host.connection import LINE_BYTES, MuxStream
+from drivers.host.connection import MAX_LINE_BYTES, MuxStream
 from drivers.host.supervision import ReportFilter
 from drivers.messages import AGENT_SOCKET
 from drivers.records import AGENT_LOG
-from drivers.remote import RETRY_S
+from drivers.remote import RETRY_INTERVAL_S
 
 _CONNECT_TIMEOUT_S = 30.0
 _READ_BYTES = 64 * 1024
@@ -57,10 +57,10 @@ async def _connect(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWr
             descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
             try:
                 path = f"/proc/self/fd/{descriptor}/{AGENT_SOCKET}"
-                return await asyncio.open_unix_connection(path, limit=LINE_BYTES)
+                return await asyncio.open_unix_connection(path, limit=MAX_LINE_BYTES)
             finally:
                 os.close(descriptor)
-        await asyncio.sleep(RETRY_S)
+        await asyncio.sleep(RETRY_INTERVAL_S)
     return None
 
 

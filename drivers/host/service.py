@@ -20,10 +20,10 @@ from typing import Any
 from drivers.discovery import list_plugged_devices
 from drivers.errors import AgentError, DriverError
 from drivers.host.agent_watch import AgentWatch
-from drivers.host.connection import LINE_BYTES, MuxConnection, MuxStream
+from drivers.host.connection import MAX_LINE_BYTES, MuxConnection, MuxStream
 from drivers.host.messages import (
-    SILENCE_S,
-    STATE_S,
+    SILENCE_TIMEOUT_S,
+    STATE_INTERVAL_S,
     HostMessage,
     HostRequest,
     HostState,
@@ -71,7 +71,7 @@ class HostService:
     async def run(self) -> None:
         """Serve until there has been neither an agent nor a daemon for `_UNUSED_TIMEOUT_S`."""
         with self._paths.open_socket_path() as path:
-            server = await asyncio.start_unix_server(self._serve, path, limit=LINE_BYTES)
+            server = await asyncio.start_unix_server(self._serve, path, limit=MAX_LINE_BYTES)
         state_task = asyncio.create_task(self._send_states())
         port_task = asyncio.create_task(self._list_ports())
         try:
@@ -95,7 +95,7 @@ class HostService:
                 del self._watches[watch.printer]
                 self._spawn(watch.close())
         self._update.step(list(self._watches.values()), self._spawn)
-        if self._daemon_writer is not None and time.monotonic() - self._last_message_s > SILENCE_S:
+        if self._daemon_writer is not None and time.monotonic() - self._last_message_s > SILENCE_TIMEOUT_S:
             log.warning("the daemon is silent: closing its connection")
             self._daemon_writer.transport.abort()
         rotate_log(self._paths.log)
@@ -148,7 +148,7 @@ class HostService:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
-            async with asyncio.timeout(SILENCE_S):
+            async with asyncio.timeout(SILENCE_TIMEOUT_S):
                 request = HostRequest.parse(await reader.readline())
         except (TimeoutError, OSError, ValueError, AgentError) as error:
             log.warning(
@@ -198,10 +198,10 @@ class HostService:
         self._spawn(relay_stream(stream, self._paths.find_agent_folder(name), self._report_interval_s))
 
     async def _send_states(self) -> None:
-        """Send the host's state when it changes, and every `STATE_S` as the heartbeat."""
+        """Send the host's state when it changes, and every `STATE_INTERVAL_S` as the heartbeat."""
         while True:
             with suppress(TimeoutError):
-                async with asyncio.timeout(STATE_S):
+                async with asyncio.timeout(STATE_INTERVAL_S):
                     await self._change_event.wait()
             self._change_event.clear()
             self._send_state()

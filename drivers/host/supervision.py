@@ -21,7 +21,7 @@ _VOLATILE_FIELDS = {
 
 @dataclass(frozen=True, slots=True)
 class Backoff:
-    """Wait before the restart of an ended agent: none at first, then twice as long each time.
+    """Wait before an ended agent is restarted: none at first, then 0.5 s, then twice as long each time.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ from drivers.remote import Installation
 
 log = logging.getLogger(__name__)
 
-_READY_TIMEOUT_S = 90.0  # wall seconds within which a new agent has to answer; a board connects in 10
+_READY_TIMEOUT_S = 90.0  # wall seconds for a new agent to be ready; its board takes about 10 to connect
 _POLL_INTERVAL_S = 0.2
 
 

@@ -13,7 +13,7 @@ from drivers.ports import Port
 
 
 def exchange(
-    port: Port, link: Link, limit_s: float, *, is_new: bool = True, unconfirmed: bytes = b""
+    port: Port, link: Link, limit_s: float, *, is_new: bool = True, unconfirmed_commands: bytes = b""
 ) -> Iterator[tuple[float, Event]]:
     """Pass bytes between a port and a link, and yield the events.
 
@@ -25,7 +25,7 @@ def exchange(
         Wall seconds after which the exchange ends.
     is_new
         True if the port was just opened or reset; otherwise the link continues from its current state.
-    unconfirmed
+    unconfirmed_commands
         See `Link.on_opened`.
 
     Yields
@@ -41,7 +41,7 @@ def exchange(
     now_s = time.monotonic()
     deadline_s = now_s + limit_s
     if is_new:
-        link.on_opened(now_s, unconfirmed)
+        link.on_opened(now_s, unconfirmed_commands)
     while now_s < deadline_s and link.phase is not Phase.DEAD:
         port.write(link.take())
         wait_s = min(deadline_s, link.deadline_s) - now_s

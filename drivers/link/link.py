@@ -41,7 +41,7 @@ class Link:
         shortest_s, divisor = (KEEP_ALIVE_S, 4) if keeps_alive else (SILENCE_S, 8)
         self._silence_s = max(shortest_s, min_timeout_s / divisor)
         self._query_delay_s = max(QUERY_DELAY_S, min_timeout_s / 40)
-        self.poll_every_s = math.inf
+        self.poll_interval_s = math.inf
         self.ignore_faults = False  # True to ignore reported faults: a stopped board still answers M105
         self._reset()
 
@@ -63,20 +63,20 @@ class Link:
 
     # --- called by the owner ---
 
-    def on_opened(self, now_s: float, unconfirmed: bytes = b"") -> None:
+    def on_opened(self, now_s: float, unconfirmed_commands: bytes = b"") -> None:
         """Reset the state of the link after the port was opened or reset.
 
         Parameters
         ----------
         now_s
             Time of the opening or the reset.
-        unconfirmed
+        unconfirmed_commands
             Commands that were just sent and that the board may have missed. The link queries the board at
             once; if it refuses a line or is silent, they are sent again.
         """
         self._reset()
         self.phase = Phase.OPENING
-        self._opening = Opening(self._firmware, self._min_timeout_s, unconfirmed)
+        self._opening = Opening(self._firmware, self._min_timeout_s, unconfirmed_commands)
         self._due_s = now_s + self._opening.first_query_s
 
     def on_restarted(self, now_s: float) -> None:
@@ -214,7 +214,7 @@ class Link:
     def _go_live(self, now_s: float, events: list[Event]) -> None:
         self.phase = Phase.LIVE
         self._is_refused = self._opening.is_refused
-        self._poll_at_s = now_s + self.poll_every_s
+        self._poll_at_s = now_s + self.poll_interval_s
         self._outbox.begin()
         events.append(BoardConnected(self._opening.has_restarted, self._opening.banner))
         self._send_next(now_s)
@@ -277,8 +277,8 @@ class Link:
         """Act on an answer, sent after all lines had arrived, with the number of the last accepted line."""
         outbox = self._outbox
         can_resend = outbox.holds(last_line + 1)
-        confirmations = self._recovery.count_needed_answers(self._firmware, outbox.is_move, self._silence_s)
-        action, line = self._recovery.decide(last_line, self._place, confirmations, can_resend)
+        needed_answers = self._recovery.count_needed_answers(self._firmware, outbox.is_move, self._silence_s)
+        action, line = self._recovery.decide(last_line, self._place, needed_answers, can_resend)
         if action is Action.QUERY_AGAIN:
             self._query(now_s)
             return
@@ -330,9 +330,9 @@ class Link:
 
     def _query_again(self, now_s: float, events: list[Event]) -> None:
         """Query again, or give up, if no readable answer arrived in time."""
-        if self._recovery.queries >= MAX_QUERIES:
+        if self._recovery.query_count >= MAX_QUERIES:
             self._give_up(Fault.NO_ANSWER, SILENT_REASON, events)
-        elif self._recovery.resend_number >= 0 and self._recovery.queries >= 2:
+        elif self._recovery.resend_number >= 0 and self._recovery.query_count >= 2:
             # The board answers no queries, so its Resend has to be trusted.
             self._apply_answer(self._recovery.resend_number - 1, now_s, events)
         else:
@@ -343,14 +343,14 @@ class Link:
         self._is_undisturbed = False
         self._recovery.note_query(self._place, now_s)
         self._output += self._firmware.last_line_query
-        wait_s = self._silence_s * 2**self._recovery.queries
-        if self._recovery.queries == MAX_QUERIES:
+        wait_s = self._silence_s * 2**self._recovery.query_count
+        if self._recovery.query_count == MAX_QUERIES:
             wait_s = max(self._outbox.timeout_s, 5 * self._min_timeout_s) - (wait_s - self._silence_s)
         self._due_s = now_s + wait_s
 
     def _schedule_query(self, now_s: float) -> None:
         """Schedule a query soon, if a line is in flight and the board's receive buffer can hold a query."""
-        if self._awaits_ok and self._recovery.queries < MAX_QUERIES:
+        if self._awaits_ok and self._recovery.query_count < MAX_QUERIES:
             self._due_s = min(self._due_s, now_s + self._query_delay_s)
 
     @property
@@ -368,7 +368,7 @@ class Link:
             return
         if now_s >= self._poll_at_s and self._outbox.is_next_unsent:
             self._outbox.insert_poll()
-            self._poll_at_s = now_s + self.poll_every_s
+            self._poll_at_s = now_s + self.poll_interval_s
         line = self._outbox.take_next()
         if line is not None:
             self._transmit(line, now_s)

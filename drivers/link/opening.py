@@ -42,7 +42,7 @@ class Opening:
         The board's firmware.
     min_timeout_s
         See `Link`.
-    unconfirmed
+    unconfirmed_commands
         Commands that were sent before; a board that does not restart must have received them.
 
     Attributes
@@ -53,11 +53,12 @@ class Opening:
         True if the unconfirmed commands may be lost.
     """
 
-    def __init__(self, firmware: Firmware, min_timeout_s: float, unconfirmed: bytes = b"") -> None:
+    def __init__(self, firmware: Firmware, min_timeout_s: float, unconfirmed_commands: bytes = b"") -> None:
         self.has_restarted = False
         self.banner = b""
         self.is_refused = False
-        self._firmware, self._min_timeout_s, self._unconfirmed = firmware, min_timeout_s, unconfirmed
+        self._firmware, self._min_timeout_s = firmware, min_timeout_s
+        self._unconfirmed_commands = unconfirmed_commands
         self._tries = 0
 
     @property
@@ -65,7 +66,7 @@ class Opening:
         """Seconds to wait for ``start`` before the first query."""
         return (
             max(UNCONFIRMED_QUERY_DELAY_S, self._min_timeout_s / 8)
-            if self._unconfirmed
+            if self._unconfirmed_commands
             else max(START_TIMEOUT_S, self._min_timeout_s)
         )
 
@@ -77,7 +78,9 @@ class Opening:
     @property
     def answer_timeout_s(self) -> float:
         """Seconds to wait for the answer to a query."""
-        return max(START_TIMEOUT_S if self._unconfirmed else START_TIMEOUT_S / 2, self._min_timeout_s)
+        return max(
+            START_TIMEOUT_S if self._unconfirmed_commands else START_TIMEOUT_S / 2, self._min_timeout_s
+        )
 
     def classify(self, line: bytes) -> OpeningLine:
         """Classify a line from the board."""
@@ -90,10 +93,10 @@ class Opening:
             if end is None:
                 return OpeningLine.START  # the banner continues
             return OpeningLine.READY if end in line else OpeningLine.NOTHING
-        if self._unconfirmed and b"Resend" in line:
+        if self._unconfirmed_commands and b"Resend" in line:
             self.is_refused = True
             return OpeningLine.REFUSAL
-        answers = line.startswith(b"ok T:" if self._unconfirmed else b"ok") and self._tries > 0
+        answers = line.startswith(b"ok T:" if self._unconfirmed_commands else b"ok") and self._tries > 0
         return OpeningLine.READY if answers else OpeningLine.NOTHING
 
     def take_next_query(self) -> bytes | None:
@@ -101,6 +104,6 @@ class Opening:
         self._tries += 1
         if self._tries > MAX_ATTEMPTS:
             return None
-        commands = self._unconfirmed if self.is_refused or self._tries > 1 else b""
+        commands = self._unconfirmed_commands if self.is_refused or self._tries > 1 else b""
         self.is_refused = False
         return commands + self._firmware.report_query + b"\n"

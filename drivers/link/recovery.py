@@ -67,7 +67,7 @@ class Recovery:
 
     Attributes
     ----------
-    queries
+    query_count
         Number of queries since the last readable answer.
     confirmations
         Number of answers that confirm the line in flight; counted for lines other than moves.
@@ -78,7 +78,7 @@ class Recovery:
     """
 
     def __init__(self) -> None:
-        self.queries = self.confirmations = 0
+        self.query_count = self.confirmations = 0
         self.resend_number = -1
         self.sent_s = self.busy_s = self._queried_s = -math.inf
         self._unanswered_queries: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # oldest first
@@ -88,7 +88,7 @@ class Recovery:
 
     def start_line(self, now_s: float) -> None:
         """Reset the state for a line that was just sent."""
-        self.queries = self.confirmations = 0
+        self.query_count = self.confirmations = 0
         self.sent_s = now_s
 
     @property
@@ -117,7 +117,7 @@ class Recovery:
     def note_query(self, place: Place, now_s: float) -> None:
         """Note that a query was sent."""
         self._queried_s = now_s
-        self.queries += 1
+        self.query_count += 1
         self._unanswered_queries.append(place)
 
     def note_refusal(self, number: int) -> bool:
@@ -132,7 +132,7 @@ class Recovery:
         if number >= 0:
             self.resend_number = number
             self._unanswered_queries.clear()  # a refusal empties the board's receive buffer
-            self.queries = min(self.queries, 1)
+            self.query_count = min(self.query_count, 1)
         return is_query_unneeded
 
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
@@ -161,20 +161,20 @@ class Recovery:
         """Drop the unanswered queries, which were lost."""
         self._unanswered_queries.clear()
 
-    def decide(self, last_line: int, place: Place, confirmations: float, can_resend: bool) -> Decision:
+    def decide(self, last_line: int, place: Place, needed_answers: float, can_resend: bool) -> Decision:
         """Decide on an answer, sent after all lines had arrived, with the number of the last accepted line.
 
         Parameters
         ----------
         last_line, place
             The answer, and the current place of the link.
-        confirmations
+        needed_answers
             Number of answers after which the ok of an accepted line counts as lost.
         can_resend
             True if line `last_line` + 1 can be sent again.
         """
         number, highest_number = place.number, place.highest_number
-        self.queries = 0
+        self.query_count = 0
         if number > 0 and last_line not in (number - 1, number, self._unconfirmed_line):
             self._unconfirmed_line = last_line
             self._contradictions += 1
@@ -185,7 +185,7 @@ class Recovery:
         self._contradictions = 0
         if last_line == number:
             self.confirmations += 1
-            return Decision(Action.ACCEPT if self.confirmations >= confirmations else Action.WAIT)
+            return Decision(Action.ACCEPT if self.confirmations >= needed_answers else Action.WAIT)
         if number == 0:
             return Decision(Action.REPEAT, 0)  # the M110 that restarts the count was lost
         if number < last_line <= highest_number:

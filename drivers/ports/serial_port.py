@@ -49,13 +49,13 @@ class SerialPort:
 
     def __init__(self, path: Path, baud_rate: int, *, is_shared: bool = False) -> None:
         self.path, self._baud_rate = path, baud_rate
-        self._exclusive = not is_shared
+        self._is_exclusive = not is_shared
         self._unsent = b""
         self._open()
 
     def _open(self) -> None:
         try:
-            port = serial.Serial(str(self.path), self._baud_rate, timeout=0, exclusive=self._exclusive)
+            port = serial.Serial(str(self.path), self._baud_rate, timeout=0, exclusive=self._is_exclusive)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(
                 f"{self.path}: cannot be opened ({_describe_cause(error)}); {_suggest_remedy(error)}"
@@ -69,7 +69,7 @@ class SerialPort:
             attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
             termios.tcsetattr(fd, termios.TCSANOW, attributes)
             self._is_pty = os.ttyname(fd).startswith(_PTY_PREFIX)
-            if self._exclusive and not self._is_pty:
+            if self._is_exclusive and not self._is_pty:
                 fcntl.ioctl(fd, termios.TIOCEXCL)  # also excludes programs that do not use locks
             os.set_blocking(fd, False)  # pyserial has discarded earlier input
         except (termios.error, OSError) as error:

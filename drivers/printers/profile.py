@@ -89,10 +89,14 @@ class Profile:
     ----------
     model
         Cura's definition id.
-    slicer_names
-        Pattern of the names that slicers use for the model, in lower case.
     family
         Model with the same feeder and hot end; its G-code also suits this model, except for the height.
+    title
+        Name in messages.
+    slicer_names
+        Pattern of the names that slicers use for the model, in lower case.
+    firmware
+        The model's firmware.
     bed_mm, height_mm
         The build volume.
     clips
@@ -107,6 +111,8 @@ class Profile:
         Acceleration of printing moves.
     jerk_mm_s
         Jerk of XY, Z and E.
+    nozzle, bed
+        Models of the two heaters.
     max_nozzle_c, max_bed_c
         Highest temperatures that a file may set.
     min_extrusion_c

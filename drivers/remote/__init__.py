@@ -7,7 +7,7 @@ from drivers.records import AGENT_LOG
 from drivers.remote.client import AgentClient, Route, StreamOpener
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
-    RETRY_S,
+    RETRY_INTERVAL_S,
     Installation,
     agents_are_units,
     find_agent_pid,
@@ -28,7 +28,7 @@ from drivers.remote.ssh import (
 __all__ = [
     "AGENT_LOG",
     "NO_AGENT_REASON",
-    "RETRY_S",
+    "RETRY_INTERVAL_S",
     "AgentClient",
     "BridgeRequest",
     "BridgeTask",

@@ -22,7 +22,7 @@ from drivers.messages import AGENT_SOCKET
 from drivers.records import AGENT_LOG
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
-    RETRY_S,
+    RETRY_INTERVAL_S,
     find_agent_pid,
     is_alive,
     kill_agent,
@@ -105,7 +105,7 @@ def _connect(folder: Path) -> socket.socket:
             agent.close()
             if time.monotonic() > deadline_s:
                 raise AgentError(f"{folder}: no agent answers; see {folder / AGENT_LOG}") from error
-            time.sleep(RETRY_S)
+            time.sleep(RETRY_INTERVAL_S)
         else:
             return agent
 

@@ -23,7 +23,7 @@ from drivers.messages import (
     from_agent_adapter,
 )
 from drivers.records import AGENT_LOG
-from drivers.remote.process import RETRY_S
+from drivers.remote.process import RETRY_INTERVAL_S
 
 Route = tuple[Sequence[str], bytes]
 """Connection to another host: a command that copies bytes (`build_ssh_command`), and its first input line."""
@@ -100,9 +100,9 @@ class AgentClient:
                 reader, self._writer = await self._open()
                 break
             except OSError as error:
-                if loop.time() + RETRY_S > deadline_s:
+                if loop.time() + RETRY_INTERVAL_S > deadline_s:
                     raise AgentError(f"{self._folder}: no agent answers ({error}); is it running?") from error
-                await asyncio.sleep(RETRY_S)
+                await asyncio.sleep(RETRY_INTERVAL_S)
         self._listen(reader)
 
     async def _connect_by_route(self, command: Sequence[str], first_line: bytes) -> None:

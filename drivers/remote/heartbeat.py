@@ -1,12 +1,12 @@
 """Detection of a hung agent, by the process that listens to it on the same host.
 
-A healthy agent sends something every 5 wall seconds, and every second while it prints or is warm. A loaded
-host must not cost a print, so silence alone is not enough:
+A healthy agent sends something every 5 wall seconds, and every second while its printer is warm or printing.
+A loaded host must not cost a print, so silence alone is not enough:
 
 1. Silence is the sum of the intervals between the listener's own checks, each limited to a second: while the
    listener does not run, messages of the agent remain unread.
-2. The state of the agent's process is read from the kernel after `SAMPLE_S` of silence, and again after
-   `HUNG_S`.
+2. The state of the agent's process is read from the kernel after `SAMPLE_SILENCE_S` of silence, and again
+   after `HUNG_SILENCE_S`.
 3. If the process waited for a processor for half of the time between both samples, or if it waits for a disk,
    it is starved, and the count restarts. Otherwise it was stopped, slept, or ran without sending: it hangs.
 
@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-SAMPLE_S, HUNG_S = 15.0, 30.0
+SAMPLE_SILENCE_S, HUNG_SILENCE_S = 15.0, 30.0
 _STARVED_FRACTION = 0.5
 _MAX_INTERVAL_S = 1.0
 
@@ -77,14 +77,14 @@ class Heartbeat:
         if self._checked_s is not None:
             self._silent_s += min(now_s - self._checked_s, _MAX_INTERVAL_S)
         self._checked_s = now_s
-        if self._silent_s >= SAMPLE_S and self._first_sample is None:
+        if self._silent_s >= SAMPLE_SILENCE_S and self._first_sample is None:
             self._first_sample = sample()
-        if self._silent_s < HUNG_S:
+        if self._silent_s < HUNG_SILENCE_S:
             return False
         first_sample, last_sample = self._first_sample, sample()
         self.reset()
         if first_sample is None or last_sample is None:
             return False  # the process has ended
         waited_s = last_sample.waited_s - first_sample.waited_s
-        is_starved = waited_s >= _STARVED_FRACTION * (HUNG_S - SAMPLE_S)
+        is_starved = waited_s >= _STARVED_FRACTION * (HUNG_SILENCE_S - SAMPLE_SILENCE_S)
         return not is_starved and last_sample.state not in "DZ"

@@ -16,7 +16,7 @@ from drivers.locks import AGENT_LOCK, find_holder, is_locked, kill_holder
 from drivers.records import AGENT_LOG, StartFile
 
 UNIT_VARIABLE = "FARM_AGENT_UNIT"
-RETRY_S = 0.25  # wall seconds between two attempts to connect to an agent that is starting
+RETRY_INTERVAL_S = 0.25  # wall seconds between two attempts to connect to an agent that is starting
 
 
 @dataclass(frozen=True, slots=True)

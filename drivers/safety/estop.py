@@ -210,7 +210,7 @@ def _reset(target: StopTarget, watch_s: float, notify: ProgressCallback) -> Stop
         text, heaters_off = f"{error}; switch the printer off", False
     finally:
         port.close()
-    return StopResult(name, reset_s, heaters_off, f"{text}; {board.motion}", board.is_still)
+    return StopResult(name, reset_s, heaters_off, f"{text}; {board.motion_text}", board.is_still)
 
 
 def _open(target: StopTarget) -> Port | None:
@@ -245,14 +245,14 @@ class _Board:
         self._firmware = firmware
         self._link = Link(firmware)
         self._link.ignore_faults = True
-        self._link.poll_every_s = _POLL_INTERVAL_S
+        self._link.poll_interval_s = _POLL_INTERVAL_S
         self._connection: BoardConnected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
         self._has_waited_for_moves = False  # True once the board was told to wait for all moves
 
     @property
-    def motion(self) -> str:
+    def motion_text(self) -> str:
         """User-facing clause on the motion of the board."""
         return "it stands still" if self.is_still else "it may still be moving: check it"
 
@@ -265,7 +265,7 @@ class _Board:
             A user-facing sentence; True if the heaters were confirmed off.
         """
         for now_s, event in exchange(
-            self._port, self._link, watch_s, unconfirmed=self._firmware.abort_unnumbered
+            self._port, self._link, watch_s, unconfirmed_commands=self._firmware.abort_unnumbered
         ):
             self._on_event(now_s, event)
             if self.is_still and self._report is not None and self._report.targets_off:
@@ -280,7 +280,7 @@ class _Board:
             return f"still reports targets ({targets}): switch it off", False
         method = "its board was reset" if connection.restarted else "by command: its board was not reset"
         with suppress(OSError):  # the message may have no reader, but the printer must be watched
-            self._notify(f"reports targets of 0 ({method}), {self.motion}; it is watched until it cools")
+            self._notify(f"reports targets of 0 ({method}), {self.motion_text}; it is watched until it cools")
         return self._confirm_cooling(method)
 
     def _on_event(self, now_s: float, event: Event) -> None:

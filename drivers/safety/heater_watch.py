@@ -18,9 +18,11 @@ from drivers.errors import Fault
 from drivers.gcode import HeaterName
 from drivers.link import Report
 
-PROGRESS_C = 1.0  # minimum progress within `HeaterRule.stall_s`
+MIN_PROGRESS_C = 1.0  # minimum progress within `HeaterRule.stall_s`
 MAX_GAP_S = 15.0
-RISE_C, RISE_S = 10.0, 10.0  # rise after this time without power; [assumed] to exceed any overshoot
+# A heater is stuck on if it has risen by this much after this time without power: [assumed] to exceed any
+# overshoot.
+STUCK_RISE_C, MIN_OFF_S = 10.0, 10.0
 # Below any room temperature: the reading of a shorted bed sensor, which the firmware does not report.
 BROKEN_SENSOR_C = 0.0
 
@@ -34,7 +36,7 @@ class HeaterRule:
     band_c
         Distance from the target within which the target counts as reached.
     stall_s
-        Time within which the heater must come `PROGRESS_C` nearer to a target that is not reached.
+        Time within which the heater must come `MIN_PROGRESS_C` nearer to a target that is not reached.
     hold_c, max_away_s
         Largest distance from a reached target, and the longest time for which the heater may exceed it.
     cold_c
@@ -201,7 +203,7 @@ class _Heater:
 
     def _check_approach(self, current_c: float, now_s: float) -> Finding | None:
         distance_c = abs(current_c - self._set_target_c)
-        if distance_c < self._min_distance_c - PROGRESS_C:
+        if distance_c < self._min_distance_c - MIN_PROGRESS_C:
             self._min_distance_c, self._progress_s = distance_c, now_s
         elif now_s - self._progress_s > max(self._rule.stall_s, self._min_duration_s):
             if current_c > self._set_target_c:
@@ -256,7 +258,7 @@ class _RiseDetector:
     """
 
     def __init__(self, rule: HeaterRule, min_duration_s: float) -> None:
-        self._cold_c, self._min_off_s = rule.cold_c, max(RISE_S, min_duration_s)
+        self._cold_c, self._min_off_s = rule.cold_c, max(MIN_OFF_S, min_duration_s)
         self._last_targets_c: deque[float] = deque(maxlen=3)
         self._since_s = math.nan
         self.coolest_c = math.inf  # since a report showed the target 0
@@ -270,5 +272,5 @@ class _RiseDetector:
         if math.isnan(self._since_s):
             self._since_s = now_s
         self.coolest_c = min(self.coolest_c, current_c)
-        is_hotter = current_c > max(self._cold_c, self.coolest_c) + RISE_C
+        is_hotter = current_c > max(self._cold_c, self.coolest_c) + STUCK_RISE_C
         return is_hotter and now_s - self._since_s >= self._min_off_s

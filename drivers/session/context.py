@@ -107,7 +107,7 @@ class SessionContext:
     phase
         Phase of the print.
     fault, reason
-        Fault and reason for which the print was ended early; a cancellation has no fault.
+        Fault that ended the print early, if any, and the reason; a cancellation has no fault.
     started_s, ended_s
         Start and end of the session.
     wants_reset
@@ -139,7 +139,7 @@ class SessionContext:
         True if a person has requested a pause; the time at which the pause times out; True if the pause
         switched the nozzle off, whatever target the file has set.
     read_error
-        Reason for which the file can no longer be read.
+        Error that occurred when the file was last read, if any.
     """
 
     link: Link
@@ -219,11 +219,11 @@ class SessionContext:
         return self.report_s + max(NO_REPORT_TIMEOUT_S, 5 * self.pace.min_timeout_s)
 
     def wait(self, condition: Callable[[], bool], limit_s: float) -> Wait:
-        """Return a wait for a condition of at most `limit_s`, or the shortest timeout if that is longer."""
+        """Return a wait for a condition, with the deadline of `compute_deadline_s`."""
         return Wait(condition, self.compute_deadline_s(limit_s))
 
     def compute_deadline_s(self, limit_s: float) -> float:
-        """Compute the end of a time limit from now, or of the shortest timeout if that is longer."""
+        """Compute the time `limit_s` from now, or the end of the shortest timeout if that is later."""
         return self.now_s + max(limit_s, 2 * self.pace.min_timeout_s)
 
     def request_power_off(self) -> None:

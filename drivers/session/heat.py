@@ -23,7 +23,7 @@ MIN_COOLING_S = 10.0  # minimum time for a heater to cool after a reset, even af
 BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as for M109: the nozzle must stay this close for this time
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
-EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
+EXTRUSION_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
 # Maximum time between commands while heating: M105 does not reset the dead-man timer.
 COMMAND_INTERVAL_S = 300.0
 SUSPICION_TIMEOUT_S = 25.0  # time for a heater that may be stuck on to show that it cools
@@ -37,7 +37,7 @@ _HEATED_PHASES = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
 
 def allows_extrusion(context: SessionContext, nozzle_c: float) -> bool:
     """Return True if the firmware is certain to extrude at this temperature."""
-    return nozzle_c >= context.profile.min_extrusion_c + EXTRUDE_MARGIN_C
+    return nozzle_c >= context.profile.min_extrusion_c + EXTRUSION_MARGIN_C
 
 
 def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> Script:
@@ -50,7 +50,7 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
     yield from set_target(context, command.heater, command.target_c)
     if command.target_c == 0:
         return
-    context.link.poll_every_s = context.pace.heating_s
+    context.link.poll_interval_s = context.pace.heating_s
     deadline_s = context.now_s + HEAT_LIMIT_S[command.heater]
     reached_s = math.inf
     while True:
@@ -80,7 +80,7 @@ def confirm_heaters_off(context: SessionContext) -> TimedScript:
     deadline_s = context.compute_deadline_s(OFF_TIMEOUT_S)
     context.targets_off_s = None
     context.watch.reset()
-    context.link.poll_every_s = context.pace.heating_s
+    context.link.poll_interval_s = context.pace.heating_s
     context.link.poll(context.now_s)
     earliest_end_s = context.compute_deadline_s(MIN_COOLING_S)
     while context.now_s < deadline_s:

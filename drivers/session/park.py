@@ -57,13 +57,13 @@ def park(context: SessionContext, retracted_mm: float, can_extrude: bool) -> Scr
         context.filament = Filament.UNKNOWN
 
 
-def try_measure_retraction_mm(program: Program, done_lines: int, stopped_at: Point | None = None) -> float:
+def try_measure_retraction_mm(program: Program, done_lines: int, stop_point: Point | None = None) -> float:
     """Compute the retraction of the filament in mm; NaN if the file can no longer be read.
 
     The parameters are those of `measure_retraction_mm`.
     """
     try:
-        return measure_retraction_mm(program, done_lines, stopped_at)
+        return measure_retraction_mm(program, done_lines, stop_point)
     except UnreadableFile:
         return math.nan
 
@@ -163,7 +163,7 @@ def _list_return_commands(motion: MotionState, position: Point, park_retraction_
 def _await_resume(context: SessionContext) -> Script:
     """Wait until a person resumes the print, and reset the dead-man timer meanwhile."""
     context.pause_ends_s = context.now_s + PAUSE_LIMIT_S
-    context.link.poll_every_s = context.pace.printing_s
+    context.link.poll_interval_s = context.pace.printing_s
     while context.pause_requested:
         if context.now_s >= context.pause_ends_s:
             raise PrintEnded(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_LIMIT_S / 3600:g} h")

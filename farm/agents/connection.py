@@ -19,7 +19,7 @@ from drivers.emulator.launch import Command, control
 from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import AgentError, AgentTooOld, DriverError
 from drivers.remote import (
-    RETRY_S,
+    RETRY_INTERVAL_S,
     AgentClient,
     Heartbeat,
     agents_are_units,
@@ -182,7 +182,7 @@ class AgentConnection:
         while not self._stopping or self._is_agent_alive(self._process):
             try:
                 await asyncio.sleep(wait_s)
-                wait_s = min(2 * wait_s + (1.0 if self._is_remote else RETRY_S), _MAX_WAIT_S)
+                wait_s = min(2 * wait_s + (1.0 if self._is_remote else RETRY_INTERVAL_S), _MAX_WAIT_S)
                 await self._client.connect()
                 connected_s = time.monotonic()
                 snapshots = self._client.snapshots()

@@ -14,9 +14,9 @@ from typing import Protocol
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError
 from drivers.host import (
-    LINE_BYTES,
-    SILENCE_S,
-    STATE_S,
+    MAX_LINE_BYTES,
+    SILENCE_TIMEOUT_S,
+    STATE_INTERVAL_S,
     HostMessage,
     HostRequest,
     HostState,
@@ -160,7 +160,7 @@ class HostConnection:
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=output,
-                limit=LINE_BYTES,
+                limit=MAX_LINE_BYTES,
                 start_new_session=True,
             )
         try:
@@ -184,12 +184,12 @@ class HostConnection:
         """Send the heartbeat until the connection ends or the host is silent. Raises AgentError."""
         started_s = self._last_message_s = time.monotonic()
         while True:
-            done_tasks, _ = await asyncio.wait([carry_task], timeout=STATE_S)
+            done_tasks, _ = await asyncio.wait([carry_task], timeout=STATE_INTERVAL_S)
             if done_tasks:
                 carry_task.result()
                 raise AgentError(_read_last_line(self._log_file))
             now_s = time.monotonic()
-            limit_s = SILENCE_S if self._connected.is_set() else FIRST_LOSS_DELAY_S
+            limit_s = SILENCE_TIMEOUT_S if self._connected.is_set() else FIRST_LOSS_DELAY_S
             if now_s - max(self._last_message_s, started_s) > limit_s:
                 raise AgentError(f"no message for {limit_s:g} s")
             if self._connected.is_set():

@@ -69,7 +69,7 @@ def print_program(
     clock = Clock(TIME_SCALE, time.time())
     link, is_connected = Link(firmware, 2.0 * TIME_SCALE), False
     faults: list[Fault] = []
-    link.poll_every_s = 10.0
+    link.poll_interval_s = 10.0
     with open_octoprint(folder, *injected_faults, firmware=firmware) as port:
         deadline_s = time.monotonic() + TIME_LIMIT_S
         link.on_opened(clock.now())

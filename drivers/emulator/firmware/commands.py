@@ -22,7 +22,7 @@ RESIDENCY_S = 3.0  # TEMP_RESIDENCY_TIME
 REPORT_INTERVAL_S = 1.0  # seconds between two reports of M109 and M190
 HOMING_SPEED_MM_S = (100.0, 100.0, 40.0)
 BUMP_DURATION_S = (0.75, 0.7)  # seconds of the second, slow approach to the endstops: X and Y together, and Z
-RETRACT_MM, RETRACT_SPEED_MM_S = 6.5, 25.0
+RETRACTION_MM, RETRACTION_MM_S = 6.5, 25.0
 ARC_SEGMENT_MM = 1.0
 MAX_ARC_CHORDS = 4096  # more than the longest arc over this bed needs
 
@@ -33,7 +33,7 @@ Command = Callable[[Machine, bytes, float], Work | None]
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """Commands of a firmware by number; a command in neither table is answered by a plain ok."""
+    """Commands of a firmware by number; a command in neither table is answered with a plain ok."""
 
     g: Mapping[int, Command]
     m: Mapping[int, Command]
@@ -171,20 +171,20 @@ def retract(machine: Machine, line: bytes, now_s: float) -> None:
     is_retraction = read_value(line, b"G") == 10
     if is_retraction == bool(machine.retracted_mm):
         return
-    machine.retracted_mm = RETRACT_MM if is_retraction else 0.0
+    machine.retracted_mm = RETRACTION_MM if is_retraction else 0.0
     x, y, z, _ = machine.position_mm
-    distance_mm = -RETRACT_MM if is_retraction else RETRACT_MM
+    distance_mm = -RETRACTION_MM if is_retraction else RETRACTION_MM
     machine.shift_mm[3] += distance_mm  # the host's coordinates stay the same
-    machine.queue(x, y, z, distance_mm, RETRACT_SPEED_MM_S, now_s)
+    machine.queue(x, y, z, distance_mm, RETRACTION_MM_S, now_s)
 
 
 def set_axis_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``G90 G91``: absolute or relative coordinates."""
+    """Execute ``G90 G91``: select absolute or relative coordinates."""
     machine.is_relative = read_value(line, b"G") == 91
 
 
 def set_extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``M82 M83``: absolute or relative extrusion."""
+    """Execute ``M82 M83``: select absolute or relative extrusion."""
     machine.is_e_relative = read_value(line, b"M") == 83
 
 
@@ -227,7 +227,7 @@ def set_dead_man(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M85``: arm or disarm the dead-man timer."""
     seconds = read_value(line, b"S")
     if seconds is not None:
-        machine.armed_s = now_s
+        machine.dead_man_armed_s = now_s
         machine.dead_man_s = seconds if seconds > 0.0 else math.inf
 
 
@@ -306,7 +306,7 @@ def park(machine: Machine, line: bytes, now_s: float) -> Work:
     yield from wait_for_moves(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
     x, y, z, e = machine.position_mm
-    z = min(z + 20.0, machine.top_mm[2])
+    z = min(z + 20.0, machine.max_position_mm[2])
     machine.position_mm = [10.0, 10.0, z, e]
     machine.queue(x, y, z, 0.0, 35.0, now_s)
     machine.queue(10.0, 10.0, z, 0.0, 150.0, now_s)
@@ -321,8 +321,10 @@ def set_limits(machine: Machine, line: bytes, now_s: float) -> None:
         for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
             per_axis[code][axis] = read_positive_number(line, letter, per_axis[code][axis])
     elif code == 204:
-        limits.print_mm_s2 = read_positive_number(line, b"S", limits.print_mm_s2)
-        limits.retract_mm_s2 = read_positive_number(line, b"T", limits.retract_mm_s2)
+        limits.print_acceleration_mm_s2 = read_positive_number(line, b"S", limits.print_acceleration_mm_s2)
+        limits.retract_acceleration_mm_s2 = read_positive_number(
+            line, b"T", limits.retract_acceleration_mm_s2
+        )
     else:
         limits.jerk_xy_mm_s = read_positive_number(line, b"X", limits.jerk_xy_mm_s)
         limits.jerk_z_mm_s = read_positive_number(line, b"Z", limits.jerk_z_mm_s)
@@ -341,7 +343,7 @@ def set_flow_factor(machine: Machine, line: bytes, now_s: float) -> None:
 
 def allow_cold_extrusion(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M302``: set the temperature below which extrusion is ignored."""
-    machine.extrude_min_c = read_value(line, b"S") or 0.0
+    machine.min_extrusion_c = read_value(line, b"S") or 0.0
 
 
 SHARED_G: Mapping[int, Command] = {2: move_arc, 3: move_arc, 4: dwell, 28: home, 92: set_position}

@@ -344,11 +344,11 @@ class EmulatedFirmware(Listener):
                 board.set_nozzle_target(0.0, now_s)
             case "nozzle_dies_after" | "nozzle_burns_after":
                 board.nozzle.compute_temperature_c(now_s)
-                board.nozzle.dead, board.nozzle.burns = "dies" in name, "burns" in name
+                board.nozzle.is_dead, board.nozzle.burns = "dies" in name, "burns" in name
                 self.machine.predict_trip(now_s)
             case "bed_dies_after" | "bed_burns_after":
                 board.bed.compute_temperature_c(now_s)
-                board.bed.dead, board.bed.burns = "dies" in name, "burns" in name
+                board.bed.is_dead, board.bed.burns = "dies" in name, "burns" in name
             case "stop_after":
                 self.stop(self.dialect.fault_messages.nozzle_maxtemp, now_s)
             case "nozzle_short_after":

@@ -81,7 +81,7 @@ class Machine:
         self.trip_message = b""
         self.dead_man_s = math.inf  # M85: longest allowed silence of the host
         self.keep_alive_s = KEEP_ALIVE_S  # seconds between two busy messages
-        self.armed_s = now_s  # time of the M85
+        self.dead_man_armed_s = now_s  # time of the M85
         self.last_command_s = now_s  # time at which the last command was finished
         self.send = send
         self.stop = stop
@@ -93,10 +93,10 @@ class Machine:
         self.feedrate_mm_s = 25.0
         self.feed_factor = 1.0
         self.flow_factor = 1.0
-        self.extrude_min_c = board.profile.min_extrusion_c
+        self.min_extrusion_c = board.profile.min_extrusion_c
         self.retracted_mm = 0.0
         self.is_streaming = False  # a print is running: an empty queue is the host's fault
-        self.top_mm = board.profile.max_position_mm  # soft limits
+        self.max_position_mm = board.profile.max_position_mm  # soft limits
 
     # --- moves ---
 
@@ -133,7 +133,7 @@ class Machine:
         """
         if f is not None and f > 0.0:
             self.feedrate_mm_s = f / 60.0
-        position, top, relative = self.position_mm, self.top_mm, self.is_relative
+        position, top, relative = self.position_mm, self.max_position_mm, self.is_relative
         x0, y0, z0, e0 = position
         x = x0 if x is None else (x0 + x if relative else x)
         y = y0 if y is None else (y0 + y if relative else y)
@@ -190,7 +190,7 @@ class Machine:
     def _limit_extrusion(self, e_mm: float, now_s: float) -> float:
         """Return the extrusion that the firmware allows: 0 if the nozzle is too cold or the move too long."""
         nozzle = self.board.nozzle
-        if nozzle.compute_temperature_c(now_s) < self.extrude_min_c:
+        if nozzle.compute_temperature_c(now_s) < self.min_extrusion_c:
             self.send(wording.COLD_EXTRUSION)
             return 0.0
         if abs(e_mm) > MAX_EXTRUSION_MM:
@@ -219,7 +219,7 @@ class Machine:
     def power_down(self, now_s: float) -> None:
         """Switch motors and heaters off at once, at a reset."""
         x, y, z, _ = self.planner.stop(now_s)
-        home, top = self.board.profile.home_mm, self.top_mm
+        home, top = self.board.profile.home_mm, self.max_position_mm
         ends = [home[axis] or top[axis] for axis in range(3)]  # an endstop at the top is the limit
         x, y, z = (min(max(value, 0.0), end) for value, end in zip((x, y, z), ends, strict=True))
         self.board.head_mm = (x, y, z)
@@ -238,7 +238,7 @@ class Machine:
         """Predict the time at which the nozzle will trigger a temperature fault."""
         nozzle = self.board.nozzle
         self.trip_s = math.inf
-        if nozzle.dead and nozzle.target_c >= nozzle.compute_temperature_c(now_s):
+        if nozzle.is_dead and nozzle.target_c >= nozzle.compute_temperature_c(now_s):
             self.trip_s, self.trip_message = now_s + DEAD_HEATER_S, self.fault_messages.dead_heater
         elif nozzle.burns or nozzle.target_c > MAX_NOZZLE_C:
             self.trip_s = now_s + nozzle.compute_heating_s(MAX_NOZZLE_C, now_s)

@@ -31,8 +31,8 @@ class Limits:
 
     feedrate_mm_s: list[float]
     acceleration_mm_s2: list[float]
-    print_mm_s2: float
-    retract_mm_s2: float
+    print_acceleration_mm_s2: float
+    retract_acceleration_mm_s2: float
     jerk_xy_mm_s: float
     jerk_z_mm_s: float
     jerk_e_mm_s: float
@@ -213,7 +213,9 @@ class Planner:
             de * inverse_duration_per_s,
         )
         speed_mm_s = length_mm * inverse_duration_per_s
-        acceleration_mm_s2 = limits.print_mm_s2 if dx or dy or dz else limits.retract_mm_s2
+        acceleration_mm_s2 = (
+            limits.print_acceleration_mm_s2 if dx or dy or dz else limits.retract_acceleration_mm_s2
+        )
         if dz or abs(de) > length_mm * 0.5 or acceleration_mm_s2 > 4000.0:
             acceleration_mm_s2 = self._limit_acceleration(dx, dy, dz, de, length_mm, acceleration_mm_s2)
         max_entry_mm_s = self._limit_junction_speed(vx, vy, vz, ve, speed_mm_s)
@@ -236,14 +238,14 @@ class Planner:
         if not self._blocks:
             return self._head
         block = self._blocks[0]
-        entry_mm_s, top_mm_s, acceleration_time_s, top_s = self._ramps
+        entry_mm_s, top_mm_s, acceleration_time_s, cruise_s = self._ramps
         elapsed_s = now_s - self._start_s
         ramp_s = min(elapsed_s, acceleration_time_s)
         distance_mm = entry_mm_s * ramp_s + 0.5 * block.acceleration_mm_s2 * ramp_s**2
         if elapsed_s > acceleration_time_s:
-            distance_mm += top_mm_s * min(elapsed_s - acceleration_time_s, top_s)
-        if elapsed_s > acceleration_time_s + top_s:
-            deceleration_time_s = elapsed_s - acceleration_time_s - top_s
+            distance_mm += top_mm_s * min(elapsed_s - acceleration_time_s, cruise_s)
+        if elapsed_s > acceleration_time_s + cruise_s:
+            deceleration_time_s = elapsed_s - acceleration_time_s - cruise_s
             distance_mm += (
                 top_mm_s * deceleration_time_s - 0.5 * block.acceleration_mm_s2 * deceleration_time_s**2
             )
@@ -344,15 +346,15 @@ class Planner:
         entry_mm2_s2 = block.entry_mm2_s2
         entry_mm_s, exit_mm_s = math.sqrt(entry_mm2_s2), math.sqrt(exit_mm2_s2)
         top_mm_s, rate_mm_s2 = block.speed_mm_s, block.acceleration_mm_s2
-        top_mm = block.length_mm - (2.0 * top_mm_s * top_mm_s - entry_mm2_s2 - exit_mm2_s2) / (
+        cruise_mm = block.length_mm - (2.0 * top_mm_s * top_mm_s - entry_mm2_s2 - exit_mm2_s2) / (
             2.0 * rate_mm_s2
         )
-        if top_mm < 0.0:  # the block is too short to reach its nominal speed
+        if cruise_mm < 0.0:  # the block is too short to reach its nominal speed
             peak_mm2_s2 = 0.5 * (block.gain_mm2_s2 + entry_mm2_s2 + exit_mm2_s2)
             top_mm_s = math.sqrt(max(peak_mm2_s2, entry_mm2_s2, exit_mm2_s2))
-            top_mm = 0.0
+            cruise_mm = 0.0
         acceleration_time_s = (top_mm_s - entry_mm_s) / rate_mm_s2
-        top_s = top_mm / top_mm_s
-        self._ramps = (entry_mm_s, top_mm_s, acceleration_time_s, top_s)
+        cruise_s = cruise_mm / top_mm_s
+        self._ramps = (entry_mm_s, top_mm_s, acceleration_time_s, cruise_s)
         self._start_s = now_s
-        self._end_s = now_s + acceleration_time_s + top_s + (top_mm_s - exit_mm_s) / rate_mm_s2
+        self._end_s = now_s + acceleration_time_s + cruise_s + (top_mm_s - exit_mm_s) / rate_mm_s2

@@ -8,20 +8,22 @@ from drivers.emulator.faults import WEAK_BED_C, WEAK_NOZZLE_C, Faults
 from drivers.emulator.hardware.thermal import AMBIENT_C, Heater
 from drivers.printers import Profile
 
-SHORTED_C = -14.0  # [assumed] reading of a shorted bed sensor: below MINTEMP, which the bed does not check
+SHORTED_SENSOR_C = (
+    -14.0
+)  # [assumed] reading of a shorted bed sensor: below MINTEMP, which the bed does not check
 BED_PERIOD_S = 5.0
-CHANGE_HEIGHT_MM = 5.0  # distance from the top within which a person changes material
-OOZE_MM = 0.5
+MATERIAL_CHANGE_RANGE_MM = 5.0  # distance from the top within which a person changes material
+MAX_OOZE_MM = 0.5
 
 
 class EmulatedBoard:
     """Physical state of a printer, without the state of its firmware.
 
-    The bed is no longer clear once more than `OOZE_MM` of filament has left the nozzle while the head was
-    more than `CHANGE_HEIGHT_MM` below its highest position. Filament leaves the nozzle only when its end is
-    pushed past the tip. So pushing parked filament to the nozzle leaves the bed clear. The same holds for
-    purging with the bed lowered completely, as when a person changes material. Only `clear_bed` clears the
-    bed.
+    The bed is no longer clear once more than `MAX_OOZE_MM` of filament has left the nozzle while the head was
+    more than `MATERIAL_CHANGE_RANGE_MM` below its highest position. Filament leaves the nozzle only when its
+    end is pushed past the tip. So pushing parked filament to the nozzle leaves the bed clear. The same holds
+    for purging with the bed lowered completely, as when a person changes material. Only `clear_bed` clears
+    the bed.
 
     Parameters
     ----------
@@ -50,9 +52,9 @@ class EmulatedBoard:
             nozzle = replace(nozzle, gain_c=WEAK_NOZZLE_C - AMBIENT_C)
         if faults.weak_bed:
             bed = replace(bed, gain_c=WEAK_BED_C - AMBIENT_C)
-        self.nozzle = Heater(nozzle, dead=faults.dead_nozzle)
-        self.bed = Heater(bed, BED_PERIOD_S, dead=faults.dead_bed)
-        self.bed_shorted = False  # the bed's sensor reads `SHORTED_C`
+        self.nozzle = Heater(nozzle, is_dead=faults.dead_nozzle)
+        self.bed = Heater(bed, BED_PERIOD_S, is_dead=faults.dead_bed)
+        self.bed_shorted = False  # the bed's sensor reads `SHORTED_SENSOR_C`
         self.head_mm = profile.home_mm
         self.filament_mm = 0.0
         self.filament_end_mm = -profile.park_retraction_mm  # as after the end code or the printer's own menu
@@ -65,9 +67,9 @@ class EmulatedBoard:
         self.filament_mm += e_mm
         end_mm = self.filament_end_mm + e_mm
         if end_mm > 0.0:
-            if self.bed_clear and z_mm < self.profile.top_mm - CHANGE_HEIGHT_MM:
+            if self.bed_clear and z_mm < self.profile.top_mm - MATERIAL_CHANGE_RANGE_MM:
                 self._bed_filament_mm += end_mm
-                if self._bed_filament_mm > OOZE_MM:
+                if self._bed_filament_mm > MAX_OOZE_MM:
                     self.bed_clear = False
                     self.change_count += 1
             end_mm = 0.0
@@ -81,7 +83,7 @@ class EmulatedBoard:
 
     def read_bed_c(self, now_s: float) -> float:
         """Return the reading of the bed's sensor."""
-        return SHORTED_C if self.bed_shorted else self.bed.compute_temperature_c(now_s)
+        return SHORTED_SENSOR_C if self.bed_shorted else self.bed.compute_temperature_c(now_s)
 
     def set_nozzle_target(self, target_c: float, now_s: float) -> None:
         """Set the nozzle's target; 0 is off."""

@@ -21,7 +21,7 @@ class Heater:
         0 for an ideal controller (the nozzle's PID): full power up to the target, then exactly the power that
         holds it. Above 0, the heater is switched on or off once per period (the bed: 5 s,
         docs/explanation/ultimaker2-serial.md, section 1.2).
-    dead
+    is_dead
         True if the element gives no heat; the sensor works.
 
     Attributes
@@ -37,14 +37,14 @@ class Heater:
         "_temperature_c",
         "_time_s",
         "burns",
-        "dead",
+        "is_dead",
         "model",
         "target_c",
     )
 
-    def __init__(self, model: HeaterModel, period_s: float = 0.0, dead: bool = False) -> None:
+    def __init__(self, model: HeaterModel, period_s: float = 0.0, is_dead: bool = False) -> None:
         self.model = model
-        self.dead = dead
+        self.is_dead = is_dead
         self.burns = False
         self.target_c = 0.0
         self._period_s = period_s
@@ -84,7 +84,7 @@ class Heater:
 
     def compute_heating_s(self, temperature_c: float, now_s: float) -> float:
         """Compute the seconds at full power to reach a temperature; infinite if it is unreachable."""
-        if self.dead:
+        if self.is_dead:
             return math.inf if self.compute_temperature_c(now_s) < temperature_c else 0.0
         return self.model.compute_heating_s(temperature_c, self.compute_temperature_c(now_s), AMBIENT_C)
 
@@ -98,13 +98,13 @@ class Heater:
         return self.model.tau_s * math.log((start_c - AMBIENT_C) / (temperature_c - AMBIENT_C))
 
     def _update_temperature(self, duration_s: float, is_powered: bool) -> None:
-        end_c = AMBIENT_C + (self.model.gain_c if is_powered and not self.dead else 0.0)
+        end_c = AMBIENT_C + (self.model.gain_c if is_powered and not self.is_dead else 0.0)
         decay = math.exp(-duration_s / self.model.tau_s)
         self._temperature_c = end_c + (self._temperature_c - end_c) * decay
 
     def _regulate(self, now_s: float) -> None:
         target_c = max(self.target_c, AMBIENT_C)
-        if self.dead:
+        if self.is_dead:
             self._update_temperature(now_s - self._time_s, is_powered=False)
             return
         is_below = self._temperature_c < target_c

@@ -25,7 +25,8 @@ def test_faults_have_two_notations() -> None:
     named_url = parse_url("sim://ultimaker2_plus?fault=checksum:0.01,dead_bed&fault=reset_after:500&seed=7")
     assert plain_url.faults == named_url.faults == Faults(checksum=0.01, dead_bed=True, reset_after=500)
     assert plain_url.seed == named_url.seed == 7
-    assert parse_faults(plain_url.words) == parse_faults(named_url.words) == plain_url.faults
+    assert parse_faults(plain_url.fault_arguments) == plain_url.faults
+    assert parse_faults(named_url.fault_arguments) == plain_url.faults
 
 
 @pytest.mark.parametrize(

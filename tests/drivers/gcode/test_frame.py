@@ -14,7 +14,7 @@ from drivers.emulator.firmware.listener import Phase
 from drivers.emulator.firmware.machine import read_value
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import add_frame, add_frames, compute_checksum, remove_frame
-from drivers.gcode.frame import LINE_BYTES, compute_running_checksums
+from drivers.gcode.frame import MAX_FRAME_BYTES, compute_running_checksums
 from drivers.gcode.line import is_plain_move
 from drivers.printers import PROFILES
 
@@ -111,7 +111,7 @@ def test_frame_contains_its_command_and_fits_a_line(line):
     text, _, checksum_text = frame.removesuffix(b"\n").rpartition(b"*")
     assert text.split() == [b"N%d" % number, *command.split()]
     assert int(checksum_text) == compute_checksum(text)
-    assert len(frame) <= LINE_BYTES + 1
+    assert len(frame) <= MAX_FRAME_BYTES + 1
 
 
 def test_blank_is_inserted_only_where_needed():
@@ -136,9 +136,9 @@ def test_few_lines_need_a_blank(number, x_um, e_10nm):
 
 def test_line_without_room_for_a_blank_keeps_its_length():
     command = COLLIDING_MOVE + b" " + b"S" * (ULTIMAKER2.max_command_bytes - len(COLLIDING_MOVE) - 1)
-    assert len(add_frame(4, command)) <= LINE_BYTES + 1
-    longest_command = command + b"S" * (LINE_BYTES - len(b"N4 *255") - len(command))
-    assert len(add_frame(4, longest_command)) <= LINE_BYTES + 1
+    assert len(add_frame(4, command)) <= MAX_FRAME_BYTES + 1
+    longest_command = command + b"S" * (MAX_FRAME_BYTES - len(b"N4 *255") - len(command))
+    assert len(add_frame(4, longest_command)) <= MAX_FRAME_BYTES + 1
 
 
 @given(st.binary(min_size=1, max_size=128))

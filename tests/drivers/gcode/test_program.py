@@ -66,7 +66,7 @@ def test_progress_is_linear_in_time_within_a_layer():
     assert program.compute_progress(8).seconds == 20.0
     assert program.compute_progress(program.count).seconds == 30.0
     assert [program.compute_progress(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
-    assert program.layers == 2
+    assert program.layer_count == 2
 
 
 FEATURE_GCODE = """M109 S210

@@ -321,7 +321,7 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
     count: int, poll_interval_s: float, change_share: float, seed: int
 ):
     bench = Bench(Wire(0.0, change_share, 10_000, seed))
-    bench.link.poll_every_s = poll_interval_s
+    bench.link.poll_interval_s = poll_interval_s
     bench.boot()
     program = make_lines(count)
     bench.link.send(0.0, b"M82")

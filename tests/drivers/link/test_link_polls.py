@@ -14,9 +14,9 @@ REPORT = b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
 class Board:
     """Board that executes numbered lines in order, each once."""
 
-    def __init__(self, poll_every_s: float) -> None:
+    def __init__(self, poll_interval_s: float) -> None:
         self.link, self.now_s = Link(ULTIMAKER2), 0.0
-        self.link.poll_every_s = poll_every_s
+        self.link.poll_interval_s = poll_interval_s
         self.executed: list[bytes] = []
         self.report_count = 0
         self.last_number = -1
@@ -51,12 +51,12 @@ PROGRAM = [b"G1 X%d E%d" % (i % 200, i) for i in range(900)]
 
 @pytest.mark.parametrize("first_line", [0, 7])
 @pytest.mark.parametrize("commands", [(), (b"G28", b"M104 S0", b"G92 E0")])
-@pytest.mark.parametrize("poll_every_s", [0.5, 1.0, 3.0, 100.0])
+@pytest.mark.parametrize("poll_interval_s", [0.5, 1.0, 3.0, 100.0])
 def test_polls_keep_the_order_of_lines_and_are_not_counted(
-    first_line: int, commands: tuple[bytes, ...], poll_every_s: float
+    first_line: int, commands: tuple[bytes, ...], poll_interval_s: float
 ):
     """Check after every answer that the count for the journal equals that of the acknowledged lines."""
-    board = Board(poll_every_s)
+    board = Board(poll_interval_s)
     if commands:
         board.link.send(0.0, *commands)
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], first_line, len(PROGRAM))
@@ -67,7 +67,7 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
     assert board.link.is_drained
     assert board.executed == [b"M110", *commands, *PROGRAM[first_line:]]
     assert board.link.repeat_count == 0
-    assert board.report_count >= len(PROGRAM) * 0.2 / poll_every_s
+    assert board.report_count >= len(PROGRAM) * 0.2 / poll_interval_s
     assert len(board.link._outbox._frames) < 400  # a print may have a million lines
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.emulator.firmware.receiver import RING_BYTES
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode.frame import LINE_BYTES
+from drivers.gcode.frame import MAX_FRAME_BYTES
 from drivers.link import Link, Phase
 from drivers.link.opening import START_TIMEOUT_S
 from drivers.link.outbox import HISTORY_LINES, LINE_TIMEOUT_S, MAX_MOVE_MM, QUEUED_LINES, Outbox
@@ -66,7 +66,7 @@ def test_plain_ok_does_not_answer_a_poll_with_the_next_line_encoded():
 
 
 def test_all_queries_fit_the_ring_buffer_after_the_longest_line():
-    assert LINE_BYTES + 1 + MAX_QUERIES * len(ULTIMAKER2.last_line_query) <= RING_BYTES
+    assert MAX_FRAME_BYTES + 1 + MAX_QUERIES * len(ULTIMAKER2.last_line_query) <= RING_BYTES
 
 
 def test_link_gives_up_on_a_silent_board_after_four_queries():
@@ -99,10 +99,10 @@ def test_refusal_without_a_number_leaves_queries_pending():
     recovery.note_query(place, 0.0)
     recovery.note_query(place, 0.0)
     assert recovery.note_refusal(-1)
-    assert (recovery.queries, recovery.resend_number) == (2, -1)
+    assert (recovery.query_count, recovery.resend_number) == (2, -1)
     assert recovery.match_answer(5, place, True) is None
     recovery.note_refusal(6)
-    assert (recovery.queries, recovery.resend_number) == (1, 6)
+    assert (recovery.query_count, recovery.resend_number) == (1, 6)
 
 
 @pytest.mark.parametrize(("nozzle_c", "bed_c", "is_off"), [(0, 0, True), (1, 0, False), (0, 1, False)])

@@ -3,11 +3,11 @@
 import os
 
 from drivers.remote import Heartbeat, sample_process
-from drivers.remote.heartbeat import HUNG_S, SAMPLE_S, ProcessSample
+from drivers.remote.heartbeat import HUNG_SILENCE_S, SAMPLE_SILENCE_S, ProcessSample
 
 
 def measure_silence_until_hung_s(
-    samples: list[ProcessSample], step_s: float = 0.5, until_s: float = HUNG_S + 5
+    samples: list[ProcessSample], step_s: float = 0.5, until_s: float = HUNG_SILENCE_S + 5
 ) -> float | None:
     """Return the seconds of silence after which an agent counts as hung; None if it does not by `until_s`."""
     heartbeat, now_s = Heartbeat(), 100.0
@@ -20,25 +20,27 @@ def measure_silence_until_hung_s(
 
 def test_stopped_sleeping_or_looping_agent_is_hung_after_half_a_minute():
     for state in "TSR":
-        assert measure_silence_until_hung_s([ProcessSample(state, 3.0)]) == HUNG_S
+        assert measure_silence_until_hung_s([ProcessSample(state, 3.0)]) == HUNG_SILENCE_S
 
 
 def test_agent_waiting_for_a_processor_or_disk_is_not_hung():
-    sampled_s = HUNG_S - SAMPLE_S
+    sampled_s = HUNG_SILENCE_S - SAMPLE_SILENCE_S
     assert (
         measure_silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.6 * sampled_s)])
         is None
     )
     assert (
         measure_silence_until_hung_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.4 * sampled_s)])
-        == HUNG_S
+        == HUNG_SILENCE_S
     )
     assert measure_silence_until_hung_s([ProcessSample("D", 3.0)]) is None
 
 
 def test_time_without_a_running_listener_does_not_count():
     assert (
-        measure_silence_until_hung_s([ProcessSample("S", 0.0)], step_s=600.0, until_s=HUNG_S * 600 - 1200)
+        measure_silence_until_hung_s(
+            [ProcessSample("S", 0.0)], step_s=600.0, until_s=HUNG_SILENCE_S * 600 - 1200
+        )
         is None
     )
 

@@ -70,8 +70,8 @@ async def wait_until_ready(
 
 @pytest.mark.system
 def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(heartbeat, "SAMPLE_S", 1.0)
-    monkeypatch.setattr(heartbeat, "HUNG_S", 8.0)
+    monkeypatch.setattr(heartbeat, "SAMPLE_SILENCE_S", 1.0)
+    monkeypatch.setattr(heartbeat, "HUNG_SILENCE_S", 8.0)
     state, fleet, listener = make_simulated_farm(tmp_path)
 
     async def run_scenario() -> None:
@@ -316,7 +316,7 @@ class TalkingClient(FakeClient):
 
 
 def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(connection, "RETRY_S", 0.001)
+    monkeypatch.setattr(connection, "RETRY_INTERVAL_S", 0.001)
 
     class FaultyListener(RecordingListener):
         snapshot_count = 0

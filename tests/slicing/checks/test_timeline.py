@@ -67,7 +67,7 @@ def test_times_within_layers_equal_those_of_the_planner_of_the_firmware(make_req
     heights_mm = [mark.z_mm for mark in program.timeline]
     assert heights_mm == sorted(heights_mm)
     assert heights_mm[-1] == pytest.approx(result.height_mm)
-    seconds = [mark.seconds for mark in program.timeline]
+    seconds = [mark.time_s for mark in program.timeline]
     assert seconds == sorted(seconds)
 
     path = read_toolpath(result.gcode.read_bytes())

@@ -22,7 +22,7 @@ from drivers.emulator.firmware.reports import format_temperatures
 from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
 
-CLEANING_S = 1.0  # ``Planner::quick_stop`` drops moves within this time
+CLEANING_S = 1.0  # ``Planner::quick_stop`` drops all moves during this time
 _IDENTITY = (
     b"FIRMWARE_NAME:Marlin 2.0.9.1 (Jul  1 2021 12:00:00) SOURCE_CODE_URL:github.com/MarlinFirmware/Marlin "
     b"PROTOCOL_VERSION:1.0 %b_COUNT:1 UUID:cede2a2f-41a2-4748-9b12-c55c62f367ff\n"
@@ -55,7 +55,8 @@ def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
         "echo:Maximum Acceleration (units/s2):\n"
         f"echo:  M201 X{top[0]:.2f} Y{top[1]:.2f} Z{top[2]:.2f} E{top[3]:.2f}\n"
         "echo:Acceleration (units/s2): P<print_accel> R<retract_accel> T<travel_accel>\n"
-        f"echo:  M204 P{limits.print_mm_s2:.2f} R{limits.retract_mm_s2:.2f} T{limits.print_mm_s2:.2f}\n"
+        f"echo:  M204 P{limits.print_acceleration_mm_s2:.2f} R{limits.retract_acceleration_mm_s2:.2f} "
+        f"T{limits.print_acceleration_mm_s2:.2f}\n"
         "echo:Home offset:\n"
         f"echo:  M206 X0.00 Y0.00 Z{-home_offset_mm100 / 100:.2f}\n"
         "echo:PID settings:\n"
@@ -101,7 +102,7 @@ def _halt(machine: Machine, line: bytes, now_s: float) -> None:
 def _find_last_activity_s(machine: Machine) -> float:
     """Return the time of the last move, or of the last M85 (``manage_inactivity``)."""
     planner = machine.planner
-    return max(machine.armed_s, planner.end_s if len(planner) else planner.idle_since_s)
+    return max(machine.dead_man_armed_s, planner.end_s if len(planner) else planner.idle_since_s)
 
 
 MARLIN2 = Dialect(

@@ -49,7 +49,7 @@ def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
         "echo:Maximum Acceleration (mm/s2):\n"
         f"echo:  M201 X{top[0]:.0f} Y{top[1]:.0f} Z{top[2]:.0f} E{top[3]:.0f}\n"
         "echo:Acceleration: S=acceleration, T=retract acceleration\n"
-        f"echo:  M204 S{limits.print_mm_s2:.2f} T{limits.retract_mm_s2:.2f}\n"
+        f"echo:  M204 S{limits.print_acceleration_mm_s2:.2f} T{limits.retract_acceleration_mm_s2:.2f}\n"
         "echo:Advanced variables: S=Min feedrate (mm/s), T=Min travel feedrate (mm/s), "
         "B=minimum segment time (ms), X=maximum XY jerk (mm/s),  Z=maximum Z jerk (mm/s),  "
         "E=maximum E jerk (mm/s)\n"

@@ -83,7 +83,7 @@ def test_lower_target_is_approached_from_above_and_then_held() -> None:
 
 
 def test_dead_element_never_warms() -> None:
-    heater = Heater(BED, period_s=5.0, dead=True)
+    heater = Heater(BED, period_s=5.0, is_dead=True)
     heater.set_target(60.0, 0.0)
     assert heater.compute_temperature_c(3000.0) == pytest.approx(AMBIENT_C)
     assert heater.compute_power(3000.0) == FULL_POWER
