@@ -74,7 +74,7 @@ async def print_file(
         )
         start_s = end_s = start_cpu_s = end_cpu_s = 0.0
         is_start_sent = False
-        async for snapshot in client.snapshots():
+        async for snapshot in client.receive_snapshots():
             if snapshot.link is m.LinkState.READY and not is_start_sent:
                 is_start_sent = True
                 reply = await client.request(start_request)

@@ -150,7 +150,7 @@ async def _request_verification(folder: Path) -> None:
             raise AgentError(reply.snapshot.reason or "its board was not reset")
         is_current = False  # snapshots from before the reply are old
         async with asyncio.timeout(_AGENT_TIMEOUT_S):
-            async for snapshot in client.snapshots():
+            async for snapshot in client.receive_snapshots():
                 if snapshot.link is m.LinkState.CONNECTING:
                     is_current = True
                 elif is_current and snapshot.reset_verified:
@@ -192,7 +192,7 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, timeout_s: float) -> 
     link, idle_watch = Link(firmware), IdleWatch()
     for now_s, event in exchange(port, link, timeout_s):
         if isinstance(event, BoardConnected):
-            if event.restarted:
+            if event.has_restarted:
                 return
             link.send(now_s, b"M27")
             link.poll_soon(now_s + 0.5)
@@ -211,7 +211,7 @@ def _await_restart(port: Port, url: str, firmware: Firmware, timeout_s: float) -
     link, identity = Link(firmware), b""
     for now_s, event in exchange(port, link, timeout_s):
         if isinstance(event, BoardConnected):
-            if not event.restarted:
+            if not event.has_restarted:
                 break
             if firmware.version_pattern is not None:
                 return event.banner

@@ -16,11 +16,11 @@ _ENTRY_FILE = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
 @dataclass(frozen=True, slots=True)
 class CacheEntry:
-    """Stored slice: its name, its size, and the time of its last use in s, by one clock for all entries."""
+    """Stored slice: its name, its size, and the time of its last use in s, on one clock for all entries."""
 
     name: str
     size_bytes: int
-    used_s: float
+    last_used_s: float
 
 
 def find_least_recently_used_entries(entries: Iterable[CacheEntry], max_bytes: int) -> list[str]:
@@ -38,10 +38,10 @@ def find_least_recently_used_entries(entries: Iterable[CacheEntry], max_bytes: i
     list of str
         Names of the entries to remove.
     """
-    by_use = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
-    excess_bytes = sum(entry.size_bytes for entry in by_use) - max_bytes
+    sorted_entries = sorted(entries, key=lambda entry: (entry.last_used_s, entry.name))
+    excess_bytes = sum(entry.size_bytes for entry in sorted_entries) - max_bytes
     names = []
-    for entry in by_use:
+    for entry in sorted_entries:
         if excess_bytes <= 0:
             break
         names.append(entry.name)
@@ -72,8 +72,8 @@ def trim_cache(folder: Path, max_bytes: int = CACHE_BYTES) -> None:
             name = match[1]
             files.setdefault(name, []).append(path)
             entry = entries.get(name, CacheEntry(name, 0, 0.0))
-            used_s = max(entry.used_s, status.st_mtime)
-            entries[name] = CacheEntry(name, entry.size_bytes + status.st_size, used_s)
+            last_used_s = max(entry.last_used_s, status.st_mtime)
+            entries[name] = CacheEntry(name, entry.size_bytes + status.st_size, last_used_s)
     for name in find_least_recently_used_entries(entries.values(), max_bytes):
         for path in files[name]:
             with contextlib.suppress(OSError):

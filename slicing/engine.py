@@ -37,7 +37,8 @@ _PROGRESS = re.compile(rb"Progress:[^:\n]+:\d+:\d+ *\t([\d.]+)%")
 _ADVICE = "scale the model down or simplify its mesh"
 _libc = ctypes.CDLL(None, use_errno=True)
 
-Progress = Callable[[float], None]
+ProgressCallback = Callable[[float], None]
+"""Callback for the completed share of the work, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class EngineLimits:
 
     Attributes
     ----------
-    layers
+    max_layers
         Maximum number of layers; each takes `LAYER_BYTES` of address space.
     timeout_s
         Wall-clock seconds after which the run is stopped, with all of its processes.
@@ -54,14 +55,14 @@ class EngineLimits:
         Memory besides the memory of the layers.
     """
 
-    layers: int
+    max_layers: int
     timeout_s: float
     memory_bytes: int = MEMORY_BYTES
 
     @property
     def address_space_bytes(self) -> int:
         """Limit on the address space of the process."""
-        return self.memory_bytes + self.layers * LAYER_BYTES
+        return self.memory_bytes + self.max_layers * LAYER_BYTES
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +79,7 @@ def run_engine(
     global_: Mapping[str, str],
     extruder: Mapping[str, str],
     limits: EngineLimits,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> EngineOutput:
     """Slice an STL with resolved settings.
 
@@ -138,7 +139,7 @@ def _build_command(engine: Path, *, reports_progress: bool) -> list[str]:
 
 
 def _run_process(
-    command: list[str], folder: Path, limits: EngineLimits, progress: Progress | None
+    command: list[str], folder: Path, limits: EngineLimits, progress: ProgressCallback | None
 ) -> tuple[int, str]:
     """Run a command until it ends; return its exit code and its log."""
     try:
@@ -167,7 +168,7 @@ def _run_process(
     return process.returncode, log
 
 
-def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Progress | None) -> str:
+def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: ProgressCallback | None) -> str:
     """Read the log of a process until it ends; only the beginning and the end of a long log are kept."""
     assert process.stdout is not None
     pipe, exit_fd = process.stdout.fileno(), os.pidfd_open(process.pid)

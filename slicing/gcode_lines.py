@@ -13,9 +13,9 @@ from slicing.errors import GcodeRefused
 MAX_LINE_BYTES = 1 << 16
 """Maximum length of a line; the longest lines of slicers are comments that contain a whole script."""
 MAX_COORDINATE_MM = 1e4
-"""Maximum coordinate on any printer, in mm."""
-MAX_E = 1e8
-"""Maximum E, in mm; a file may never reset E."""
+"""Maximum coordinate on any printer."""
+MAX_E_MM = 1e8
+"""Maximum E; a file may never reset E."""
 MAX_OTHER_VALUE = 1e6
 
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
@@ -136,7 +136,7 @@ def _find_max_value(letter: str) -> float:
     """Find the maximum value of a word with this letter."""
     if letter in "XYZIJ":
         return MAX_COORDINATE_MM
-    return MAX_E if letter == "E" else MAX_OTHER_VALUE
+    return MAX_E_MM if letter == "E" else MAX_OTHER_VALUE
 
 
 def _strip_number(command: bytes, number: int) -> bytes:

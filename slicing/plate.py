@@ -27,7 +27,7 @@ from slicing.checks import (
     read_wall_layout,
     remove_reset_times,
 )
-from slicing.engine import EngineLimits, Progress, check_versions, run_engine
+from slicing.engine import EngineLimits, ProgressCallback, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.hidden_walls import (
     HiddenSide,
@@ -96,7 +96,7 @@ class PlateResult:
     unprinted_walls: tuple[UnprintedWall, ...] = ()  # walls too thin to print, the largest first
 
 
-def slice_plate(request: PlateRequest, progress: Progress | None = None) -> PlateResult:
+def slice_plate(request: PlateRequest, progress: ProgressCallback | None = None) -> PlateResult:
     """Slice one plate and check the result, or read it from the cache if the same plate was sliced before.
 
     Parameters
@@ -139,7 +139,9 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
     return _build_result(request, sliced, stored_slice is not None)
 
 
-def _slice_with_retries(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
+def _slice_with_retries(
+    request: PlateRequest, corners: Floats, progress: ProgressCallback | None
+) -> CheckedSlice:
     """Slice the part as it is; if that is rejected, slightly scaled, then with a wave in its sides."""
     check_versions(request.engine, request.settings.extruder)
     first_error: SliceRejected | None = None
@@ -186,7 +188,7 @@ def _build_wavy_request(request: PlateRequest, corners: Floats, folder: Path) ->
     return replace(request, stl=path)
 
 
-def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
+def _slice_once(request: PlateRequest, corners: Floats, progress: ProgressCallback | None) -> CheckedSlice:
     """Slice a part once, and check the result."""
     settings = request.settings
     height_mm = float(corners[..., 2].max())

@@ -48,7 +48,7 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
     await client.connect()
     is_start_sent = False
     try:
-        async for snapshot in client.snapshots():
+        async for snapshot in client.receive_snapshots():
             if snapshot.link is m.LinkState.READY and not is_start_sent:
                 is_start_sent = True
                 start_request = m.StartPrint(

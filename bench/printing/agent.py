@@ -169,7 +169,7 @@ async def print_file(
     memory_mb, cpu_share = 0.0, 0.0
     try:
         await client.connect(timeout_s=60.0)
-        async for snapshot in client.snapshots():
+        async for snapshot in client.receive_snapshots():
             if snapshot.link is m.LinkState.FAULT and not is_clear_sent:
                 is_clear_sent = True
                 await client.request(m.BedCleared(id=0))

@@ -35,7 +35,7 @@ async def start_print(folder: Path, gcode: Path) -> None:
     await client.connect(60.0)
     is_requested = False
     async with asyncio.timeout(TIMEOUT_S):
-        async for snapshot in client.snapshots():
+        async for snapshot in client.receive_snapshots():
             if snapshot.link is m.LinkState.READY and not is_requested:
                 is_requested = True
                 start_request = m.StartPrint(

@@ -21,7 +21,7 @@ from drivers.session import Pace, Session
 log = logging.getLogger(__name__)
 
 RETRY_INTERVAL_S = 2.0  # wall seconds between attempts to open a port
-RESET_PULSES = 2  # number of DTR pulses; the answer to one may be lost
+RESET_PULSE_COUNT = 2  # number of DTR pulses; the answer to one may be lost
 NOT_WATCHED_REASON = "it was not watched before its agent was started"
 MAY_PRINT_REASON = (
     "its port is opened only after a person confirms that it is not printing: opening may reset the board"
@@ -243,7 +243,7 @@ class Board:
         if self._port is not None:
             self._reset()
         if self._port is not None:
-            self._pulses_left = RESET_PULSES
+            self._pulses_left = RESET_PULSE_COUNT
         else:
             self._is_idle_confirmed = False  # the confirmed printer is no longer connected
         self.has_changed = True
@@ -272,7 +272,7 @@ class Board:
             self._advance(self.session, events, now_s)
         self._save()
         data = self.link.take()
-        if self._port is not None and (data or self._port.write_pending):
+        if self._port is not None and (data or self._port.has_unsent_bytes):
             try:
                 self._port.write(data)
             except PortError as error:
@@ -291,7 +291,7 @@ class Board:
             if self.session is None:
                 self._on_idle_report(event, now_s)
         elif isinstance(event, BoardConnected):
-            log.info("the board answers%s", " after a reset" if event.restarted else "")
+            log.info("the board answers%s", " after a reset" if event.has_restarted else "")
             self._on_connected(event)
         elif isinstance(event, UnknownLine):
             is_known, cause = False, None
@@ -311,9 +311,9 @@ class Board:
     def _on_connected(self, event: BoardConnected) -> None:
         """Record whether the last pulse of DTR reset the board."""
         self.idle_watch.reset()
-        if event.restarted:
+        if event.has_restarted:
             self.idle_watch.filament.note_reset()
-        if event.restarted and (self._pulses_left or self.session is not None):
+        if event.has_restarted and (self._pulses_left or self.session is not None):
             self.state.verified_reset_port, self.state.failed_reset_port = self._url, None
         elif self._pulses_left > 1:
             self._pulses_left -= 1

@@ -59,7 +59,7 @@ class Agent:
             start.port, profile, folder / EMULATOR_FOLDER, self._clock, self._save, self._on_port_change
         )
         self._recorder = Recorder(start, self._board, self._journal, self._clock)
-        self._requests = RequestHandler(start.printer, self._recorder, spool, self._clock)
+        self._request_handler = RequestHandler(start.printer, self._recorder, spool, self._clock)
         self._pushed_key: tuple[object, ...] = ()
         self._push_wall_s = 0.0
         self._log_wall_s = 0.0
@@ -95,7 +95,7 @@ class Agent:
         self._board.tick()
         self._server = Server(self._folder, self._selector, self._answer, self._build_snapshot)
         wake_wall_s = 0.0
-        while not self._requests.must_end:
+        while not self._request_handler.must_end:
             wait_s = wake_wall_s - read_wall_s()
             for key, mask in self._selector.select(wait_s if wait_s > 0.0 else 0.0):
                 key.data(mask)
@@ -118,8 +118,12 @@ class Agent:
 
     def _save(self) -> None:
         self._recorder.record_changes()
-        if self._requests.must_end_after_print and self._board.session is None and not self._board.state.hot:
-            self._requests.must_end = True
+        if (
+            self._request_handler.must_end_after_print
+            and self._board.session is None
+            and not self._board.state.hot
+        ):
+            self._request_handler.must_end = True
 
     # --- messages ---
 
@@ -128,7 +132,7 @@ class Agent:
 
     def _answer(self, request: Request) -> Reply:
         try:
-            self._requests.handle(request)
+            self._request_handler.handle(request)
         except (DriverError, OSError) as error:
             log.warning("%s refused: %s", request.do, error)
             is_late = isinstance(error, TooLate)
@@ -189,9 +193,9 @@ class Agent:
         """End after the open print on SIGTERM; on SIGINT, end the print safely first."""
         ends_print = signal.SIGINT in self._signals[0].recv(64)
         if self._board.session is None and (ends_print or not self._board.state.hot):
-            self._requests.must_end = True
+            self._request_handler.must_end = True
             return
-        self._requests.must_end_after_print = True
+        self._request_handler.must_end_after_print = True
         log.warning(
             "asked to end by a signal: %s", "at once" if ends_print else "when the open print has ended"
         )

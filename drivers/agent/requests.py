@@ -132,7 +132,7 @@ class RequestHandler:
             self._journal.write(now_s, print=snapshot.model_dump(mode="json"))
             self._board.has_changed = True
             return
-        snapshot = snapshot.model_copy(update={"lines": program.count, "started_s": now_s})
+        snapshot = snapshot.model_copy(update={"lines": program.line_count, "started_s": now_s})
         self._journal.write(now_s, print=snapshot.model_dump(mode="json"), filament=request.filament.value)
         self._recorder.begin(program, request.filament, extruded=False, ends_by_s=request.ends_by_s)
 

@@ -106,7 +106,7 @@ class FaultSampler:
         self._faults = faults
         self._rng = rng
 
-    def disturb(self, line: bytes) -> bytes:
+    def disturb_line(self, line: bytes) -> bytes:
         """Return the line as received: unchanged, with one flipped bit, or without its number or checksum."""
         faults = self._faults
         if b"M110" not in line:

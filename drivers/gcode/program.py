@@ -78,13 +78,13 @@ class MemoryStore:
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """The commands of a file as they are sent. Lines count from 0.
+    """The commands of a file as they are sent. Lines are numbered from 0.
 
     Attributes
     ----------
     store
         All lines, each with its newline.
-    count
+    line_count
         Number of lines.
     offsets, checksums
         Byte offset of every 256th line in the store, and of the end of the store; the CRC-32 of each block
@@ -94,13 +94,13 @@ class Program:
     heat_commands
         Lines that set a temperature.
     home_line
-        Number of the first G28; `count` if there is none.
+        Number of the first G28; `line_count` if there is none.
     extrusion_line
-        Number of the first move with an E; `count` if there is none.
+        Number of the first move with an E; `line_count` if there is none.
     """
 
     store: ProgramStore
-    count: int
+    line_count: int
     offsets: array[int]
     checksums: array[int]
     timeline: Timeline
@@ -130,7 +130,7 @@ class Program:
         UnreadableFile
             The store does not return the written bytes.
         """
-        stop = min(stop, self.count)
+        stop = min(stop, self.line_count)
         lines: list[bytes] = []
         if start >= stop:
             return lines
@@ -151,7 +151,7 @@ class Program:
 
     def compute_progress(self, line: int) -> Mark:
         """Compute the progress after `line` lines."""
-        return self.timeline.compute_progress(line, self.count)
+        return self.timeline.compute_progress(line, self.line_count)
 
     def find_target_c(self, heater: HeaterName, line: int) -> float | None:
         """Find the target of a heater after `line` lines; None if it has none yet."""
@@ -237,55 +237,55 @@ class _Reader:
         return command.text
 
     def _note_command(self, command: Command, number: int) -> None:
-        count = self.writer.count
+        line_count = self.writer.line_count
         if command.name in _HEATING_CODES:
-            self._heat_commands.append(_read_heat_command(command, number, count, self._profile))
+            self._heat_commands.append(_read_heat_command(command, number, line_count, self._profile))
         elif command.name in _MODES:
             mode, state = _MODES[command.name]
             if len(self._toggles[mode]) % 2 != state:
-                self._toggles[mode].append(count)
+                self._toggles[mode].append(line_count)
         elif command.name == b"G28":
-            self._home_line = count if self._home_line < 0 else self._home_line
+            self._home_line = line_count if self._home_line < 0 else self._home_line
         elif (z_mm := command.words.get(b"Z")) is not None and command.name in _RISING_CODES:
             self._timeline.add_height(z_mm)
             if not len(self._toggles[0]) % 2 and z_mm > (self._peaks_mm[-1] if self._peaks_mm else 0.0):
-                self._peak_lines.append(count)
+                self._peak_lines.append(line_count)
                 self._peaks_mm.append(z_mm + _PEAK_STEP_MM)
 
     def note_first_extrusion(self, number: int) -> None:
         """Note the first extruding move. Raises BadGcode if the nozzle is cold."""
         if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in self._heat_commands):
             raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
-        self.extrusion_line = self.writer.count
+        self.extrusion_line = self.writer.line_count
 
     def _read_comment(self, comment: bytes, number: int) -> None:
         """Parse the slicer's comments on time, layer and feature. Raises BadGcode."""
-        timeline, count = self._timeline, self.writer.count
+        timeline, line_count = self._timeline, self.writer.line_count
         if comment.startswith(b"TIME_ELAPSED:"):
-            timeline.add_time(count, read_number(comment[13:], number, _MAX_PRINT_TIME_S))
+            timeline.add_time(line_count, read_number(comment[13:], number, _MAX_PRINT_TIME_S))
         elif comment.startswith(b"LAYER:"):
-            timeline.add_layer(count, int(read_number(comment[6:], number, _MAX_LAYERS)))
+            timeline.add_layer(line_count, int(read_number(comment[6:], number, _MAX_LAYERS)))
         elif comment.startswith(b"TYPE:"):
-            timeline.add_feature(count, comment[5:].rstrip().decode("ascii", "replace"))
+            timeline.add_feature(line_count, comment[5:].rstrip().decode("ascii", "replace"))
         elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
             raise BadGcode(f"line {number}: {quote(comment[7:])} does not print over USB: slice for Marlin")
 
     def finish(self) -> Program:
         """Build the program. Raises BadGcode if it is empty."""
-        writer, count = self.writer, self.writer.count
-        if not count:
+        writer, line_count = self.writer, self.writer.line_count
+        if not line_count:
             raise BadGcode("line 1: the file contains no command")
         self._timeline.close()
         writer.close_block()
         return Program(
             store=writer.store,
-            count=count,
+            line_count=line_count,
             offsets=writer.offsets,
             checksums=writer.checksums,
             timeline=self._timeline,
             heat_commands=tuple(self._heat_commands),
-            home_line=count if self._home_line < 0 else self._home_line,
-            extrusion_line=count if self.extrusion_line < 0 else self.extrusion_line,
+            home_line=line_count if self._home_line < 0 else self._home_line,
+            extrusion_line=line_count if self.extrusion_line < 0 else self.extrusion_line,
             _relative_lines=self._toggles[0],
             _relative_e_lines=self._toggles[1],
             _peak_lines=self._peak_lines,
@@ -298,15 +298,15 @@ class _BlockWriter:
 
     def __init__(self, store: ProgramStore) -> None:
         self.store = store
-        self.count = 0
+        self.line_count = 0
         self.offsets, self.checksums = array("Q", (0,)), array("L")
         self._block = bytearray()
 
     def add(self, line: bytes) -> None:
         self._block += line
         self._block += b"\n"
-        self.count += 1
-        if not self.count % _BLOCK_LINES:
+        self.line_count += 1
+        if not self.line_count % _BLOCK_LINES:
             self.close_block()
 
     def close_block(self) -> None:
@@ -319,8 +319,8 @@ class _BlockWriter:
             self.checksums.append(crc32(data))
 
 
-def _read_heat_command(command: Command, number: int, count: int, profile: Profile) -> HeatCommand:
-    """Parse a heating line that follows `count` lines. Raises BadGcode."""
+def _read_heat_command(command: Command, number: int, line_count: int, profile: Profile) -> HeatCommand:
+    """Parse a heating line that follows `line_count` lines. Raises BadGcode."""
     target_c = command.words.get(b"S")
     if target_c is None or target_c < 0:
         raise BadGcode(f"line {number}: {quote(command.text)} has no temperature with S")
@@ -328,4 +328,4 @@ def _read_heat_command(command: Command, number: int, count: int, profile: Profi
     limit_c = profile.max_nozzle_c if heater is HeaterName.NOZZLE else profile.max_bed_c
     if target_c > limit_c:
         raise BadGcode(f"line {number}: {target_c:g} C is too hot for the {heater}: at most {limit_c:g} C")
-    return HeatCommand(count, heater, target_c, waits=command.name in (b"M109", b"M190"))
+    return HeatCommand(line_count, heater, target_c, waits=command.name in (b"M109", b"M190"))

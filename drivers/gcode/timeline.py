@@ -95,12 +95,12 @@ class Timeline:
     def __iter__(self) -> Iterator[Mark]:
         return (self[index] for index in range(len(self)))
 
-    def compute_progress(self, line: int, count: int) -> Mark:
-        """Compute the progress after `line` of `count` lines."""
+    def compute_progress(self, line: int, line_count: int) -> Mark:
+        """Compute the progress after `line` of `line_count` lines."""
         index = bisect_right(self._lines, line)
         previous = self[index - 1] if index else Mark(0, 0.0)
-        if line >= count or index == len(self):
-            return replace(previous, line=line, time_s=self.time_s if line >= count else previous.time_s)
+        if line >= line_count or index == len(self):
+            return replace(previous, line=line, time_s=self.time_s if line >= line_count else previous.time_s)
         fraction = (line - previous.line) / (self._lines[index] - previous.line)
         return replace(
             previous,

@@ -166,7 +166,7 @@ class AgentWatch:
         while True:
             with suppress(DriverError):
                 await self._client.connect()
-                async for snapshot in self._client.snapshots():
+                async for snapshot in self._client.receive_snapshots():
                     self.snapshot = snapshot
             self.snapshot = None
             await asyncio.sleep(_RETRY_INTERVAL_S)

@@ -47,8 +47,8 @@ class HostPaths:
     def __init__(self, farm: str, env: Mapping[str, str] = os.environ) -> None:
         self.farm, self._env = farm, env
         self.folder = find_folder(farm, _FOLDER, env)
-        self.lock = self.folder / "lock"
-        self.log = self.folder / "host.log"
+        self.lock_file = self.folder / "lock"
+        self.log_file = self.folder / "host.log"
         self._agents = self.folder / "agents.json"
         self._version = self.folder / "version.json"
 
@@ -120,11 +120,11 @@ def reach_service(paths: HostPaths) -> socket.socket:
     AgentError
         The service does not start or does not answer.
     """
-    if is_locked(paths.lock) and not paths.has_this_version():
+    if is_locked(paths.lock_file) and not paths.has_this_version():
         end_service(paths)
     deadline_s, process = time.monotonic() + _START_TIMEOUT_S, None
     while time.monotonic() < deadline_s:
-        if not is_locked(paths.lock) and (process is None or process.poll() is not None):
+        if not is_locked(paths.lock_file) and (process is None or process.poll() is not None):
             process = _start_service(paths)
         with suppress(OSError), paths.open_socket_path() as path:
             connection = socket.socket(socket.AF_UNIX)
@@ -135,7 +135,7 @@ def reach_service(paths: HostPaths) -> socket.socket:
                 raise
             return connection
         time.sleep(RETRY_INTERVAL_S)
-    raise AgentError(f"{paths.folder}: the service of this host does not answer; see {paths.log}")
+    raise AgentError(f"{paths.folder}: the service of this host does not answer; see {paths.log_file}")
 
 
 def _start_service(paths: HostPaths) -> subprocess.Popen[bytes]:
@@ -143,7 +143,7 @@ def _start_service(paths: HostPaths) -> subprocess.Popen[bytes]:
     installation = Installation.from_this_process()
     try:
         paths.create_folder()
-        with paths.log.open("ab") as log:
+        with paths.log_file.open("ab") as log:
             return subprocess.Popen(
                 [installation.python, "-m", "drivers.host.service", paths.farm],
                 cwd=installation.folder,
@@ -158,12 +158,12 @@ def _start_service(paths: HostPaths) -> subprocess.Popen[bytes]:
 
 def end_service(paths: HostPaths) -> None:
     """End the service; its agents continue. Raises AgentError if it cannot be ended."""
-    pid = find_holder(paths.lock)
+    pid = find_holder(paths.lock_file)
     if pid is not None:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGTERM)
     deadline_s = time.monotonic() + _END_TIMEOUT_S
-    while is_locked(paths.lock) and time.monotonic() < deadline_s:
+    while is_locked(paths.lock_file) and time.monotonic() < deadline_s:
         time.sleep(RETRY_INTERVAL_S / 5)
-    if is_locked(paths.lock) and not kill_holder(paths.lock):
+    if is_locked(paths.lock_file) and not kill_holder(paths.lock_file):
         raise AgentError(f"{paths.folder}: the service of another version cannot be ended; end it by hand")

@@ -98,7 +98,7 @@ class HostService:
         if self._daemon_writer is not None and time.monotonic() - self._last_message_s > SILENCE_TIMEOUT_S:
             log.warning("the daemon is silent: closing its connection")
             self._daemon_writer.transport.abort()
-        rotate_log(self._paths.log)
+        rotate_log(self._paths.log_file)
 
     def _set_agents(self, starts: tuple[StartFile, ...]) -> None:
         """Run these agents from now on; end all others when they are idle."""
@@ -260,7 +260,7 @@ def run_service(farm: str) -> int:
         stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     paths.create_folder()
-    lock = acquire_lock(paths.lock)
+    lock = acquire_lock(paths.lock_file)
     if lock is None:
         logging.error("%s: another service has this host's agents", paths.folder)
         return 1

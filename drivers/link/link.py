@@ -49,7 +49,7 @@ class Link:
         self.phase = Phase.CLOSED
         self._output = b""
         self._opening = Opening(self._firmware, self._min_timeout_s)
-        self._partial = b""
+        self._partial_line = b""
         self._due_s = math.inf  # time at which the line in flight, or the phase, times out
         self._poll_at_s = math.inf
         self._awaits_ok = False  # True while the line at the cursor has not been acknowledged
@@ -147,7 +147,7 @@ class Link:
         Returns None if the only effect is that `take` returns the next line of the program.
         """
         # Fast path: an ok to a line of a program while the next line is already encoded.
-        is_usual = self._awaits_ok and self._is_undisturbed and not self._partial
+        is_usual = self._awaits_ok and self._is_undisturbed and not self._partial_line
         if data == b"ok\n" and is_usual and now_s < self._poll_at_s:
             line = self._outbox.take_encoded()
             if line is not None:
@@ -155,9 +155,9 @@ class Link:
                 self._recovery.sent_s = now_s
                 self._due_s = now_s + self._silence_s
                 return None
-        *lines, self._partial = (self._partial + data).split(b"\n")
-        if len(self._partial) > _MAX_ANSWER_BYTES:
-            self._partial = b""
+        *lines, self._partial_line = (self._partial_line + data).split(b"\n")
+        if len(self._partial_line) > _MAX_ANSWER_BYTES:
+            self._partial_line = b""
         events: list[Event] = []
         for line in lines:
             self._handle_line(line, now_s, events)

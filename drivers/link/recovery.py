@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from drivers.firmware import Firmware
 
-CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers at most two lines
+NEEDED_CONFIRMATIONS = 3  # the board executes a line between two answers, and buffers at most two lines
 # The link is too noisy at this number of repairs in this number of lines.
 NOISE_REPAIRS, NOISE_LINES = 10, 200
 MAX_ATTEMPTS = 4  # maximum number of queries to a silent board, and of contradictory answers in a row
@@ -112,7 +112,7 @@ class Recovery:
         """
         if firmware.keep_alive is not None:
             return 1 if self._queried_s >= self.last_progress_s + busy_interval_s else math.inf
-        return 1 if firmware.acknowledges_read_moves and is_move else CONFIRMATIONS
+        return 1 if firmware.acknowledges_read_moves and is_move else NEEDED_CONFIRMATIONS
 
     def note_query(self, place: Place, now_s: float) -> None:
         """Note that a query was sent."""

@@ -23,9 +23,9 @@ _CARD_OK = b"echo:SD card ok"
 
 @dataclass(frozen=True, slots=True)
 class BoardConnected:
-    """The board answers. `restarted` is true if it sent ``start`` first, followed by `banner`."""
+    """The board answers. `has_restarted` is true if it sent ``start`` first, followed by `banner`."""
 
-    restarted: bool
+    has_restarted: bool
     banner: bytes
 
 

@@ -34,7 +34,7 @@ class Port(Protocol):
         """Send bytes in place of all unsent ones. Raises PortError."""
 
     @property
-    def write_pending(self) -> bool:
+    def has_unsent_bytes(self) -> bool:
         """True while bytes wait for the next call of `write`."""
 
     def reset(self) -> None:
@@ -100,7 +100,7 @@ class NetPort:
         self._remote.write_now(data)
 
     @property
-    def write_pending(self) -> bool:
+    def has_unsent_bytes(self) -> bool:
         """Always False, as the other host keeps unsent bytes."""
         return False
 

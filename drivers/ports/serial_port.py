@@ -50,7 +50,7 @@ class SerialPort:
     def __init__(self, path: Path, baud_rate: int, *, is_shared: bool = False) -> None:
         self.path, self._baud_rate = path, baud_rate
         self._is_exclusive = not is_shared
-        self._unsent = b""
+        self._unsent_bytes = b""
         self._open()
 
     def _open(self) -> None:
@@ -107,20 +107,20 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
-        if self._unsent:
-            data = self._unsent + data
+        if self._unsent_bytes:
+            data = self._unsent_bytes + data
         try:
             written_bytes = os.write(self._fd, data)
         except BlockingIOError:
             written_bytes = 0
         except OSError as error:
             raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
-        self._unsent = data[written_bytes:]
+        self._unsent_bytes = data[written_bytes:]
 
     @property
-    def write_pending(self) -> bool:
+    def has_unsent_bytes(self) -> bool:
         """True while bytes wait for the next call of `write`."""
-        return bool(self._unsent)
+        return bool(self._unsent_bytes)
 
     def write_now(self, data: bytes) -> None:
         """Send bytes in place of all unsent ones, and wait until they are transmitted.
@@ -136,19 +136,19 @@ class SerialPort:
         try:
             # On a pseudo-terminal, a flush also discards bytes that are on their way to the other end.
             self._replace(data, flush=not self._is_pty)
-            if self._is_pty and self._unsent:  # the other end has stopped reading
+            if self._is_pty and self._unsent_bytes:  # the other end has stopped reading
                 self._replace(data, flush=True)
-            while self._unsent or self._count_queued_bytes():
+            while self._unsent_bytes or self._count_queued_bytes():
                 if time.monotonic() > deadline_s:
                     return
                 time.sleep(_DRAIN_POLL_S)
-                if self._unsent:
+                if self._unsent_bytes:
                     self.write(b"")
         except (OSError, termios.error) as error:
             raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
 
     def _replace(self, data: bytes, *, flush: bool) -> None:
-        self._unsent = b""
+        self._unsent_bytes = b""
         if flush:
             termios.tcflush(self._fd, termios.TCOFLUSH)
         self.write(data)
@@ -165,7 +165,7 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
-        self._unsent = b""
+        self._unsent_bytes = b""
         try:
             if os.ttyname(self._fd).startswith(_PTY_PREFIX):  # raises if the printer was disconnected
                 self.close()

@@ -114,9 +114,9 @@ class RecordedPort:
         self._port.write_now(data)
 
     @property
-    def write_pending(self) -> bool:
+    def has_unsent_bytes(self) -> bool:
         """True while bytes wait to be written."""
-        return self._port.write_pending
+        return self._port.has_unsent_bytes
 
     def reset(self) -> None:
         """Reset the board. Raises PortError."""

@@ -36,8 +36,8 @@ _LINE_BYTES = 1024 * 1024
 class AgentClient:
     """Connection to one agent.
 
-    Call `connect`, then iterate over `snapshots` in one task and call `request` from any task. When the
-    iterator ends, the connection is closed, and `connect` opens a new one.
+    Call `connect`, then iterate over `receive_snapshots` in one task and call `request` from any task. When
+    the iterator ends, the connection is closed, and `connect` opens a new one.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class AgentClient:
         self._snapshots = asyncio.Queue()
         self._read_task = asyncio.create_task(self._read(reader, self._snapshots))
 
-    async def snapshots(self) -> AsyncIterator[Snapshot]:
+    async def receive_snapshots(self) -> AsyncIterator[Snapshot]:
         """Yield the snapshots of the agent until the connection closes."""
         queue = self._snapshots
         while (snapshot := await queue.get()) is not None:

@@ -55,13 +55,13 @@ class Heartbeat:
     """Detector of a hung agent, by its silence."""
 
     def __init__(self) -> None:
-        self._silent_s = 0.0
-        self._checked_s: float | None = None
+        self._silence_s = 0.0
+        self._last_check_s: float | None = None
         self._first_sample: ProcessSample | None = None
 
     def reset(self) -> None:
         """Restart the count, as the agent has sent something or was just started."""
-        self._silent_s = 0.0
+        self._silence_s = 0.0
         self._first_sample = None
 
     def is_hung(self, now_s: float, sample: Callable[[], ProcessSample | None]) -> bool:
@@ -74,12 +74,12 @@ class Heartbeat:
         sample
             Function that samples the agent's process.
         """
-        if self._checked_s is not None:
-            self._silent_s += min(now_s - self._checked_s, _MAX_INTERVAL_S)
-        self._checked_s = now_s
-        if self._silent_s >= SAMPLE_SILENCE_S and self._first_sample is None:
+        if self._last_check_s is not None:
+            self._silence_s += min(now_s - self._last_check_s, _MAX_INTERVAL_S)
+        self._last_check_s = now_s
+        if self._silence_s >= SAMPLE_SILENCE_S and self._first_sample is None:
             self._first_sample = sample()
-        if self._silent_s < HUNG_SILENCE_S:
+        if self._silence_s < HUNG_SILENCE_S:
             return False
         first_sample, last_sample = self._first_sample, sample()
         self.reset()

@@ -140,7 +140,9 @@ def list_targets(agents: Path) -> dict[str, StopTarget]:
 
 
 def stop_printer(
-    target: StopTarget, watch_s: float = _REPORT_TIMEOUT_S, notify: ProgressCallback = _ignore_progress
+    target: StopTarget,
+    report_timeout_s: float = _REPORT_TIMEOUT_S,
+    notify: ProgressCallback = _ignore_progress,
 ) -> StopResult:
     """Stop one printer. Never raises; returns once the printer cools, after at most 140 s.
 
@@ -148,7 +150,7 @@ def stop_printer(
     ----------
     target
         The printer.
-    watch_s
+    report_timeout_s
         Wall seconds within which the printer has to report both targets 0.
     notify
         Function that is called with the first result, before the printer has cooled.
@@ -160,7 +162,7 @@ def stop_printer(
         target.folder.mkdir(parents=True, exist_ok=True)
         lock = acquire_lock(target.folder / AGENT_LOCK)
     try:
-        result = stop_board(target, watch_s, notify)
+        result = stop_board(target, report_timeout_s, notify)
         if lock is not None:
             with suppress(DriverError, OSError):  # on a full disk, the bed counts as unknown in any case
                 Journal(target.folder / JOURNAL).write(
@@ -173,22 +175,24 @@ def stop_printer(
 
 
 def stop_board(
-    target: StopTarget, watch_s: float = _REPORT_TIMEOUT_S, notify: ProgressCallback = _ignore_progress
+    target: StopTarget,
+    report_timeout_s: float = _REPORT_TIMEOUT_S,
+    notify: ProgressCallback = _ignore_progress,
 ) -> StopResult:
     """Stop the board of a printer without an agent; cut the mains if that fails. Never raises.
 
     Parameters
     ----------
-    target, watch_s, notify
+    target, report_timeout_s, notify
         See `stop_printer`.
     """
-    result = _reset(target, watch_s, notify)
+    result = _reset(target, report_timeout_s, notify)
     if result.seen_off or not target.power_off_cmd:
         return result
     return replace(result, text=f"{result.text}; {cut_mains(target.power_off_cmd, target.printer)}")
 
 
-def _reset(target: StopTarget, watch_s: float, notify: ProgressCallback) -> StopResult:
+def _reset(target: StopTarget, report_timeout_s: float, notify: ProgressCallback) -> StopResult:
     """Reset the board and confirm that its heaters are off."""
     name = target.printer
     try:
@@ -205,7 +209,7 @@ def _reset(target: StopTarget, watch_s: float, notify: ProgressCallback) -> Stop
             with suppress(PortError):  # the abort sequence may have sufficed, which is checked below
                 port.reset()
         reset_s = time.time()
-        text, heaters_off = board.confirm_heaters_off(watch_s)
+        text, heaters_off = board.confirm_heaters_off(report_timeout_s)
     except PortError as error:
         text, heaters_off = f"{error}; switch the printer off", False
     finally:
@@ -256,7 +260,7 @@ class _Board:
         """User-facing clause on the motion of the board."""
         return "it stands still" if self.is_still else "it may still be moving: check it"
 
-    def confirm_heaters_off(self, watch_s: float) -> tuple[str, bool]:
+    def confirm_heaters_off(self, report_timeout_s: float) -> tuple[str, bool]:
         """Poll until both targets are 0 and the heaters cool.
 
         Returns
@@ -265,7 +269,7 @@ class _Board:
             A user-facing sentence; True if the heaters were confirmed off.
         """
         for now_s, event in exchange(
-            self._port, self._link, watch_s, unconfirmed_commands=self._firmware.abort_unnumbered
+            self._port, self._link, report_timeout_s, unconfirmed_commands=self._firmware.abort_unnumbered
         ):
             self._on_event(now_s, event)
             if self.is_still and self._report is not None and self._report.targets_off:
@@ -278,7 +282,7 @@ class _Board:
         if not report.targets_off:
             targets = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
             return f"still reports targets ({targets}): switch it off", False
-        method = "its board was reset" if connection.restarted else "by command: its board was not reset"
+        method = "its board was reset" if connection.has_restarted else "by command: its board was not reset"
         with suppress(OSError):  # the message may have no reader, but the printer must be watched
             self._notify(f"reports targets of 0 ({method}), {self.motion_text}; it is watched until it cools")
         return self._confirm_cooling(method)
@@ -286,7 +290,7 @@ class _Board:
     def _on_event(self, now_s: float, event: Event) -> None:
         if isinstance(event, BoardConnected):
             self._connection = event
-            if event.restarted:
+            if event.has_restarted:
                 self.is_still = True
             else:  # repeat the abort with line numbers, as the one without numbers may have been lost
                 self._link.send(now_s, *self._firmware.abort)

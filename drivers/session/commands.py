@@ -34,7 +34,7 @@ def connect(context: SessionContext) -> Script:
             lambda: context.connection is not None or link.phase is LinkPhase.DEAD, CONNECT_TIMEOUT_S
         )
         connection = context.connection
-        if connection is not None and connection.restarted:
+        if connection is not None and connection.has_restarted:
             context.dead_man_s = 0.0
             if context.firmware.setup_commands:
                 yield from send(context, *context.firmware.setup_commands)

@@ -21,7 +21,7 @@ def identify_printer(context: SessionContext) -> Script:
         yield from connect(context)
         assert context.connection is not None
         identity = firmware.read_identity(context.connection.banner)
-        if not context.connection.restarted or firmware.version_pattern is None:
+        if not context.connection.has_restarted or firmware.version_pattern is None:
             # The home height identifies an Extended; other models answer `identity_query`.
             offset = firmware.read_offset((yield from query(context, firmware.settings_query)))
             identity = None if offset is None else Identity(profile.banner_suffix, offset)

@@ -94,7 +94,7 @@ def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> TimedScri
     """Reset the board and confirm its heaters off; then move away from the part, if that is safe."""
     firmware = context.firmware
     yield from connect(context)
-    has_restarted = context.connection is None or context.connection.restarted
+    has_restarted = context.connection is None or context.connection.has_restarted
     if not has_restarted:
         yield from send(context, firmware.motors_off)  # the move queue is empty: the head stands still
     if not (yield from confirm_heaters_off(context)):

@@ -22,7 +22,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
     yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
     cooling_line = next(
         (h.line for h in program.heat_commands if _switches_nozzle_off(h, program.extrusion_line)),
-        program.count,
+        program.line_count,
     )
     start = 0
     for stop, heat_command in _list_stops(program, cooling_line):
@@ -38,7 +38,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
             )
             if can_extrude and context.filament is Filament.PARKED:
                 yield from unpark(context)
-        elif stop == program.extrusion_line < program.count:
+        elif stop == program.extrusion_line < program.line_count:
             context.extruded = True
             context.phase = PrintPhase.PRINTING
             yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
@@ -49,11 +49,11 @@ def print_program(context: SessionContext, program: Program) -> Script:
 
 def _list_stops(program: Program, cooling_line: int) -> list[tuple[int, HeatCommand | None]]:
     """List the lines before which the stream stops, each with the heat command that replaces it, if any."""
-    lines = (program.home_line + 1, program.extrusion_line, program.count)
+    lines = (program.home_line + 1, program.extrusion_line, program.line_count)
     stops: dict[int, HeatCommand | None] = dict.fromkeys(lines)
     stops |= {heat_command.line: heat_command for heat_command in program.heat_commands if heat_command.waits}
     stops.setdefault(cooling_line, None)
-    return sorted(((line, stops[line]) for line in stops if line <= program.count), key=lambda s: s[0])
+    return sorted(((line, stops[line]) for line in stops if line <= program.line_count), key=lambda s: s[0])
 
 
 def _switches_nozzle_off(heat_command: HeatCommand, after_line: int) -> bool:
@@ -103,12 +103,12 @@ def _finish(context: SessionContext, program: Program) -> Script:
     """Send the file's end code, and confirm the heaters off."""
     firmware = context.firmware
     context.phase = PrintPhase.ENDING
-    context.final_lines = program.count
+    context.final_lines = program.line_count
     off_commands = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIER_COUNT)
     yield from send(context, *off_commands, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
         # The end code has placed the filament, and the nozzle is cooling already.
-        yield from park(context, try_measure_retraction_mm(program, program.count), can_extrude=False)
+        yield from park(context, try_measure_retraction_mm(program, program.line_count), can_extrude=False)
     if not (yield from confirm_heaters_off(context)):
         if context.report is not None and context.report.targets_off:
             raise PrintEnded(

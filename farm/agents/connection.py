@@ -185,7 +185,7 @@ class AgentConnection:
                 wait_s = min(2 * wait_s + (1.0 if self._is_remote else RETRY_INTERVAL_S), _MAX_WAIT_S)
                 await self._client.connect()
                 connected_s = time.monotonic()
-                snapshots = self._client.snapshots()
+                snapshots = self._client.receive_snapshots()
                 while True:
                     async with asyncio.timeout(_SILENCE_S):
                         report = await anext(snapshots, None)

@@ -150,7 +150,7 @@ async def _query_protocol(folder: Path) -> int | None:
     try:
         async with asyncio.timeout(_AGENT_TIMEOUT_S):
             await client.connect()
-            async for snapshot in client.snapshots():
+            async for snapshot in client.receive_snapshots():
                 return snapshot.protocol
     except (DriverError, OSError, TimeoutError):
         return None

@@ -13,7 +13,7 @@ from slicing.checks.toolpath import Toolpath
 _STANDSTILL_MM_S = 0.05
 _JUNCTION_PASSES = 8
 """Number of moves before and after a junction that may limit its speed."""
-_GROUPS = {
+_FIELD_BY_FEATURE = {
     "WALL-OUTER": "walls_s",
     "WALL-INNER": "walls_s",
     "FILL": "infill_s",
@@ -85,7 +85,7 @@ def measure_feature_times(path: Toolpath, limits: MotionLimits) -> FeatureTimes:
     scales = np.divide(layer_s, planned_s, out=np.zeros_like(layer_s), where=planned_s > 0.0)
     layer_moves = slice(int(bounds[0]), int(bounds[-1]))
     scaled_s = seconds[layer_moves] * np.repeat(scales, np.diff(bounds))
-    groups = [names.index(_GROUPS.get(feature, "travel_s")) for feature in path.features]
+    groups = [names.index(_FIELD_BY_FEATURE.get(feature, "travel_s")) for feature in path.features]
     extrudes = (path.extruded_mm > 0.0) & path.moves_head
     group = np.where(extrudes, np.array(groups)[path.feature], names.index("travel_s"))
     return FeatureTimes(*np.bincount(group[layer_moves], weights=scaled_s, minlength=len(names)).tolist())

@@ -36,7 +36,7 @@ MAX_EXACT_LAYERS = 24
 """Maximum number of differing layers that are compared as polygons; the others are assumed to be like their
 neighbours."""
 _PLANE_OFFSET_MM = 0.005  # the engine rounds to 0.001 mm, which tilts nearly flat faces
-_NEGLIGIBLE_MM2 = 0.2
+_NEGLIGIBLE_AREA_MM2 = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ def _find_differing_layers(
 
 def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout) -> None:
     """Reject a slice that lacks most of the model, or in which inner walls have lost a corner."""
-    share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _NEGLIGIBLE_MM2)
+    share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _NEGLIGIBLE_AREA_MM2)
     if share < 0.5:
         raise SliceRejected(
             Rule.OUTLINE,
@@ -237,7 +237,7 @@ def _compare_layer(
         )
     certain_area = adjacent_sections[0].intersection(adjacent_sections[1])
     missing_area = certain_area.difference(printed.buffer(tolerance_mm))
-    if missing_area.area > _NEGLIGIBLE_MM2:
+    if missing_area.area > _NEGLIGIBLE_AREA_MM2:
         missing_area = missing_area.difference(
             walls.build_filling(layer, missing_area.bounds).buffer(tolerance_mm)
         )
@@ -254,7 +254,7 @@ def _compare_layer(
     return [
         (layer, piece)
         for piece in shapely.get_parts(missing_area.difference(thick_area))
-        if piece.area > _NEGLIGIBLE_MM2 and not printed_surroundings.covers(piece)
+        if piece.area > _NEGLIGIBLE_AREA_MM2 and not printed_surroundings.covers(piece)
     ]
 
 

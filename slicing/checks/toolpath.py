@@ -59,6 +59,10 @@ class Toolpath:
         (n,) The number of the ``;LAYER:`` above a move; `NO_LAYER` before the first.
     feature
         (n,) Index in `features` of the ``;TYPE:`` above a move.
+    features
+        Cura's names of the features; the first one is empty, for moves before the first ``;TYPE:``.
+    comments, commands
+        The lines between the moves.
     """
 
     start: Floats
@@ -117,8 +121,8 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     SliceRejected
         `FLAVOUR` if the firmware would read a line differently, or not at all.
     """
-    text, moves, comments, commands = _split_file(gcode)
-    columns = _read_columns(text, moves)
+    text, move_count, comments, commands = _split_file(gcode)
+    columns = _read_columns(text, move_count)
     start, end = _find_positions(columns, commands)
     features = (
         "",
@@ -128,8 +132,8 @@ def read_toolpath(gcode: bytes) -> Toolpath:
         start=start,
         end=end,
         feed_mm_min=_fill_gaps(columns[ord("F")], 0.0),
-        layer=_expand_steps(_find_layers(comments), NO_LAYER, moves).astype(np.int32),
-        feature=_expand_steps(_find_features(comments, features), 0, moves).astype(np.uint8),
+        layer=_expand_steps(_find_layers(comments), NO_LAYER, move_count).astype(np.int32),
+        feature=_expand_steps(_find_features(comments, features), 0, move_count).astype(np.uint8),
         features=features,
         comments=tuple(comments),
         commands=tuple(commands),
@@ -141,14 +145,14 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Comment], list[Command]]
     blocks: list[bytes] = []
     comments: list[Comment] = []
     commands: list[Command] = []
-    moves = number = 0
+    move_count = number = 0
     for match in _BLOCK.finditer(gcode):
         block, line = match.groups()
         blocks.append(block)
-        moves += block.count(b"\n")
+        move_count += block.count(b"\n")
         number += block.count(b"\n") + 1
         if line.startswith(b";"):
-            comments.append(Comment(moves, match.start(2), line[1:].decode("utf-8", "replace").strip()))
+            comments.append(Comment(move_count, match.start(2), line[1:].decode("utf-8", "replace").strip()))
             continue
         try:
             code, rest, _ = split_line(line, number)
@@ -160,13 +164,13 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Comment], list[Command]]
                 f" {letter}{value:.9f}" for letter, value in words.items() if letter in "XYZEF"
             )
             blocks.append(b"G%b\n" % words_text.encode())
-            moves += 1
+            move_count += 1
         elif code:
-            commands.append(Command(moves, code, words))
-    return b"".join(blocks), moves, comments, commands
+            commands.append(Command(move_count, code, words))
+    return b"".join(blocks), move_count, comments, commands
 
 
-def _read_columns(text: bytes, moves: int) -> dict[int, Floats]:
+def _read_columns(text: bytes, move_count: int) -> dict[int, Floats]:
     """Read the number (n,) of each move for each letter; NaN if the move lacks the letter."""
     raw = np.frombuffer(text, np.uint8)
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
@@ -176,7 +180,7 @@ def _read_columns(text: bytes, moves: int) -> dict[int, Floats]:
     letters, row = letters[is_word], row[is_word]
     columns: dict[int, Floats] = {}
     for letter in b"XYZEF":
-        column = np.full(moves, np.nan)
+        column = np.full(move_count, np.nan)
         is_letter = letters == letter
         column[row[is_letter]] = numbers[is_letter]
         columns[letter] = column
@@ -193,8 +197,8 @@ def _parse_numbers(text: bytes) -> Floats:
 
 def _find_positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple[Floats, Floats]:
     """Compute the points (n, 4) where each move starts and ends, in the modes that the commands set."""
-    moves = len(columns[ord("X")])
-    start, end = np.empty((moves, 4)), np.empty((moves, 4))
+    move_count = len(columns[ord("X")])
+    start, end = np.empty((move_count, 4)), np.empty((move_count, 4))
     position = [0.0] * 4
     is_relative = is_relative_e = False
     row = 0
@@ -227,7 +231,7 @@ def _find_positions(columns: dict[int, Floats], commands: Iterable[Command]) -> 
                 for axis, letter in enumerate("XYZE"):
                     number = command.words.get(letter)
                     position[axis] = position[axis] if number is None else number
-    fill_rows(moves)
+    fill_rows(move_count)
     return start, end
 
 
@@ -238,9 +242,9 @@ def _fill_gaps(column: Floats, first: float) -> Floats:
     return np.where(last < 0, first, column[last])
 
 
-def _expand_steps(steps: list[tuple[int, int]], first: int, moves: int) -> npt.NDArray[np.int64]:
+def _expand_steps(steps: list[tuple[int, int]], first: int, move_count: int) -> npt.NDArray[np.int64]:
     """Expand steps (move, value) to the value (n,) at each move; a value holds until the next step."""
-    starts = [0, *(move for move, _ in steps), moves]
+    starts = [0, *(move for move, _ in steps), move_count]
     return np.repeat(np.array([first, *(value for _, value in steps)], np.int64), np.diff(starts))
 
 

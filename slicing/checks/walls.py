@@ -38,17 +38,17 @@ class WallLayout:
     layer_height_0_mm: float
     layer_height_mm: float
     width_mm: float
-    factor_0: float  # ratio of the first layer's line width to that of the others
+    line_width_factor_0: float  # ratio of the first layer's line width to that of the others
     inset_mm: float
     offset_0_mm: float  # horizontal expansion of the first layer
     offset_mm: float
-    slack_mm: float
+    slack_mm: float  # distance by which the engine may move the outlines of holes
     step_mm: float = 0.0  # maximum distance between the middles of neighbouring walls
-    inner_walls: int = 0  # number of closed rings within the outer one; 0 if it is not known
+    inner_wall_count: int = 0  # number of closed rings within the outer one; 0 if it is not known
 
     def compute_reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
         """Compute the distance (n,) from a ring's middle to the model's outline, for layers (n,)."""
-        return np.where(layer == 0, self.factor_0, 1.0) * self.width_mm / 2 + self.inset_mm
+        return np.where(layer == 0, self.line_width_factor_0, 1.0) * self.width_mm / 2 + self.inset_mm
 
     def compute_section_heights_mm(self, count: int) -> Floats:
         """Compute the heights (count,) at which the engine cuts the model: the middle of each layer."""
@@ -77,7 +77,7 @@ def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
         layer_height_0_mm=settings.layer_height_0_mm,
         layer_height_mm=settings.layer_height_mm,
         width_mm=settings.line_width_0_mm,
-        factor_0=read_number("initial_layer_line_width_factor") / 100 or 1.0,
+        line_width_factor_0=read_number("initial_layer_line_width_factor") / 100 or 1.0,
         inset_mm=read_number("wall_0_inset"),
         offset_0_mm=read_number("xy_offset_layer_0"),
         offset_mm=read_number("xy_offset"),
@@ -85,7 +85,7 @@ def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
         step_mm=max(settings.line_width_0_mm, read_number("wall_line_width_x"))
         * max(1.0, read_number("initial_layer_line_width_factor") / 100),
         # Cura 5 draws as many walls as fit, of any width.
-        inner_walls=0 if "inset_direction" in settings.extruder else settings.wall_count - 1,
+        inner_wall_count=0 if "inset_direction" in settings.extruder else settings.wall_count - 1,
     )
 
 
@@ -181,7 +181,7 @@ class Walls:
             iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count
         )
         expected_mm2 = np.zeros(count)
-        for number in range(1, layout.inner_walls + 1):
+        for number in range(1, layout.inner_wall_count + 1):
             distance_mm = number * layout.step_mm
             expected_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - distance_mm * outer.length_mm)
         return np.where(has_open_lines, 0.0, expected_mm2 - np.abs(inner.area_mm2))

@@ -63,7 +63,7 @@ def list_wall_lines(settings: EngineSettings) -> list[WallLine]:
         return []
     outer_mm = layout.width_mm / 2.0 + layout.inset_mm - layout.offset_mm
     first_mm = layout.width_mm - layout.offset_mm
-    inner_mm = [first_mm + (i + 0.5) * settings.line_width_mm for i in range(layout.inner_walls)]
+    inner_mm = [first_mm + (i + 0.5) * settings.line_width_mm for i in range(layout.inner_wall_count)]
     return [
         WallLine("WALL-OUTER", outer_mm, settings.speed_wall_0_mm_s),
         *(WallLine("WALL-INNER", depth_mm, settings.speed_wall_x_mm_s) for depth_mm in inner_mm),

@@ -139,7 +139,7 @@ def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, targe
     )
     if problem is None and figures.filament is not None:
         printed_mm = extent.filament_mm - extent.stray_mm
-        problem = figures.filament.describe_missing(printed_mm, target.filament_mm2, extent.lines)
+        problem = figures.filament.describe_missing(printed_mm, target.filament_mm2, extent.line_count)
     if problem is not None:
         raise GcodeRefused(f"{problem}: lines are missing; {EXPORT_ADVICE}")
 
@@ -171,16 +171,16 @@ def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, noz
         If E does not count mm of this filament.
     """
     section_mm2 = extent.filament_mm * target.filament_mm2 / extent.path_mm
-    # A spiral vase has no flat layers: its turns are marked, or taken to be as high as the nozzle allows.
+    # A spiral vase has no flat layers: its turns are marked, or assumed to be as high as the nozzle allows.
     mean_mm = min(extent.high_mm[2] / max(1, layers), MAX_LAYER_SHARE * nozzle_mm)
-    layer_mm = max(extent.layer_mm, mean_mm)
-    nominal_mm2 = nozzle_mm * layer_mm
+    layer_height_mm = max(extent.layer_height_mm, mean_mm)
+    nominal_mm2 = nozzle_mm * layer_height_mm
     ratio = section_mm2 / nominal_mm2
     if not PLAUSIBLE_RATIOS[0] < ratio < PLAUSIBLE_RATIOS[1]:
         raise GcodeRefused(
-            f"its lines have a mean cross-section of {section_mm2:.3f} mm2; layers of {layer_mm:.3g} mm with "
-            f"a nozzle of {nozzle_mm:g} mm need about {nominal_mm2:.3f}: set the filament's diameter to "
-            f"{target.filament_mm:.4g} mm in your slicer, and make it count E in mm, not in mm3"
+            f"its lines have a mean cross-section of {section_mm2:.3f} mm2; layers of {layer_height_mm:.3g} "
+            f"mm with a nozzle of {nozzle_mm:g} mm need about {nominal_mm2:.3f}: set the filament's diameter "
+            f"to {target.filament_mm:.4g} mm in your slicer, and make it count E in mm, not in mm3"
         )
     return ratio
 

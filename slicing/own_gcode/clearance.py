@@ -95,7 +95,7 @@ def _find_highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) ->
         round(edge / _CELL_MM) for edge in (head.left_mm, head.right_mm, head.front_mm, head.back_mm)
     )
     size = (back - front + 1, right - left + 1)
-    # the filter's window starts at -(size // 2) - origin: shifted to start at the head's front and left
+    # The filter's window starts at -(size // 2) - origin, which has to be the head's front and left.
     origin = (-(size[0] // 2) - front, -(size[1] // 2) - left)
     highest: NDArray[np.float64] = ndimage.maximum_filter(
         height_mm, size, origin=origin, mode="constant", cval=0.0

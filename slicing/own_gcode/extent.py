@@ -9,7 +9,7 @@ CLIP_HEIGHT_MM = 10.0
 """[assumed] Height below which the head must avoid the bed's clips, even in travel moves."""
 MAX_PRIMED_MM = 1.0
 """Maximum filament that slicers extrude at standstill, beyond what was retracted before."""
-_NEGLIGIBLE_MM = 0.001
+_NEGLIGIBLE_PRIME_MM = 0.001
 
 Corner = list[float]
 
@@ -25,7 +25,7 @@ class Extent:
         Corners of the box around all moves up to the last one that printed.
     filament_mm
         Filament fed, excluding the return of retracted filament.
-    path_mm, lines
+    path_mm, line_count
         Length and number of all printed lines.
     """
 
@@ -34,7 +34,7 @@ class Extent:
         self.reach_low_mm, self.reach_high_mm = [math.inf] * 3, [-math.inf] * 3
         self.filament_mm = 0.0
         self.path_mm = 0.0
-        self.lines = 0
+        self.line_count = 0
         # Number of returns of retracted filament, and of those that extrude more than was retracted.
         self._return_count = self._prime_count = 0
         self._primed_mm = self._jumped_mm = 0.0
@@ -53,7 +53,7 @@ class Extent:
         self._return_count += 1
         if fed_mm > MAX_PRIMED_MM:
             self._jumped_mm += fed_mm
-        elif fed_mm > _NEGLIGIBLE_MM:
+        elif fed_mm > _NEGLIGIBLE_PRIME_MM:
             self._prime_count += 1
             self._primed_mm += fed_mm
 
@@ -77,7 +77,7 @@ class Extent:
             self._layer_z_mm = z
         self._path_on_step_mm[self._step_mm] += path_mm
         self.path_mm += path_mm
-        self.lines += 1
+        self.line_count += 1
         self.filament_mm += self._fed_mm
         self._fed_mm = 0.0
         for point in self._moves:
@@ -89,7 +89,7 @@ class Extent:
         _extend_box(self.low_mm, self.high_mm, target)
 
     @property
-    def layer_mm(self) -> float:
+    def layer_height_mm(self) -> float:
         """Median height of a layer in mm, weighted by the length of its path; 0 without layers."""
         sum_mm = 0.0
         for step_mm, path_mm in sorted(self._path_on_step_mm.items()):

@@ -11,7 +11,7 @@ from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.writer import Writer
 from slicing.printer import PrintCode
 
-RETRACTED_SLACK_MM = 0.5
+RETRACTION_SLACK_MM = 0.5
 """Distance beyond the parked position at which the filament leaves the hot end."""
 MAX_EXTRUDED_MM = 200.0
 """Maximum filament in one move: more than any slicer extrudes, less than what the firmware refuses."""
@@ -43,8 +43,8 @@ class Head:
     marks_layers
         Whether comments in the file mark where layers begin.
     writer, clearance, objections, gaps
-        Objects that record the moves: for the program, for collisions, to refuse the file, and to find
-        missing lines.
+        Objects that receive the moves, to write the program, to find collisions, to refuse the file, and to
+        find missing lines.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Head:
 
     @property
     def _max_retracted_mm(self) -> float:
-        return self._code.park_retraction_mm + RETRACTED_SLACK_MM
+        return self._code.park_retraction_mm + RETRACTION_SLACK_MM
 
     def _check_feed(self, extruded_mm: float, speed_mm_s: float) -> None:
         if extruded_mm > MAX_EXTRUDED_MM:

@@ -93,7 +93,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
             "the start of its print cannot be found: make your slicer write ;LAYER:0 where a layer begins "
             "(as layer change G-code), or use a start script that homes (G28) and heats the nozzle (M109)"
         )
-    incompleteness = scan.completeness.describe_incompleteness(scan.last_line, scan.number, scan.print_line)
+    incompleteness = scan.completeness.describe_incompleteness(scan.last_line, scan.print_line)
     if incompleteness is not None:
         raise GcodeRefused(
             f"line {scan.number}: the file ends here, before the print does: {incompleteness}; "

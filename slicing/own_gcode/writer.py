@@ -33,31 +33,33 @@ class Writer:
         self.text = bytearray()
         self.layers = 0
         self._time_estimator = time_estimator
-        self._pending: list[Step | bytes | float | None] = []
+        self._pending_items: list[Step | bytes | float | None] = []
         self._fed_mm = self._base_mm = 0.0
         self._last_words = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
         self._last_mark_s = 0.0
 
     def add_move(self, step: Step) -> None:
         """Record a move."""
-        self._pending.append(step)
+        self._pending_items.append(step)
 
     def add_line(self, line: bytes) -> None:
         """Record a line that is written as it is, without its newline."""
-        self._pending.append(line)
+        self._pending_items.append(line)
 
     def add_dwell(self, seconds: float) -> None:
         """Record a pause."""
-        self._pending.append(seconds)
+        self._pending_items.append(seconds)
 
     def begin_layer(self, z_mm: float | None = None) -> None:
         """Begin a layer: now, or with the first move to this height since the last `commit`."""
-        indices = (i for i, item in enumerate(self._pending) if isinstance(item, tuple) and item[2] == z_mm)
-        self._pending.insert(next(indices, len(self._pending)), None)
+        indices = (
+            i for i, item in enumerate(self._pending_items) if isinstance(item, tuple) and item[2] == z_mm
+        )
+        self._pending_items.insert(next(indices, len(self._pending_items)), None)
 
     def commit(self) -> None:
         """Write everything that was recorded since the last `commit`."""
-        for item in self._pending:
+        for item in self._pending_items:
             if isinstance(item, tuple):
                 self._write(item)
             elif item is None:
@@ -67,11 +69,11 @@ class Writer:
             else:
                 self.text += b"G4 P%d\n" % round(1000 * item)
                 self._time_estimator.wait(item)
-        self._pending.clear()
+        self._pending_items.clear()
 
     def finish(self) -> float:
         """Close the timeline, and return the time of the print in s."""
-        self._pending.clear()
+        self._pending_items.clear()
         seconds = self._time_estimator.measure_s(finish=True)
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
         return seconds

@@ -21,7 +21,7 @@ SHRINKAGE_KEYS = (
 """Cura's own settings that scale parts to compensate for shrinkage, in percent."""
 # Number of directions in which a pattern has lines `infill_line_distance` apart (Cura's formula for that
 # setting).
-_DIRECTIONS = {
+_DIRECTION_COUNTS = {
     "grid": 2,
     "tetrahedral": 2,
     "quarter_cubic": 2,
@@ -87,9 +87,8 @@ class EngineSettings:
     hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
     # Whether inner walls are left out along hidden sides, where infill is next to these sides.
     has_single_hidden_walls: bool = False
-    layer_fit: LayerFit | None = (
-        None  # fits the layers to the height of a part; None to leave them as they are
-    )
+    # Rule by which the layers are fitted to the height of a part; None to leave them as they are.
+    layer_fit: LayerFit | None = None
 
     def compute_hidden_wall_speed_mm_s(self, speed_mm_s: float) -> float:
         """Compute the speed of a wall on hidden sides from its usual speed: at most that of infill."""
@@ -144,7 +143,8 @@ def build_engine_settings(
     global_, extruder = _format_scopes(resolver)
     values = _ExtruderValues(resolver)
     brim_width_mm = _compute_brim_mm(global_["adhesion_type"], values)
-    support, directions = values.read_flag("support_enable"), _DIRECTIONS.get(extruder["infill_pattern"], 1)
+    has_support = values.read_flag("support_enable")
+    direction_count = _DIRECTION_COUNTS.get(extruder["infill_pattern"], 1)
     top_layers, bottom_layers = (int(values.read_number(f"{side}_layers")) for side in ("top", "bottom"))
     settings = EngineSettings(
         printer=printer,
@@ -153,9 +153,9 @@ def build_engine_settings(
         wall_count=int(values.read_number("wall_line_count")),
         top_layers=top_layers,
         bottom_layers=bottom_layers,
-        infill_line_distance_mm=values.read_number("infill_line_distance") / directions,
-        support_enabled=support,
-        support_line_distance_mm=values.read_number("support_line_distance") if support else 0.0,
+        infill_line_distance_mm=values.read_number("infill_line_distance") / direction_count,
+        support_enabled=has_support,
+        support_line_distance_mm=values.read_number("support_line_distance") if has_support else 0.0,
         brim_width_mm=brim_width_mm,
         bed_c=values.read_bed_c(),
         density_g_cm3=density_g_cm3,

@@ -57,7 +57,7 @@ def compute_printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     return (first_um + layers_above * other_um) / 1000
 
 
-def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float) -> LayerHeights:
+def fit_heights(height_mm: float, nominal_heights: LayerHeights, *, max_first_mm: float) -> LayerHeights:
     """Find the largest layer heights, within limits, that give a part its exact height.
 
     Parameters
@@ -70,7 +70,8 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
     max_first_mm
         Maximum height of the first layer; 0 to leave it as it is.
     """
-    nominal_first_um, nominal_other_um = _round_um(nominal.first_mm), _round_um(nominal.other_mm)
+    nominal_first_um = _round_um(nominal_heights.first_mm)
+    nominal_other_um = _round_um(nominal_heights.other_mm)
     height_um, tolerance_um = 1000 * height_mm, 1000 * MAX_HEIGHT_ERROR_MM - _SLACK_UM
     max_change_um = _round_down(nominal_other_um * _MAX_CHANGE)
 

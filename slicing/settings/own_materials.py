@@ -14,15 +14,15 @@ from slicing.settings.material import CURA_SETTING, NAMESPACES, read_material_ki
 SUFFIX = ".xml.fdm_material"
 MAX_BYTES = 256 * 1024  # Cura's own files have up to 40 KiB
 MAX_FILES = 500
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,60}")
-_KIND = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,30}")
-_DENSITY_G_CM3 = (0.1, 20.0)
-_DIAMETER_MM = (1.0, 4.0)
-_ROOT = f"{{{NAMESPACES['m']}}}fdmmaterial"
+_NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,60}")
+_KIND_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,30}")
+_DENSITY_BOUNDS_G_CM3 = (0.1, 20.0)
+_DIAMETER_BOUNDS_MM = (1.0, 4.0)
+_ROOT_TAG = f"{{{NAMESPACES['m']}}}fdmmaterial"
 
 # For each kind of material that Cura does not have, the kind whose profiles a user's material may use.
 # [assumed] Both are printed in much the same way; temperatures and cooling come from the material's file.
-RELATED_NAMES = {
+RELATED_KINDS = {
     "PETG": "CPE",
     "PET": "CPE",
     "PLA+": "PLA",
@@ -58,7 +58,7 @@ def list_own_materials(folder: Path) -> dict[str, Path]:
         raise BadSetting(f"{folder} has {len(paths)} materials; {MAX_FILES} at most")
     path_by_name = {path.name.removesuffix(SUFFIX): path for path in paths}
     for name in path_by_name:
-        if not _NAME.fullmatch(name):
+        if not _NAME_PATTERN.fullmatch(name):
             raise BadSetting(
                 f"{folder}: {name + SUFFIX!r}: name it with letters, digits, '.', '_', '+' and '-'"
             )
@@ -96,15 +96,15 @@ def _parse_file(path: Path) -> ET.Element:
         root = ET.fromstring(data, ET.XMLParser(target=_DoctypeRefusingBuilder()))
     except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
         raise BadSetting(f"is not XML: {error}") from error
-    if root.tag != _ROOT:
+    if root.tag != _ROOT_TAG:
         raise BadSetting("is not a Cura material file: its first element is not `fdmmaterial`")
     return root
 
 
 def _check_properties(root: ET.Element) -> None:
-    if not _KIND.fullmatch(read_material_kind(root)):
+    if not _KIND_PATTERN.fullmatch(read_material_kind(root)):
         raise BadSetting("needs its kind, like PETG, in metadata/name/material")
-    for name, (minimum, maximum) in (("density", _DENSITY_G_CM3), ("diameter", _DIAMETER_MM)):
+    for name, (minimum, maximum) in (("density", _DENSITY_BOUNDS_G_CM3), ("diameter", _DIAMETER_BOUNDS_MM)):
         text = root.findtext(f"m:properties/m:{name}", default="", namespaces=NAMESPACES)
         number = _parse_number(text)
         if number is None or not minimum <= number <= maximum:

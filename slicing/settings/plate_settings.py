@@ -20,7 +20,7 @@ from slicing.settings.formula import Formula
 from slicing.settings.layer_heights import LayerFit, LayerHeights
 from slicing.settings.limits import MAX_LAYER_SHARE, Violation, find_reserved_reason, find_violations
 from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORT_VALUES, HiddenLayers
-from slicing.settings.resolver import Layer, ProfileIndex, Resolver
+from slicing.settings.resolver import ProfileIndex, ProfileValues, Resolver
 from slicing.settings.resources import Resources
 from slicing.settings.stacks import Stacks, find_stacks
 
@@ -189,23 +189,24 @@ def _resolve_settings(
 
 
 def _reduce_hidden_layers(
-    settings: EngineSettings, hidden: HiddenLayers | None, part: PartSettings
+    settings: EngineSettings, hidden_layers: HiddenLayers | None, part: PartSettings
 ) -> EngineSettings:
     """Print fewer solid layers at the hidden faces of a part.
 
     CuraEngine takes `initial_bottom_layers` from the bed up; undersides above it keep `bottom_layers`.
     """
-    if hidden is None:
+    if hidden_layers is None:
         return settings
     reduced_layers = HiddenLayers(
-        min(hidden.bed_layers, settings.bottom_layers), min(hidden.top_layers, settings.top_layers)
+        min(hidden_layers.bed_layers, settings.bottom_layers),
+        min(hidden_layers.top_layers, settings.top_layers),
     )
-    layers: dict[str, str] = {}
+    changes: dict[str, str] = {}
     if part.bed_face_hidden:
-        layers["initial_bottom_layers"] = str(reduced_layers.bed_layers)
+        changes["initial_bottom_layers"] = str(reduced_layers.bed_layers)
     if part.tops_hidden:
-        layers |= {"top_layers": str(reduced_layers.top_layers), "roofing_layer_count": "0"}
-    return replace(settings, hidden_layers=reduced_layers, extruder={**settings.extruder, **layers})
+        changes |= {"top_layers": str(reduced_layers.top_layers), "roofing_layer_count": "0"}
+    return replace(settings, hidden_layers=reduced_layers, extruder={**settings.extruder, **changes})
 
 
 def _is_cura_value(violation: Violation, resources: Resources, request_key: _RequestKey) -> bool:
@@ -242,34 +243,37 @@ def _describe_refusal(violation: Violation, request_key: _RequestKey) -> str:
 def _build_resolver(
     stacks: Stacks, request_key: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
-    """Add the user's layer to the stacks: values of quality, part and streaming, and overrides."""
-    user_layer: dict[str, Any] = dict(SUPPORT_VALUES) if request_key.has_support else {}
+    """Add the user's profile to the stacks: values of quality, part and streaming, and overrides."""
+    user_values: dict[str, Any] = dict(SUPPORT_VALUES) if request_key.has_support else {}
     quality = FARM_QUALITIES.get(request_key.quality)
     if quality is not None:
-        user_layer |= quality.changes
-    user_layer |= {
-        **_build_part_layer(part, heights),
+        user_values |= quality.changes
+    user_values |= {
+        **_build_part_values(part, heights),
         **_STREAMED_VALUES,
         "machine_gcode_flavor": request_key.printer.code.flavor,
     }
-    layers = {scope: {ProfileIndex.USER: user_layer, **profiles} for scope, profiles in stacks.layers.items()}
-    resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
+    profiles = {
+        scope: {ProfileIndex.USER: user_values, **scope_profiles}
+        for scope, scope_profiles in stacks.profiles.items()
+    }
+    resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, profiles)
     for key, raw in request_key.overrides:
         setting = resolver.find_setting(key)
         reason = find_reserved_reason(key)
         if reason is not None:
             raise BadSetting(f"{key}: {reason}")
-        user_layer[key] = parse_value(setting, raw)
+        user_values[key] = parse_value(setting, raw)
     return resolver
 
 
-def _build_part_layer(part: PartSettings, heights: LayerHeights | None) -> Layer:
-    layer: dict[str, Any] = {}
+def _build_part_values(part: PartSettings, heights: LayerHeights | None) -> ProfileValues:
+    values: dict[str, Any] = {}
     if heights is not None:
-        layer |= {"layer_height": heights.other_mm, "layer_height_0": heights.first_mm}
+        values |= {"layer_height": heights.other_mm, "layer_height_0": heights.first_mm}
     if part.brim_width_mm is not None:
-        layer["adhesion_type"] = "brim" if part.brim_width_mm > 0 else "none"
-        layer["brim_width"] = part.brim_width_mm
+        values["adhesion_type"] = "brim" if part.brim_width_mm > 0 else "none"
+        values["brim_width"] = part.brim_width_mm
     if part.layer_0_expansion_mm is not None:
-        layer["xy_offset_layer_0"] = Formula(f"xy_offset + ({part.layer_0_expansion_mm!r})")
-    return layer
+        values["xy_offset_layer_0"] = Formula(f"xy_offset + ({part.layer_0_expansion_mm!r})")
+    return values

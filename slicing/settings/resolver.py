@@ -2,7 +2,7 @@
 
 The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraFormulaFunctions``):
 
-- The first of these layers takes precedence: user, quality, material, variant, definition. The extruder's
+- The first of these profiles takes precedence: user, quality, material, variant, definition. The extruder's
   stack falls through to the global one.
 - A setting that is not settable per extruder is always looked up in the global stack.
 - The global stack tries ``resolve`` (unless the user has set the value), then the extruder, if
@@ -23,8 +23,8 @@ from slicing.errors import BadSetting, DefinitionError, suggest_names
 from slicing.settings.definitions import Setting
 from slicing.settings.formula import Formula, evaluate_formula
 
-Layer = Mapping[str, Any]
-"""A profile: a value or a Formula for each key that it sets."""
+ProfileValues = Mapping[str, Any]
+"""Values of a profile: a value or a Formula for each key that it sets."""
 
 
 class Scope(StrEnum):
@@ -50,7 +50,7 @@ class Resolver:
     ----------
     machine, extruder
         The two definitions, merged.
-    layers
+    profiles
         The profiles of each stack, by their index.
     """
 
@@ -58,13 +58,13 @@ class Resolver:
         self,
         machine: Mapping[str, Setting],
         extruder: Mapping[str, Setting],
-        layers: Mapping[Scope, Mapping[ProfileIndex, Layer]],
+        profiles: Mapping[Scope, Mapping[ProfileIndex, ProfileValues]],
     ) -> None:
         self._definitions = {Scope.GLOBAL: machine, Scope.EXTRUDER: extruder}
-        self._layers = {scope: sorted(layers.get(scope, {}).items()) for scope in Scope}
+        self._profiles = {scope: sorted(profiles.get(scope, {}).items()) for scope in Scope}
         self._memo: dict[tuple[Scope, str, frozenset[str], int], Any] = {}
-        self._active: set[tuple[Scope, str, frozenset[str], int]] = set()
-        self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being computed
+        self._active_lookups: set[tuple[Scope, str, frozenset[str], int]] = set()
+        self._resolving_keys: frozenset[str] = frozenset()  # keys whose `resolve` is being computed
         self._first_index = 0  # index at which the look-up begins
         self._functions: dict[str, Callable[..., Any]] = {
             "extruderValue": lambda _, key: self._compute_own_value(Scope.EXTRUDER, key),
@@ -121,13 +121,13 @@ class Resolver:
         setting = self._definitions[Scope.GLOBAL].get(key)
         if setting is None:
             raise KeyError(key)
-        if setting.resolve and key not in self._resolving and not self._is_user_set(key):
-            outer = self._resolving
-            self._resolving = outer | {key}
+        if setting.resolve and key not in self._resolving_keys and not self._is_user_set(key):
+            outer = self._resolving_keys
+            self._resolving_keys = outer | {key}
             try:
                 return self._evaluate(Scope.GLOBAL, key, setting.resolve)
             finally:
-                self._resolving = outer
+                self._resolving_keys = outer
         if self._is_limited(setting) and self.is_per_extruder(key):
             return self._compute_own_value(Scope.EXTRUDER, key)
         return self._compute_own_value(Scope.GLOBAL, key)
@@ -165,13 +165,15 @@ class Resolver:
         return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")
 
     def _is_user_set(self, key: str) -> bool:
-        return any(key in layer for index, layer in self._layers[Scope.GLOBAL] if index is ProfileIndex.USER)
+        return any(
+            key in profile for index, profile in self._profiles[Scope.GLOBAL] if index is ProfileIndex.USER
+        )
 
     def _find_raw_value(self, scope: Scope, key: str) -> Any:
         """Find the first value or formula of a key in a stack, from the top down."""
-        for index, layer in self._layers[scope]:
-            if key in layer and index >= self._first_index:
-                return layer[key]
+        for index, profile in self._profiles[scope]:
+            if key in profile and index >= self._first_index:
+                return profile[key]
         setting = self._definitions[scope].get(key)
         if setting is not None:
             return setting.default if setting.value is None else setting.value
@@ -192,16 +194,16 @@ class Resolver:
         raw = self._find_raw_value(scope, key)
         if not isinstance(raw, Formula):
             return raw
-        lookup = (scope, key, self._resolving, self._first_index)
+        lookup = (scope, key, self._resolving_keys, self._first_index)
         if lookup in self._memo:
             return self._memo[lookup]
-        if lookup in self._active:
+        if lookup in self._active_lookups:
             raise DefinitionError(f"Cura's setting {key} depends on itself")
-        self._active.add(lookup)
+        self._active_lookups.add(lookup)
         try:
             self._memo[lookup] = self._evaluate(scope, key, raw)
         finally:
-            self._active.discard(lookup)
+            self._active_lookups.discard(lookup)
         return self._memo[lookup]
 
     def _evaluate(self, scope: Scope, key: str, formula: Formula) -> Any:

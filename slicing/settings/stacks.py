@@ -9,9 +9,9 @@ from slicing.errors import BadSetting, suggest_names
 from slicing.settings.definitions import parse_literal, parse_value
 from slicing.settings.formula import Formula
 from slicing.settings.material import Material, read_material
-from slicing.settings.own_materials import RELATED_NAMES
+from slicing.settings.own_materials import RELATED_KINDS
 from slicing.settings.qualities import FARM_QUALITIES
-from slicing.settings.resolver import Layer, ProfileIndex, Scope
+from slicing.settings.resolver import ProfileIndex, ProfileValues, Scope
 from slicing.settings.resources import Machine, Profile, Resources
 
 _GENERIC_MATERIALS = ("generic_pla", "generic_pla_175")
@@ -25,7 +25,7 @@ class Stacks:
 
     machine: Machine
     material: Material
-    layers: Mapping[Scope, Mapping[ProfileIndex, Layer]]
+    profiles: Mapping[Scope, Mapping[ProfileIndex, ProfileValues]]
 
 
 def find_stacks(
@@ -56,20 +56,23 @@ def find_stacks(
         machine, hotend, material, material_profile.kind, quality, resources
     )
 
-    def build_layer(values: Mapping[str, str]) -> Layer:
+    def convert_values(values: Mapping[str, str]) -> ProfileValues:
         return {
             key: _convert_value(machine, key, text) for key, text in values.items() if _is_known(machine, key)
         }
 
     extruder = {
-        ProfileIndex.QUALITY: build_layer(quality_profile.values),
-        ProfileIndex.MATERIAL: build_layer(material_profile.values),
-        ProfileIndex.VARIANT: build_layer(variant),
+        ProfileIndex.QUALITY: convert_values(quality_profile.values),
+        ProfileIndex.MATERIAL: convert_values(material_profile.values),
+        ProfileIndex.VARIANT: convert_values(variant),
     }
     return Stacks(
         machine,
         material_profile,
-        {Scope.GLOBAL: {ProfileIndex.QUALITY: build_layer(global_profiles.values)}, Scope.EXTRUDER: extruder},
+        {
+            Scope.GLOBAL: {ProfileIndex.QUALITY: convert_values(global_profiles.values)},
+            Scope.EXTRUDER: extruder,
+        },
     )
 
 
@@ -146,7 +149,7 @@ def _find_qualities(
         nozzle_profiles = [p for p in profiles if p.metadata.get("variant") == hotend]
         matching = [p for p in nozzle_profiles if p.metadata.get("material") == material]
         kinds = (
-            [kind, RELATED_NAMES.get(kind, kind)]
+            [kind, RELATED_KINDS.get(kind, kind)]
             if material in resources.list_own_material_names()
             else [kind]
         )

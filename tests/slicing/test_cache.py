@@ -19,20 +19,20 @@ def test_kept_entries_fit_and_are_the_most_recently_used(entries, max_bytes):
     kept_entries = [entry for entry in entries if entry.name not in removed_names]
     removed_entries = [entry for entry in entries if entry.name in removed_names]
     assert sum(entry.size_bytes for entry in kept_entries) <= max_bytes
-    assert max((e.used_s for e in removed_entries), default=0.0) <= min(
-        (e.used_s for e in kept_entries), default=1e9
+    assert max((e.last_used_s for e in removed_entries), default=0.0) <= min(
+        (e.last_used_s for e in kept_entries), default=1e9
     )
     # No entry is removed without need, because the last removed one would not fit.
     if removed_entries:
-        last_removed_entry = max(removed_entries, key=lambda entry: (entry.used_s, entry.name))
+        last_removed_entry = max(removed_entries, key=lambda entry: (entry.last_used_s, entry.name))
         assert sum(entry.size_bytes for entry in (*kept_entries, last_removed_entry)) > max_bytes
 
 
-def write_entry(folder, letter, used_s, suffixes=("json", "gcode")):
+def write_entry(folder, letter, last_used_s, suffixes=("json", "gcode")):
     for suffix in suffixes:
         path = folder / f"{letter * 64}.{suffix}"
         path.write_bytes(b"x" * 50)
-        os.utime(path, (used_s, used_s))
+        os.utime(path, (last_used_s, last_used_s))
 
 
 def test_least_recently_used_entries_are_deleted_completely(tmp_path):

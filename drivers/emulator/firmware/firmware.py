@@ -50,7 +50,7 @@ class EmulatedFirmware(Listener):
     def __init__(self, profile: Profile, faults: Faults, rng: random.Random, now_s: float) -> None:
         super().__init__(DIALECTS[profile.firmware.title], faults, rng)
         self.board = EmulatedBoard(profile, faults)
-        self.resets = -1  # the boot at power-on does not count
+        self.reset_count = -1  # the boot at power-on does not count
         self._due_faults: dict[int, list[str]] = {}  # names of the faults by their line counts
         for name, line in faults.line_counts.items():
             self._due_faults.setdefault(line, []).append(name)
@@ -72,12 +72,12 @@ class EmulatedFirmware(Listener):
             moving_s + old_machine.planner.busy_s,
             starved_s + old_machine.starved_s,
         )
-        self.resets += 1
+        self.reset_count += 1
         self.board.change_count += 1
         self.phase = Phase.BOOTLOADER
         self.machine = Machine(self.board, self._send, self.stop, self.dialect.fault_messages, now_s)
         self._drop_input()
-        self._running: Work | None = None
+        self._running_command: Work | None = None
         self._resume_s = math.inf
         self._stopped_number = 0
         self._asleep_until_s = -math.inf
@@ -96,7 +96,12 @@ class EmulatedFirmware(Listener):
         if self.noise is not None and data:
             data = self.noise.carry_to_board(data)
         machine = self.machine
-        if data and machine.dead_man_s < math.inf and self._running is None and not machine.waiting_moves:
+        if (
+            data
+            and machine.dead_man_s < math.inf
+            and self._running_command is None
+            and not machine.waiting_moves
+        ):
             # It is unknown when the bytes arrived during the last wait: assume the earliest time.
             machine.last_command_s = max(machine.last_command_s, now_s - machine.dead_man_s + 1e-3)
         self._advance(now_s)
@@ -128,12 +133,12 @@ class EmulatedFirmware(Listener):
                 if max_delay_s > 0.0:
                     free_s = min(free_s + max_delay_s, planner.compute_refill_s())
                 return min(due_s, free_s)
-            if self._running is not None:
+            if self._running_command is not None:
                 return min(due_s, self._resume_s)
         return due_s
 
     @property
-    def moves(self) -> int:
+    def move_count(self) -> int:
         """Number of moves queued since power-on."""
         return self._totals_before_reset[0] + self.machine.planner.move_count
 
@@ -150,7 +155,7 @@ class EmulatedFirmware(Listener):
     # --- time ---
 
     def _is_busy(self) -> bool:
-        return self._running is not None or bool(self.machine.waiting_moves)
+        return self._running_command is not None or bool(self.machine.waiting_moves)
 
     def _find_next_event_s(self) -> float:
         """Return the time of the next event without input."""
@@ -191,8 +196,8 @@ class EmulatedFirmware(Listener):
             self._time_s = max(self._time_s, self._asleep_until_s)
             if self._receiver.ring and self.dialect.reads_while_busy and self._is_busy():
                 self._get_command()
-            if self._ok_pending and not machine.waiting_moves:
-                self._ok_pending = False
+            if self._is_ok_pending and not machine.waiting_moves:
+                self._is_ok_pending = False
                 self._acknowledge()
             if machine.waiting_moves:
                 free_s = planner.compute_next_free_s()
@@ -203,7 +208,7 @@ class EmulatedFirmware(Listener):
                 machine.queue_waiting_move(self._time_s)
                 machine.last_command_s = self._time_s
                 continue
-            if self._running is not None:
+            if self._running_command is not None:
                 if self._resume_s > now_s:
                     break
                 self._time_s = max(self._time_s, self._resume_s)
@@ -262,11 +267,11 @@ class EmulatedFirmware(Listener):
             machine.is_stopped = False
             self._last_number = self._stopped_number
             self._request_resend()
-        self._running = execute(self.dialect.commands, machine, line, now_s)
+        self._running_command = execute(self.dialect.commands, machine, line, now_s)
         if self.phase is not Phase.RUNNING:
-            self._running = None
+            self._running_command = None
             return
-        if self._running is None:
+        if self._running_command is None:
             self._finish_command()
         else:
             self._resume_s = now_s
@@ -274,10 +279,10 @@ class EmulatedFirmware(Listener):
 
     def _continue_command(self) -> None:
         """Execute the next step of the current command."""
-        assert self._running is not None
-        resume_s = next(self._running, None)
+        assert self._running_command is not None
+        resume_s = next(self._running_command, None)
         if resume_s is None:
-            self._running = None
+            self._running_command = None
             self._finish_command()
         else:
             self._resume_s = resume_s
@@ -315,7 +320,7 @@ class EmulatedFirmware(Listener):
         self.machine.power_down(now_s)
         self._report_error(wording.KILLED)
         self.phase = Phase.HALTED
-        self._running = None
+        self._running_command = None
         self._schedule = deque(() if self.dialect.halts else ((now_s + WATCHDOG_S, self._reset_by_watchdog),))
 
     def _reset_by_watchdog(self, now_s: float) -> None:
@@ -323,7 +328,7 @@ class EmulatedFirmware(Listener):
 
     def _trigger_due_faults(self) -> None:
         """Trigger the faults that are due at this line."""
-        for name in self._due_faults.get(self.lines, ()):
+        for name in self._due_faults.get(self.line_count, ()):
             self.trigger_fault(name, self._time_s)
 
     def trigger_fault(self, name: str, now_s: float) -> None:

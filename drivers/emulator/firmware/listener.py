@@ -50,7 +50,7 @@ class Listener(ABC):
 
     Attributes
     ----------
-    lines, errors
+    line_count, error_count
         Number of accepted lines, and of errors, since power-on.
     noise
         Noise on the wire, if any.
@@ -60,8 +60,8 @@ class Listener(ABC):
 
     def __init__(self, dialect: Dialect, faults: Faults, rng: random.Random) -> None:
         self.dialect = dialect
-        self.lines = 0
-        self.errors = 0
+        self.line_count = 0
+        self.error_count = 0
         self.noise = Noise(faults, rng) if faults.affects_bytes else None
         self.phase = Phase.BOOTLOADER
         self._faults = faults
@@ -75,7 +75,7 @@ class Listener(ABC):
         """Drop all received input, at a reset."""
         self._receiver = Receiver(self.dialect.line_ends, self.dialect.comment_spans_lines)
         self._number = 0  # number of the line being executed
-        self._ok_pending = False  # a move waits for a free place in the planner before its ok
+        self._is_ok_pending = False  # a move waits for a free place in the planner before its ok
         self._busy_message_s = math.inf  # time of the next busy message
         self._buffer: deque[bytes] = deque()
         self._last_number = 0
@@ -109,7 +109,7 @@ class Listener(ABC):
             return False
         receiver.ring = receiver.ring[move.end() :]
         self._last_number += 1
-        self.lines += 1
+        self.line_count += 1
         if self.noise is not None:
             self.noise.check_accepted(self._last_number, move[0])
         if self.dialect.acknowledges_read_moves:
@@ -133,7 +133,7 @@ class Listener(ABC):
         self._number = number
         self._busy_message_s = self._time_s + self.machine.keep_alive_s
         if self.machine.waiting_moves:
-            self._ok_pending = True
+            self._is_ok_pending = True
         else:
             self._acknowledge()
 
@@ -151,7 +151,7 @@ class Listener(ABC):
         if self._affects_lines:
             if self._sampler.swallows_line():
                 return
-            line = self._sampler.disturb(line)
+            line = self._sampler.disturb_line(line)
         line = line.partition(b"\0")[0]
         star = line.find(b"*")
         if b"N" in line:
@@ -187,7 +187,7 @@ class Listener(ABC):
             elif self.dialect.acknowledges_read_moves:
                 self._acknowledge()
         self._buffer.append(line)
-        self.lines += 1
+        self.line_count += 1
         if self._affects_lines:
             self._trigger_due_faults()
 
@@ -223,7 +223,7 @@ class Listener(ABC):
         self._send(self._sampler.garble_ok(text))
 
     def _report_error(self, text: bytes) -> None:
-        self.errors += 1
+        self.error_count += 1
         self._send(text)
 
 

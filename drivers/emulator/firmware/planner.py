@@ -124,12 +124,12 @@ class Planner:
         slowdown: bool = False,
     ) -> None:
         self.limits = limits
-        self._slowdown = slowdown
+        self._slows_short_moves = slowdown
         self.target = start  # target of the last queued move
         self.move_count = 0  # number of moves queued since the start
         self.busy_s = 0.0  # total duration of the finished moves
         self.idle_since_s = 0.0  # time at which the queue became empty; undefined while it has moves
-        self._head = start  # position at which the executing block began
+        self._head_position = start  # position at which the executing block began
         self._on_move = on_move
         self._blocks: list[Block] = []
         self._final_count = 1  # number of front blocks whose entry speed is final
@@ -152,7 +152,7 @@ class Planner:
         blocks = self._blocks
         while blocks and self._end_s <= now_s:
             block = blocks.pop(0)
-            self._head = block.target
+            self._head_position = block.target
             self.busy_s += self._end_s - self._start_s
             if block.e_mm:
                 self._on_move(block.e_mm, block.target[2])
@@ -196,7 +196,7 @@ class Planner:
         inverse_duration_per_s = feedrate_mm_s / length_mm
         queue_length = len(self._blocks)
         if (
-            self._slowdown
+            self._slows_short_moves
             and 1 < queue_length < CAPACITY // 2
             and inverse_duration_per_s > 1.0 / SHORT_MOVE_S
         ):
@@ -236,7 +236,7 @@ class Planner:
     def compute_position(self, now_s: float) -> Point:
         """Compute the position of head and feeder; the queue must be advanced to `now_s`."""
         if not self._blocks:
-            return self._head
+            return self._head_position
         block = self._blocks[0]
         entry_mm_s, top_mm_s, acceleration_time_s, cruise_s = self._ramps
         elapsed_s = now_s - self._start_s
@@ -250,7 +250,7 @@ class Planner:
                 top_mm_s * deceleration_time_s - 0.5 * block.acceleration_mm_s2 * deceleration_time_s**2
             )
         fraction = min(1.0, max(0.0, distance_mm / block.length_mm))
-        x, y, z, e = (a + (b - a) * fraction for a, b in zip(self._head, block.target, strict=True))
+        x, y, z, e = (a + (b - a) * fraction for a, b in zip(self._head_position, block.target, strict=True))
         return (x, y, z, e)
 
     def stop(self, now_s: float) -> Point:
@@ -259,15 +259,15 @@ class Planner:
         position = self.compute_position(now_s)
         if self._blocks:
             self.busy_s += now_s - self._start_s
-            if position[3] != self._head[3]:
-                self._on_move(position[3] - self._head[3], position[2])
+            if position[3] != self._head_position[3]:
+                self._on_move(position[3] - self._head_position[3], position[2])
         self._blocks.clear()
         self.set_position(position, now_s)
         return position
 
     def set_position(self, position: Point, now_s: float) -> None:
         """Set the position of the empty queue, after homing."""
-        self.target = self._head = position
+        self.target = self._head_position = position
         self.idle_since_s = now_s
 
     def _limit_acceleration(

@@ -30,7 +30,7 @@ _CLOSING_MARKS: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
 )
 """A slicer's name, and the comment that it writes after every print; the first match counts. Verified in
 files of PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0; the others are [assumed]."""
-EMPTY_SHARE = 0.2
+MAX_EMPTY_SHARE = 0.2
 """Maximum share of empty layers. CuraEngine counts them, but leaves them out: 15 % at the tip of a spire of 3
 by 40 mm, the gaps below and above supports, and one in files with adaptive layers. If lines are missing from
 such a file, E shows it (`head.MAX_JUMP_MM`)."""
@@ -94,25 +94,23 @@ class Completeness:
         """Count a comment that marks the beginning of a layer."""
         self._mark_count += 1
 
-    def is_closed(self, last_print: int) -> bool | None:
-        """Check whether the closing mark comes after line `last_print`; None if the slicer has none."""
-        return None if self._closing_mark is None else self._closing_line > last_print
+    def is_closed(self, print_line: int) -> bool | None:
+        """Check whether the closing mark comes after line `print_line`; None if the slicer has none."""
+        return None if self._closing_mark is None else self._closing_line > print_line
 
-    def describe_incompleteness(self, last: bytes, number: int, last_print: int) -> str | None:
+    def describe_incompleteness(self, last_line: bytes, print_line: int) -> str | None:
         """Return the reason why a file cannot be complete; None if it looks complete.
 
         Parameters
         ----------
-        last
+        last_line
             The file's last line as it is, with its newline.
-        number
-            Number of its lines.
-        last_print
+        print_line
             Number of the last line that extrudes while the head moves.
         """
-        if not last.endswith(b"\n"):
+        if not last_line.endswith(b"\n"):
             return "the last line has no newline"
-        if self.is_closed(last_print) is False:
+        if self.is_closed(print_line) is False:
             slicer = self._slicer_name.decode("ascii", "replace")
             return f"{slicer!r} closes its files with a comment, but there is none"
         if (
@@ -155,11 +153,11 @@ class Completeness:
         return (
             self._stated_count
             if self.figures.filament is not None
-            else max(1, int(EMPTY_SHARE * self._stated_count))
+            else max(1, int(MAX_EMPTY_SHARE * self._stated_count))
         )
 
-    def _describe_missing_layers(self, allowed: int) -> str | None:
-        if self._layer_count >= self._stated_count - allowed:
+    def _describe_missing_layers(self, max_empty_layers: int) -> str | None:
+        if self._layer_count >= self._stated_count - max_empty_layers:
             return None
         return (
             f"line {self._stated_count_line} states {self._stated_count} layers, but the file has "

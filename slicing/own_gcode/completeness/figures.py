@@ -49,7 +49,7 @@ class StatedFilament:
     is_volume: bool
     line: int
 
-    def describe_missing(self, filament_mm: float, filament_mm2: float, lines: int) -> str | None:
+    def describe_missing(self, filament_mm: float, filament_mm2: float, line_count: int) -> str | None:
         """Return the reason why a file has too little filament; None if it has enough.
 
         Parameters
@@ -58,12 +58,12 @@ class StatedFilament:
             Filament that the file's layers extrude, excluding the return of retracted filament.
         filament_mm2
             Cross-section of the filament.
-        lines
+        line_count
             Number of lines that extrude the filament.
         """
         unit, amount_per_mm = ("mm3", filament_mm2) if self.is_volume else ("mm", 1.0)
         amount = filament_mm * amount_per_mm
-        if amount >= self.amount - self.resolution - E_UNIT_MM / 2 * lines:
+        if amount >= self.amount - self.resolution - E_UNIT_MM / 2 * line_count:
             return None
         return (
             f"line {self.line} says that it takes {self.amount:.{_DIGITS}g} {unit} of filament, but "

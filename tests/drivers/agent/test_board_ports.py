@@ -226,7 +226,7 @@ def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path
     port = board._port
     assert port is not None
     try:
-        while not port.write_pending:
+        while not port.has_unsent_bytes:
             port.write(b"G1 X1 Y1\n" * 100)
         board.switch_off()
         # The command replaces the data that the board has not read, whose amount depends on the host.

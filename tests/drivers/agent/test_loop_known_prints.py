@@ -63,6 +63,6 @@ def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
         assert agent._board.session is None
     assert agent._answer(make_request(tmp_path, "p-3")).error is None  # an unknown print is started
     assert agent._board.session is not None
-    agent._requests.must_end = True
+    agent._request_handler.must_end = True
     agent.run()
     control(tmp_path / "emulator", Command.POWER_OFF)  # it outlives its agent

@@ -17,7 +17,7 @@ def test_spool_keeps_a_checked_copy(tmp_path: Path):
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
     program = spool.import_gcode("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
-    assert program.count == 1
+    assert program.line_count == 1
     assert (tmp_path / "spool" / "p-1.gcode").read_bytes() == b"G28\n"
     source.unlink()
     spool.delete("p-1")
@@ -59,7 +59,7 @@ def test_file_is_received_in_pieces_over_the_socket(tmp_path: Path):
         spool.append_upload("p-1", 128, b"G28\n")
     spool.append_upload("p-1", 192, text[192:])
     program = spool.import_gcode("p-1", spool.make_upload_path("p-1"), hashlib.sha256(text).hexdigest())
-    assert program.count == 100
+    assert program.line_count == 100
     spool.append_upload("p-2", 0, b"left")
     Spool(tmp_path, ULTIMAKER2_PLUS)
     assert not spool.make_upload_path("p-2").exists()

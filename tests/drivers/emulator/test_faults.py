@@ -53,7 +53,7 @@ def test_error_for_an_invalid_url_names_the_mistake_and_the_choices(url: str, me
 @given(st.binary(min_size=1, max_size=95), st.integers(0, 1000))
 @settings(deadline=None)
 def test_disturbed_line_differs_in_one_byte(line: bytes, seed: int) -> None:
-    disturbed_line = FaultSampler(Faults(checksum=1.0), random.Random(seed)).disturb(line)
+    disturbed_line = FaultSampler(Faults(checksum=1.0), random.Random(seed)).disturb_line(line)
     assert len(disturbed_line) == len(line)
     assert sum(a != b for a, b in zip(line, disturbed_line, strict=True)) == 1
 

@@ -22,7 +22,7 @@ def measure_retraction_after(
     text: str, last_position: tuple[float, float, float, float] | None = None
 ) -> float:
     program = parse_program(text)
-    return measure_retraction_mm(program, program.count, last_position)
+    return measure_retraction_mm(program, program.line_count, last_position)
 
 
 @pytest.mark.parametrize(

@@ -44,8 +44,8 @@ M140 S0
 def test_comments_blanks_and_queries_are_not_sent():
     program = parse_program(SLICED_GCODE)
     assert program.read_lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
-    assert program.count == 11
-    assert not any(b";" in line or b"M105" in line for line in program.read_lines(0, program.count))
+    assert program.line_count == 11
+    assert not any(b";" in line or b"M105" in line for line in program.read_lines(0, program.line_count))
 
 
 def test_heating_lines_are_listed_with_their_targets():
@@ -54,17 +54,17 @@ def test_heating_lines_are_listed_with_their_targets():
     assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
     assert program.find_target_c(HeaterName.NOZZLE, 0) is None
     assert program.find_target_c(HeaterName.NOZZLE, 4) == 210.0
-    assert program.find_target_c(HeaterName.NOZZLE, program.count) == 0.0
+    assert program.find_target_c(HeaterName.NOZZLE, program.line_count) == 0.0
 
 
 def test_progress_is_linear_in_time_within_a_layer():
     program = parse_program(SLICED_GCODE)
     assert program.home_line == 1
     assert program.extrusion_line == 5
-    assert program.compute_progress(0).seconds == 0.0
-    assert program.compute_progress(7).seconds == 10.0
-    assert program.compute_progress(8).seconds == 20.0
-    assert program.compute_progress(program.count).seconds == 30.0
+    assert program.compute_progress(0).time_s == 0.0
+    assert program.compute_progress(7).time_s == 10.0
+    assert program.compute_progress(8).time_s == 20.0
+    assert program.compute_progress(program.line_count).time_s == 30.0
     assert [program.compute_progress(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
     assert program.layer_count == 2
 
@@ -104,7 +104,7 @@ def test_marks_contain_time_layer_height_and_feature():
     )
     assert program.compute_progress(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
     assert program.compute_progress(0) == Mark(0, 0.0)
-    assert program.compute_progress(program.count).seconds == program.time_s == 20.0
+    assert program.compute_progress(program.line_count).time_s == program.time_s == 20.0
 
 
 NOTES = st.one_of(
@@ -128,11 +128,11 @@ def test_commands_are_kept_and_times_never_decrease(lines: list[str]):
     if not commands:
         return
     program = parse_program("\n".join(lines))
-    assert [line.decode() for line in program.read_lines(0, program.count)] == commands
-    marks = [(mark.line, mark.seconds) for mark in program.timeline]
+    assert [line.decode() for line in program.read_lines(0, program.line_count)] == commands
+    marks = [(mark.line, mark.time_s) for mark in program.timeline]
     assert marks == sorted(marks)
     assert len({line for line, _ in marks}) == len(marks)
-    times_s = [program.compute_progress(line).seconds for line in range(program.count + 1)]
+    times_s = [program.compute_progress(line).time_s for line in range(program.line_count + 1)]
     assert times_s == sorted(times_s)
     assert times_s[-1] == program.time_s == max((s for _, s in marks), default=0.0)
 
@@ -204,8 +204,8 @@ def test_any_slice_of_lines_equals_the_slice_of_the_list(values: list[int], star
     lines = [b"G1 X%d" % v for v in values]
     program = read_program((line + b" ; c\n" for line in lines), ULTIMAKER2_PLUS)
     assert program.read_lines(start, stop) == lines[start:stop]
-    assert program.count == len(lines)
-    times_s = [program.compute_progress(n).seconds for n in range(0, program.count + 1, 50)]
+    assert program.line_count == len(lines)
+    times_s = [program.compute_progress(n).time_s for n in range(0, program.line_count + 1, 50)]
     assert times_s == sorted(times_s)
 
 
@@ -226,7 +226,7 @@ def test_readable_lines_are_rewritten_in_one_form(line: str, sent_line: bytes):
 
 def test_display_texts_are_dropped():
     program = parse_program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
-    assert program.read_lines(0, program.count) == [b"G28"]
+    assert program.read_lines(0, program.line_count) == [b"G28"]
 
 
 _NUMBERS = [
@@ -263,7 +263,7 @@ def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
         else:
             accepted_lines.append(line)
     program = parse_program("\n".join(accepted_lines))
-    line_count = data.draw(st.integers(0, program.count))
+    line_count = data.draw(st.integers(0, program.line_count))
     moves = MotionState(program, line_count)
     values = [
         mm for mm in (*moves.position_mm, moves.retracted_mm, moves.feedrate_mm_min) if not math.isnan(mm)
@@ -273,11 +273,11 @@ def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
     mark = program.compute_progress(line_count)
     assert all(
         abs(number) < 1e9
-        for number in (mark.seconds, mark.z_mm, program.compute_highest_mm(line_count), program.time_s)
+        for number in (mark.time_s, mark.z_mm, program.compute_highest_mm(line_count), program.time_s)
     )
-    sent_lines = program.read_lines(0, program.count)
+    sent_lines = program.read_lines(0, program.line_count)
     assert (
-        parse_program("\n".join(line.decode() for line in sent_lines)).read_lines(0, program.count)
+        parse_program("\n".join(line.decode() for line in sent_lines)).read_lines(0, program.line_count)
         == sent_lines
     )
     assert all(re.fullmatch(rb"[GMT]\d+( [A-Z](-?(\d+(\.\d*)?|\.\d+))?)*", line) for line in sent_lines)
@@ -289,7 +289,9 @@ def test_any_bytes_are_read_or_refused(data: bytes):
         program = read_program(io.BytesIO(data), ULTIMAKER2_PLUS)
     except BadGcode:
         return
-    assert all(0 < len(line) <= ULTIMAKER2.max_command_bytes for line in program.read_lines(0, program.count))
+    assert all(
+        0 < len(line) <= ULTIMAKER2.max_command_bytes for line in program.read_lines(0, program.line_count)
+    )
 
 
 def test_heating_lines_are_found_in_every_notation():

@@ -104,7 +104,7 @@ def test_link_sets_the_line_number_and_connects_after_the_banner():
     bench = Bench().boot()
     assert bench.link.take() == b"N0 M110*35\n"
     assert [
-        (e.restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, BoardConnected)
+        (e.has_restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, BoardConnected)
     ] == [(True, True)]
 
 
@@ -112,7 +112,7 @@ def test_board_that_does_not_restart_is_queried_and_connected():
     bench = Bench()
     bench.link.on_opened(0.0)
     bench.run()
-    assert [e.restarted for e in bench.events if isinstance(e, BoardConnected)] == [False]
+    assert [e.has_restarted for e in bench.events if isinstance(e, BoardConnected)] == [False]
 
 
 def test_silent_board_fails_with_no_answer_and_is_sent_nothing_more():

@@ -86,7 +86,7 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
         link = Link(ULTIMAKER2)
         for now_s, event in exchange(port, link, DEADLINE_S):
             if isinstance(event, BoardConnected):
-                assert event.restarted and event.banner
+                assert event.has_restarted and event.banner
                 link.poll(now_s)
             elif isinstance(event, Report):
                 assert event.targets_off
@@ -112,7 +112,7 @@ def test_agent_opens_the_port_after_a_person_confirms_that_it_is_idle(tmp_path: 
         await client.connect()
         try:
             async with asyncio.timeout(DEADLINE_S):
-                async for snapshot in client.snapshots():
+                async for snapshot in client.receive_snapshots():
                     if snapshot.link is m.LinkState.FAULT and not is_requested:
                         is_requested = True
                         assert not read_status(tmp_path / "emulator").link_open

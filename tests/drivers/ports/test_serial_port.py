@@ -112,10 +112,10 @@ def test_urgent_bytes_replace_unsent_ones(pty_ends: tuple[int, Path]):
     master, path = pty_ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
-        while not port.write_pending:
+        while not port.has_unsent_bytes:
             port.write(b"G1 X1 Y1\n" * 100)
         port.write_now(b"\nM104 S0\n")
-        assert not port.write_pending
+        assert not port.has_unsent_bytes
         assert read_buffered_bytes(master).endswith(b"\nM104 S0\n")
     finally:
         port.close()

@@ -14,7 +14,7 @@ from drivers.ports.wire_record import split_lines
 class LoopedPort:
     """Port that answers each write with an `ok` in two pieces."""
 
-    write_pending = False
+    has_unsent_bytes = False
 
     def __init__(self) -> None:
         self.answers: list[bytes] = []

@@ -52,7 +52,7 @@ def test_unreadable_message_counts_as_a_sign_of_life(tmp_path: Path):
         server = await asyncio.start_unix_server(send_message, tmp_path / "agent.sock")
         client = AgentClient(tmp_path, on_message=lambda: signs.append(True))
         await client.connect()
-        assert [snapshot async for snapshot in client.snapshots()] == []
+        assert [snapshot async for snapshot in client.receive_snapshots()] == []
         await client.close()
         server.close()
 

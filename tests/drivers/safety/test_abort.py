@@ -84,7 +84,7 @@ def test_truncated_line_before_the_abort_delays_it_by_one_move_at_most(truncated
     events = exchange_bytes(host, link, 2.1 * MOVE_S)
     assert has_ended(host)
     [connection] = [event for event in events if isinstance(event, BoardConnected)]
-    assert not connection.restarted
+    assert not connection.has_restarted
 
 
 def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
@@ -108,7 +108,7 @@ def test_on_marlin_2_moves_end_at_once_and_heaters_are_off_a_second_later():
     link = Link(MARLIN2)
     link.on_opened(host.now_s, MARLIN2.abort_unnumbered)
     [connection] = [event for event in exchange_bytes(host, link, 5.0) if isinstance(event, BoardConnected)]
-    assert not connection.restarted
+    assert not connection.has_restarted
     link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
     exchange_bytes(host, link, 5.0)
     assert has_ended(host) and link.is_drained
@@ -121,7 +121,7 @@ def test_restart_is_detected_if_the_board_loses_the_abort():
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange_bytes(host, link, 5.0)
-    assert [event.restarted for event in events if isinstance(event, BoardConnected)] == [True]
+    assert [event.has_restarted for event in events if isinstance(event, BoardConnected)] == [True]
     assert has_ended(host) and link.is_drained
 
 
@@ -137,14 +137,14 @@ def silent_board():
 
 def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
     url, master = silent_board
-    result = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), watch_s=0.0)
+    result = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), report_timeout_s=0.0)
     assert read_buffered_bytes(master) == ULTIMAKER2.abort_unnumbered
     assert not (result.seen_off or result.is_still) and "may still be moving" in result.text
 
 
 def test_unresponsive_board_is_halted_by_its_firmware(tmp_path: Path, silent_board):
     url, master = silent_board
-    result = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), watch_s=0.0)
+    result = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), report_timeout_s=0.0)
     assert read_buffered_bytes(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
     assert not result.seen_off and "switch it off" in result.text
 

@@ -45,7 +45,7 @@ async def start_hot_print(folder: Path, process: subprocess.Popen[bytes]) -> Non
     await client.connect()
     is_requested = False
     async with asyncio.timeout(DEADLINE_S):
-        async for snapshot in client.snapshots():
+        async for snapshot in client.receive_snapshots():
             if snapshot.link is m.LinkState.READY and not is_requested:
                 is_requested = True
                 sha256 = hashlib.sha256(text.encode()).hexdigest()
@@ -70,7 +70,7 @@ async def find_ended_print(folder: Path) -> m.PrintSnapshot:
     await client.connect()
     try:
         async with asyncio.timeout(DEADLINE_S):
-            async for snapshot in client.snapshots():
+            async for snapshot in client.receive_snapshots():
                 if snapshot.print is not None and snapshot.print.phase.ended:
                     return snapshot.print
     finally:
@@ -152,7 +152,7 @@ def test_moves_end_and_heaters_are_off_on_a_board_that_dtr_does_not_reset(tmp_pa
         else:
             # Stop it in this process, because on a busy host the dead-man timer may act before `farm estop`.
             [target] = list_targets(printer.folder.parent).values()
-            result = stop_printer(target, watch_s=100.0)
+            result = stop_printer(target, report_timeout_s=100.0)
             assert (result.seen_off, result.is_still) == (True, True), result.text
             assert "not reset" in result.text and "stands still" in result.text
         old_status = read_status(emulator)
@@ -182,7 +182,7 @@ def test_mains_are_cut_if_a_board_does_not_confirm_that_its_heaters_are_off(
     script.chmod(0o700)
     try:
         target = StopTarget("um2-01", port, tmp_path / "um2-01", ULTIMAKER2, f"{script} {{printer}}")
-        result = stop_printer(target, watch_s=0.05)
+        result = stop_printer(target, report_timeout_s=0.05)
         assert not result.seen_off and result.reset_s is not None
         assert "reports no temperatures" in result.text and message in result.text
         assert (tmp_path / "cut").read_text() == "um2-01\n"

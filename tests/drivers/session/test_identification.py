@@ -34,11 +34,11 @@ def test_unreadable_banner_is_requested_again_and_then_refused(banner: bytes):
     receive = rig.link.receive
     rig.link.receive = lambda data, now_s: receive(data.replace(banner, b"?????"), now_s)  # type: ignore[method-assign]
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert rig.firmware.resets == 3
+    assert rig.firmware.reset_count == 3
     restarted_rig = Rig()
     receive = restarted_rig.link.receive
     restarted_rig.link.receive = lambda data, now_s: receive(  # type: ignore[method-assign]
-        data.replace(banner, b"?????") if restarted_rig.firmware.resets < 2 else data, now_s
+        data.replace(banner, b"?????") if restarted_rig.firmware.reset_count < 2 else data, now_s
     )
     assert_end_with_heaters_off(restarted_rig.run(), PrintPhase.DONE, None)
 

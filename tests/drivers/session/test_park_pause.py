@@ -67,7 +67,7 @@ def make_sequential_gcode() -> str:
 @pytest.mark.parametrize("is_cancelled", [False, True])
 def test_head_leaves_a_part_above_the_finished_ones(is_cancelled: bool):
     rig = Rig(text=make_sequential_gcode())
-    rig.run_until_printing(rig.program.count - 40)
+    rig.run_until_printing(rig.program.line_count - 40)
     index = len(rig.sent_bytes)
     planner = rig.firmware.machine.planner
     if is_cancelled:

@@ -23,7 +23,7 @@ def test_print_passes_its_phases_and_ends_with_heaters_off_and_filament_parked()
     assert rig.session.context.extruded
     assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-    assert rig.firmware.errors == 0
+    assert rig.firmware.error_count == 0
 
 
 def test_wait_commands_are_never_sent_and_the_dead_man_timer_is_armed_before_heating():
@@ -114,7 +114,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off_and_its_mains_are_cut(
 
 def test_heater_stuck_on_at_the_end_fails_the_print():
     rig = Rig(text=make_gcode(50))
-    rig.run_until_printing(rig.program.count - 12)
+    rig.run_until_printing(rig.program.line_count - 12)
     rig.firmware.board.bed.burns = True
     rig.run()
     assert (rig.session.context.phase, rig.session.context.fault) == (
@@ -213,7 +213,7 @@ def test_moves_longer_than_a_timeout_cause_no_fault():
     moves = "\n".join(f"G1 F600 X{10 + 200 * (i % 2)} E{i + 1}" for i in range(60))
     rig = Rig(text=GCODE.format(moves=moves, end=60 - 6.5)).run()
     assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
-    assert rig.firmware.errors <= 6
+    assert rig.firmware.error_count <= 6
 
 
 def test_unreadable_reports_end_the_heat_up():

@@ -20,7 +20,7 @@ def test_print_over_its_time_limit_is_ended_safely(no_reset: bool):
     )
     assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.5)
-    assert rig.firmware.resets == (0 if no_reset else 1)
+    assert rig.firmware.reset_count == (0 if no_reset else 1)
 
 
 def test_time_limit_applies_in_pauses_and_heat_up():

@@ -37,7 +37,7 @@ def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
     printer = make_rig(advanced_ok=advanced_ok).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     board = printer.firmware.board
-    assert printer.firmware.errors == 0 and printer.link.repeat_count == 0
+    assert printer.firmware.error_count == 0 and printer.link.repeat_count == 0
     # The filament moves 8 mm forward and 8 mm back at the start.
     assert board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.01)
     assert board.filament_end_mm == pytest.approx(-ENDER3.park_retraction_mm, abs=0.01)

@@ -46,7 +46,7 @@ def test_session_without_a_program_resets_the_board_and_names_the_dead_agent():
 def test_second_print_on_a_link_begins_with_new_counts():
     rig = Rig()
     rig.run()
-    assert rig.session.context.acknowledged_lines == rig.program.count
+    assert rig.session.context.acknowledged_lines == rig.program.line_count
     second_session = Session(
         SessionContext(rig.link, rig.program, PLUS_PROFILE, Filament.PARKED, Pace(), rig.now_s)
     )
@@ -102,10 +102,10 @@ def test_board_without_reset_is_initialised_before_each_print():
     board = rig.firmware.board
     board.bed.target_c = 50.0  # a person has warmed up the bed
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
-    assert rig.firmware.resets == 0 and board.bed.target_c == 0.0
+    assert rig.firmware.reset_count == 0 and board.bed.target_c == 0.0
     rig.run()
     assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
-    assert rig.firmware.resets == 0
+    assert rig.firmware.reset_count == 0
     assert rig.session.context.identity == "X0.00 Y0.00 Z-10.00"
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
 
@@ -126,7 +126,7 @@ def test_board_without_reset_is_stopped_by_command(faults: dict[str, Any], fault
     rig.run()
     assert rig.session.context.phase is (PrintPhase.CANCELLED if fault is None else PrintPhase.FAILED)
     assert rig.session.context.heaters_off and rig.read_targets() == (0.0, 0.0)
-    assert rig.firmware.resets == 0
+    assert rig.firmware.reset_count == 0
 
 
 def test_silent_board_without_reset_has_its_mains_cut():
@@ -179,9 +179,9 @@ def test_board_with_a_fault_after_its_reset_is_still_polled():
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)
     rig.run(until=lambda: not rig.session.context.wants_reset and rig.link.phase is LinkPhase.LIVE)
-    resets = rig.firmware.resets
+    resets = rig.firmware.reset_count
     events = rig.link.receive(b"Error:0\n: Extruder switched off. MINTEMP triggered !\n", rig.now_s)
     assert [event.fault for event in events or () if isinstance(event, LinkFault)] == [Fault.MINTEMP]
     rig.session.advance(events or (), rig.now_s)
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
-    assert rig.firmware.resets == resets
+    assert rig.firmware.reset_count == resets

@@ -92,7 +92,7 @@ def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
 @pytest.mark.parametrize("lines_before_the_end", [40, 12, 3])
 def test_stuck_nozzle_heater_is_found_at_the_end_of_the_file(lines_before_the_end: int):
     rig = Rig(text=make_gcode(50))
-    rig.run_until_printing(rig.program.count - lines_before_the_end)
+    rig.run_until_printing(rig.program.line_count - lines_before_the_end)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     started_s = rig.now_s

@@ -195,7 +195,7 @@ def test_client_sends_only_known_requests_to_an_older_agent(tmp_path: Path):
         server = await asyncio.start_unix_server(agent.serve, tmp_path / "agent.sock")
         client = AgentClient(tmp_path)
         await client.connect()
-        await anext(aiter(client.snapshots()))
+        await anext(aiter(client.receive_snapshots()))
         # New fields have their defaults and are omitted.
         assert (await client.request(make_start_file())).error is None
         with pytest.raises(AgentTooOld):

@@ -158,14 +158,14 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             manager._connections["a"].send(start_request)
             await wait_for(lambda: PrintState.PRINTING in listener.print_states)
             old_pids = {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES}
-            service = find_holder(pipe.paths.lock)
+            service = find_holder(pipe.paths.lock_file)
             assert service is not None
             os.kill(service, signal.SIGKILL)
             await wait_for(lambda: listener.last_snapshots["a"].host_lost)
             await wait_for(
                 lambda: not listener.last_snapshots["a"].host_lost and listener.last_snapshots["a"].print
             )
-            assert find_holder(pipe.paths.lock) != service
+            assert find_holder(pipe.paths.lock_file) != service
             assert {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES} == old_pids
             await wait_for(lambda: listener.is_host_connected("pc-b"))
             listener.events.clear()
@@ -174,7 +174,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             (loss,) = listener.events
             assert isinstance(loss, ev.HostLost) and loss.printers == NAMES
             assert all(listener.last_snapshots[name].host_lost for name in NAMES)
-            assert is_alive(pipe.paths.find_agent_folder("a")) and is_locked(pipe.paths.lock)
+            assert is_alive(pipe.paths.find_agent_folder("a")) and is_locked(pipe.paths.lock_file)
             pipe.reconnect()
             await wait_for(
                 lambda: listener.last_snapshots["a"].print and listener.last_snapshots["a"].print.state.ended

@@ -308,7 +308,7 @@ class TalkingClient(FakeClient):
     async def connect(self) -> None:
         self.connection_count += 1
 
-    async def snapshots(self) -> AsyncIterator[m.Snapshot]:
+    async def receive_snapshots(self) -> AsyncIterator[m.Snapshot]:
         yield self.snapshot
 
     async def close(self) -> None:

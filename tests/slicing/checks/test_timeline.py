@@ -62,7 +62,7 @@ def test_times_within_layers_equal_those_of_the_planner_of_the_firmware(make_req
     with result.gcode.open("rb") as lines:
         program = read_program(lines, ULTIMAKER2_PLUS)
     assert program.time_s == result.sliced_s
-    assert program.layers == result.layers
+    assert program.layer_count == result.layers
     assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.FILL}
     heights_mm = [mark.z_mm for mark in program.timeline]
     assert heights_mm == sorted(heights_mm)

@@ -84,7 +84,7 @@ def test_violations_by_profiles_of_cura_are_listed(resources, model):
                     stacks = find_stacks(resources, model, nozzle_mm, material, quality)
                 except BadSetting:
                     continue
-                resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, stacks.layers)
+                resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, stacks.profiles)
                 violations |= {
                     item.key for item in find_violations(resolver, PRINTERS[model]) if not item.is_farm_limit
                 }

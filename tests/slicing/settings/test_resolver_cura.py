@@ -59,7 +59,7 @@ def test_every_setting_equals_that_of_cura(version, number):
         key: Formula(value[1:]) if isinstance(value, str) and value.startswith("=") else value
         for key, value in user_changes.items()
     }
-    layers = {scope: {ProfileIndex.USER: changes, **profiles} for scope, profiles in stacks.layers.items()}
+    layers = {scope: {ProfileIndex.USER: changes, **profiles} for scope, profiles in stacks.profiles.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for scope in Scope:
         values = {key: row[number] for key, row in recording[scope].items() if row[number] is not None}

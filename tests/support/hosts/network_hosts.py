@@ -72,7 +72,7 @@ class NetworkHosts:
 
     def kill_service(self, name: str) -> bool:
         """Kill the service of a host; return True if it was running."""
-        return _kill(find_holder(self.paths[name].lock))
+        return _kill(find_holder(self.paths[name].lock_file))
 
     def kill_agents(self, name: str, printers: Sequence[str]) -> int:
         """Kill the running agents of a host; return their number."""

@@ -53,11 +53,11 @@ def select_extrusions(moves):
 def check_rules(result):
     """Check a program against the rules for all programs of the farm, and return it."""
     program = read_program(result.gcode.splitlines(), ULTIMAKER2_PLUS)
-    assert all(ALLOWED_COMMAND_PATTERN.match(line) for line in program.read_lines(0, program.count))
+    assert all(ALLOWED_COMMAND_PATTERN.match(line) for line in program.read_lines(0, program.line_count))
     for heater in HeaterName:
-        assert program.find_target_c(heater, program.count) == 0
-    assert measure_retraction_mm(program, program.count) == pytest.approx(20.0, abs=1e-3)
-    assert program.home_line < program.extrusion_line < program.count
+        assert program.find_target_c(heater, program.line_count) == 0
+    assert measure_retraction_mm(program, program.line_count) == pytest.approx(20.0, abs=1e-3)
+    assert program.home_line < program.extrusion_line < program.line_count
     assert program.time_s == pytest.approx(result.print_time_s, abs=1e-3)
     return program
 

@@ -75,7 +75,7 @@ class Printer:
         self._follow_task = asyncio.create_task(self._follow())
 
     async def _follow(self) -> None:
-        async for snapshot in self.client.snapshots():
+        async for snapshot in self.client.receive_snapshots():
             self.last_snapshot = snapshot
             self._unseen_snapshots.append(snapshot)
 

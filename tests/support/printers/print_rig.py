@@ -124,7 +124,7 @@ class Rig:
         """List the sent moves of the file in the order of their line numbers."""
         frames = (line for line in self.sent_bytes.splitlines() if line.startswith(b"N"))
         commands_by_number = {line.partition(b" ")[0]: remove_frame(line) for line in frames}
-        file = set(self.program.read_lines(0, self.program.count))
+        file = set(self.program.read_lines(0, self.program.line_count))
         return [
             command
             for command in commands_by_number.values()

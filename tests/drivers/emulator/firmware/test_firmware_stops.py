@@ -125,7 +125,7 @@ def test_brown_out_resets_the_board() -> None:
     host.send_burst("G4 P0")
     assert host.board.nozzle.target_c == 0.0
     assert host.wait(2.0)[0] == "start"
-    assert host.firmware.resets == 1
+    assert host.firmware.reset_count == 1
     host.wait(3.0)
     for _ in range(5):
         assert host.send("G4 P0") == ["ok"]

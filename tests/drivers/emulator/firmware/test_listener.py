@@ -127,14 +127,14 @@ def test_flipped_bytes_are_refused_and_requested_again() -> None:
             continue  # without an ok, the line has to be sent again
         executed_count += 1
     assert host.firmware._last_number == 200
-    assert 230 < try_count < 400 and host.firmware.errors == try_count - 200
+    assert 230 < try_count < 400 and host.firmware.error_count == try_count - 200
 
 
 def test_lost_oks_do_not_affect_other_lines() -> None:
     host = Host(faults=Faults(drop_ok=0.25))
     ok_count = sum(host.send_burst(add_number(n, "G4 P0")) == ["ok"] for n in range(1, 401))
     assert 250 < ok_count < 350
-    assert host.firmware.lines == 400
+    assert host.firmware.line_count == 400
 
 
 @given(st.binary(max_size=96))

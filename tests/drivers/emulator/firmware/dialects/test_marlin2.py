@@ -40,7 +40,7 @@ def test_move_is_acknowledged_when_it_is_in_the_planner(host: Host):
         answers.count("echo:busy: processing")
     )
     assert answers.count("ok") == 40 and answers.count("echo:busy: processing") > 50
-    assert 24 <= host.firmware.moves <= 40
+    assert 24 <= host.firmware.move_count <= 40
 
 
 def test_busy_board_reads_lines_and_sends_busy_messages(host: Host):
