@@ -32,16 +32,16 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
     counts, layers_mm = [0] * len(CASES), 0.0
     for hundredth in hundredths:
         height_mm = hundredth / 100.0
-        heights = fit_heights(height_mm, nominal, max_first_mm=MAX_LAYER_SHARE * nozzle_mm)
-        change = abs(heights.first_mm / nominal.first_mm - 1.0)
+        heights = fit_heights(height_mm, nominal, max_first_layer_mm=MAX_LAYER_SHARE * nozzle_mm)
+        change = abs(heights.first_layer_mm / nominal.first_layer_mm - 1.0)
         is_exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
         case = next(
             (i for i, max_change in enumerate(FIRST_LAYER_CHANGES) if change <= max_change + 1e-9), -1
         )
         counts[case if is_exact else -1] += 1
-        layers_mm += heights.other_mm
+        layers_mm += heights.other_layers_mm
     shares = {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
-    return shares | {"mean layer": layers_mm / len(hundredths) / nominal.other_mm}
+    return shares | {"mean layer": layers_mm / len(hundredths) / nominal.other_layers_mm}
 
 
 def main() -> int:

@@ -77,7 +77,7 @@ class Alarms:
                 session.add_reason(self.alarm.text)
         elif suspicion is not None:
             if alarm is None or not alarm.is_suspicion:
-                self.alarm = Alarm(text=suspicion.text, at_s=suspicion.since_s)
+                self.alarm = Alarm(text=suspicion.text, at_s=suspicion.found_s)
         elif alarm is not None and alarm.is_suspicion:
             self.alarm = None  # the heater has cooled down
 

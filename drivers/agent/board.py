@@ -355,7 +355,7 @@ class Board:
         self.report = self.stuck_heater_text = None
         self.idle_watch.reset()
         if self.session is None:
-            self.link.poll_interval_s = self.pace.idle_s
+            self.link.poll_interval_s = self.pace.idle_interval_s
         else:
             self.session.on_port_reset()
         abort_commands = self._firmware.abort_unnumbered if self._is_responsible else b""

@@ -30,7 +30,7 @@ _OMITTED_CODES = frozenset(
     (b"M105", b"M117", b"M118")
 )  # the link polls at its own intervals; the firmware may read display texts as commands
 
-is_plain_move = _PLAIN_MOVE.match
+match_plain_move = _PLAIN_MOVE.match
 """Match a move that is in canonical form already and needs no further check."""
 
 

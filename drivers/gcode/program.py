@@ -16,7 +16,7 @@ from typing import Protocol
 from zlib import crc32
 
 from drivers.errors import BadGcode, UnreadableFile
-from drivers.gcode.line import Command, is_plain_move, make_length_error, quote, read_command, read_number
+from drivers.gcode.line import Command, make_length_error, match_plain_move, quote, read_command, read_number
 from drivers.gcode.timeline import Mark, Timeline
 from drivers.printers import Profile
 
@@ -202,7 +202,7 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
         if len(raw) > MAX_LINE_BYTES:
             raise make_length_error(raw, number, limit_bytes)
         line = raw.strip()
-        if len(line) > limit_bytes or not is_plain_move(line):
+        if len(line) > limit_bytes or not match_plain_move(line):
             line = reader.read_line(line, number)
             if not line:
                 continue

@@ -28,12 +28,12 @@ class Frame:
     """Frame of the connection: its kind, its stream, and its payload."""
 
     kind: FrameKind
-    stream: int
+    stream_number: int
     payload: bytes = b""
 
     def encode(self) -> bytes:
         """Encode the frame as bytes on the wire."""
-        return _HEADER.pack(self.kind, self.stream, len(self.payload)) + self.payload
+        return _HEADER.pack(self.kind, self.stream_number, len(self.payload)) + self.payload
 
 
 class FrameReader:

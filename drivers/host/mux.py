@@ -60,15 +60,15 @@ class _Stream:
     """State of one stream, at this end."""
 
     outgoing_bytes: bytearray = field(default_factory=bytearray)
-    send_credit: int = WINDOW_BYTES  # bytes that may still be sent
-    receive_credit: int = WINDOW_BYTES  # bytes that the other end may still send
+    send_credit_bytes: int = WINDOW_BYTES  # bytes that may still be sent
+    receive_credit_bytes: int = WINDOW_BYTES  # bytes that the other end may still send
     consumed_bytes: int = 0  # taken from the stream since the last CREDIT frame
     close_reason: bytes | None = None  # to be sent after `outgoing_bytes`
 
     @property
     def is_ready(self) -> bool:
         """True if a frame can be sent."""
-        return bool(self.outgoing_bytes and self.send_credit > 0) or (
+        return bool(self.outgoing_bytes and self.send_credit_bytes > 0) or (
             not self.outgoing_bytes and self.close_reason is not None
         )
 
@@ -116,7 +116,7 @@ class Mux:
             return
         stream.consumed_bytes += count
         if stream.consumed_bytes >= WINDOW_BYTES // 4:  # one frame per piece would double the traffic
-            stream.receive_credit += stream.consumed_bytes
+            stream.receive_credit_bytes += stream.consumed_bytes
             self._priority_frames.append(Frame(FrameKind.CREDIT, number, _CREDIT.pack(stream.consumed_bytes)))
             stream.consumed_bytes = 0
 
@@ -161,15 +161,15 @@ class Mux:
         if not stream.outgoing_bytes:
             del self._streams[number]
             return Frame(FrameKind.CLOSE, number, stream.close_reason or b"")
-        size = min(FRAME_BYTES, stream.send_credit, len(stream.outgoing_bytes))
+        size = min(FRAME_BYTES, stream.send_credit_bytes, len(stream.outgoing_bytes))
         payload = bytes(stream.outgoing_bytes[:size])
         del stream.outgoing_bytes[:size]
-        stream.send_credit -= size
+        stream.send_credit_bytes -= size
         self._queue(number, stream)
         return Frame(FrameKind.DATA, number, payload)
 
     def _handle_frame(self, frame: Frame) -> MuxEvent | None:
-        number = frame.stream
+        number = frame.stream_number
         if frame.kind is FrameKind.MESSAGE:
             return Message(frame.payload)
         if frame.kind is FrameKind.OPEN:
@@ -186,11 +186,11 @@ class Mux:
         if frame.kind is FrameKind.CREDIT:
             if len(frame.payload) != _CREDIT.size:
                 raise MessageError(f"a CREDIT frame has {len(frame.payload)} bytes, not {_CREDIT.size}")
-            stream.send_credit += _CREDIT.unpack(frame.payload)[0]
+            stream.send_credit_bytes += _CREDIT.unpack(frame.payload)[0]
             self._queue(number, stream)
             return None
-        stream.receive_credit -= len(frame.payload)
-        if stream.receive_credit < 0:
+        stream.receive_credit_bytes -= len(frame.payload)
+        if stream.receive_credit_bytes < 0:
             raise MessageError(f"stream {number} has sent more than it may")
         return DataReceived(number, frame.payload)
 

@@ -73,7 +73,7 @@ class HostService:
         with self._paths.open_socket_path() as path:
             server = await asyncio.start_unix_server(self._serve, path, limit=MAX_LINE_BYTES)
         state_task = asyncio.create_task(self._send_states())
-        port_task = asyncio.create_task(self._list_ports())
+        port_task = asyncio.create_task(self._watch_ports())
         try:
             while self._watches or time.monotonic() - self._last_message_s < _UNUSED_TIMEOUT_S:
                 self._watch()
@@ -221,7 +221,7 @@ class HostService:
             update=self._update.describe(list(self._watches.values())),
         )
 
-    async def _list_ports(self) -> None:
+    async def _watch_ports(self) -> None:
         while True:
             printer_ports = [(watch.printer, watch.start.port) for watch in self._watches.values()]
             try:

@@ -22,7 +22,7 @@ class Suspicion:
     """A heater that may be stuck on, and the time of the finding, in seconds of the farm's clock."""
 
     text: str
-    since_s: float
+    found_s: float
 
 
 class Alarm(BaseModel):

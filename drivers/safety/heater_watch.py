@@ -18,7 +18,7 @@ from drivers.errors import Fault
 from drivers.gcode import HeaterName
 from drivers.link import Report
 
-MIN_PROGRESS_C = 1.0  # minimum progress within `HeaterRule.stall_s`
+MIN_PROGRESS_C = 1.0  # minimum progress within `HeaterRule.stall_timeout_s`
 MAX_GAP_S = 15.0
 # A heater is stuck on if it has risen by this much after this time without power: [assumed] to exceed any
 # overshoot.
@@ -35,24 +35,24 @@ class HeaterRule:
     ----------
     band_c
         Distance from the target within which the target counts as reached.
-    stall_s
+    stall_timeout_s
         Time within which the heater must come `MIN_PROGRESS_C` nearer to a target that is not reached.
-    hold_c, max_away_s
-        Largest distance from a reached target, and the longest time for which the heater may exceed it.
-    cold_c
+    max_deviation_c, max_deviation_s
+        Maximum distance from a reached target, and the maximum time for which the heater may exceed it.
+    cold_threshold_c
         Temperature below which a heater counts as off, since it may not cool any further.
-    cooling_c, cooling_s
-        Degrees by which a heater that was switched off above `cold_c` must cool, and the time for that: the
-        proof that it is off.
+    min_cooling_c, cooling_timeout_s
+        Degrees by which a heater that was switched off above `cold_threshold_c` must cool, which proves that
+        it is off, and the time for that.
     """
 
     band_c: float
-    stall_s: float
-    hold_c: float
-    max_away_s: float
-    cold_c: float
-    cooling_c: float
-    cooling_s: float
+    stall_timeout_s: float
+    max_deviation_c: float
+    max_deviation_s: float
+    cold_threshold_c: float
+    min_cooling_c: float
+    cooling_timeout_s: float
 
 
 RULES = {
@@ -205,7 +205,7 @@ class _Heater:
         distance_c = abs(current_c - self._set_target_c)
         if distance_c < self._min_distance_c - MIN_PROGRESS_C:
             self._min_distance_c, self._progress_s = distance_c, now_s
-        elif now_s - self._progress_s > max(self._rule.stall_s, self._min_duration_s):
+        elif now_s - self._progress_s > max(self._rule.stall_timeout_s, self._min_duration_s):
             if current_c > self._set_target_c:
                 return self._make_finding(
                     Fault.HEATER_STUCK_ON, f"stays at {current_c:g} C, above {self._set_target_c:g}"
@@ -215,11 +215,11 @@ class _Heater:
         return None
 
     def _check_hold(self, current_c: float, now_s: float) -> Finding | None:
-        if abs(current_c - self._set_target_c) <= self._rule.hold_c:
+        if abs(current_c - self._set_target_c) <= self._rule.max_deviation_c:
             self._off_target_since_s = math.inf
             return None
         self._off_target_since_s = min(self._off_target_since_s, now_s)
-        if now_s - self._off_target_since_s <= max(self._rule.max_away_s, self._min_duration_s):
+        if now_s - self._off_target_since_s <= max(self._rule.max_deviation_s, self._min_duration_s):
             return None
         if current_c > self._set_target_c:
             return self._make_finding(
@@ -232,14 +232,14 @@ class _Heater:
     def _check_off(self, current_c: float, now_s: float) -> Finding | None:
         rule = self._rule
         if self.is_cooling:
-            self._coolest_c = max(rule.cold_c, min(self._coolest_c, current_c))
-            if current_c > self._coolest_c + rule.hold_c:  # more than the other heater can cause
+            self._coolest_c = max(rule.cold_threshold_c, min(self._coolest_c, current_c))
+            if current_c > self._coolest_c + rule.max_deviation_c:  # more than the other heater can cause
                 self.is_cooling, self._since_s, self._hottest_c = False, now_s, current_c
-        elif current_c < rule.cold_c or current_c <= self._hottest_c - rule.cooling_c:
+        elif current_c < rule.cold_threshold_c or current_c <= self._hottest_c - rule.min_cooling_c:
             self.is_cooling, self._coolest_c = True, current_c
         else:
             self._hottest_c = max(self._hottest_c, current_c)
-            if now_s - self._since_s > max(rule.cooling_s, self._min_duration_s):
+            if now_s - self._since_s > max(rule.cooling_timeout_s, self._min_duration_s):
                 return self._make_stuck_finding(f"is off, and does not cool from {current_c:g} C")
         return None
 
@@ -258,7 +258,7 @@ class _RiseDetector:
     """
 
     def __init__(self, rule: HeaterRule, min_duration_s: float) -> None:
-        self._cold_c, self._min_off_s = rule.cold_c, max(MIN_OFF_S, min_duration_s)
+        self._cold_threshold_c, self._min_off_s = rule.cold_threshold_c, max(MIN_OFF_S, min_duration_s)
         self._last_targets_c: deque[float] = deque(maxlen=3)
         self._since_s = math.nan
         self.coolest_c = math.inf  # since a report showed the target 0
@@ -272,5 +272,5 @@ class _RiseDetector:
         if math.isnan(self._since_s):
             self._since_s = now_s
         self.coolest_c = min(self.coolest_c, current_c)
-        is_hotter = current_c > max(self._cold_c, self.coolest_c) + STUCK_RISE_C
+        is_hotter = current_c > max(self._cold_threshold_c, self.coolest_c) + STUCK_RISE_C
         return is_hotter and now_s - self._since_s >= self._min_off_s

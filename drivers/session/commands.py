@@ -27,7 +27,7 @@ def connect(context: SessionContext) -> Script:
     for _ in range(MAX_ATTEMPTS):
         context.connection = None
         context.wants_reset = True
-        link.poll_interval_s = context.pace.heating_s
+        link.poll_interval_s = context.pace.heating_interval_s
         if not (yield context.wait(lambda: not context.wants_reset, RESET_TIMEOUT_S)):
             raise PrintEnded(Fault.PORT_LOST, "the port is missing")
         yield context.wait(

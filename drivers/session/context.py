@@ -34,9 +34,9 @@ class Pace:
     """
 
     min_timeout_s: float = 2.0
-    heating_s: float = 1.0
-    printing_s: float = 3.0
-    idle_s: float = 5.0
+    heating_interval_s: float = 1.0
+    printing_interval_s: float = 3.0
+    idle_interval_s: float = 5.0
 
     @classmethod
     def from_clock(cls, clock: Clock) -> Pace:
@@ -44,9 +44,9 @@ class Pace:
         scale = clock.scale
         return cls(
             min_timeout_s=2.0 * scale,
-            heating_s=max(1.0, 0.1 * scale),
-            printing_s=max(3.0, 0.5 * scale),
-            idle_s=max(5.0, 1.0 * scale),
+            heating_interval_s=max(1.0, 0.1 * scale),
+            printing_interval_s=max(3.0, 0.5 * scale),
+            idle_interval_s=max(5.0, 1.0 * scale),
         )
 
 

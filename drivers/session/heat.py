@@ -50,11 +50,11 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
     yield from set_target(context, command.heater, command.target_c)
     if command.target_c == 0:
         return
-    context.link.poll_interval_s = context.pace.heating_s
+    context.link.poll_interval_s = context.pace.heating_interval_s
     deadline_s = context.now_s + HEAT_LIMIT_S[command.heater]
     reached_s = math.inf
     while True:
-        context.link.poll_soon(context.now_s + context.pace.heating_s)
+        context.link.poll_soon(context.now_s + context.pace.heating_interval_s)
         if not (yield from await_report(context, context.report_deadline_s)):
             text = f"the board answers, but reports no temperature of the {command.heater}"
             raise PrintEnded(Fault.NO_ANSWER, text)
@@ -80,7 +80,7 @@ def confirm_heaters_off(context: SessionContext) -> TimedScript:
     deadline_s = context.compute_deadline_s(OFF_TIMEOUT_S)
     context.targets_off_s = None
     context.watch.reset()
-    context.link.poll_interval_s = context.pace.heating_s
+    context.link.poll_interval_s = context.pace.heating_interval_s
     context.link.poll(context.now_s)
     earliest_end_s = context.compute_deadline_s(MIN_COOLING_S)
     while context.now_s < deadline_s:
@@ -116,7 +116,7 @@ def verify_targets(context: SessionContext) -> Script:
 
 def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     """Judge a report; return the end of the print that it causes, or None."""
-    set_targets_c = _list_set_targets_c(context)
+    set_targets_c = _find_set_targets_c(context)
     finding = context.watch.judge(report, set_targets_c, context.now_s)
     is_ending = context.phase is PrintPhase.ENDING
     if context.phase not in _HEATED_PHASES and not is_ending:
@@ -145,13 +145,13 @@ def compute_power_off_due_s(context: SessionContext) -> float:
         return math.inf
     min_wait_s = 2 * context.pace.min_timeout_s
     # The suspicion may be from the previous session.
-    suspected_s, started_s = context.suspicion.since_s, context.started_s
+    suspected_s, started_s = context.suspicion.found_s, context.started_s
     return max(
         suspected_s + max(SUSPICION_TIMEOUT_S, min_wait_s), started_s + max(RESTART_DURATION_S, min_wait_s)
     )
 
 
-def _list_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:
+def _find_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:
     """Return the targets that the session has set."""
     program = context.program
     if program is None or context.phase not in _HEATED_PHASES:
@@ -171,7 +171,7 @@ def _watch_targets(
     context.unexpected_reports = 0 if is_unchanged else context.unexpected_reports + 1
     if context.unexpected_reports < MAX_UNEXPECTED_REPORTS:
         if not is_unchanged:  # poll soon, but after the lines in flight, which may set the target
-            context.link.poll_soon(context.now_s + context.pace.heating_s)
+            context.link.poll_soon(context.now_s + context.pace.heating_interval_s)
         return None
     targets = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"
     return PrintEnded(Fault.TARGET_CHANGED, f"somebody set {targets}, not {nozzle_c:g} and {bed_c:g}")

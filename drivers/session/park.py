@@ -163,7 +163,7 @@ def _list_return_commands(motion: MotionState, position: Point, park_retraction_
 def _await_resume(context: SessionContext) -> Script:
     """Wait until a person resumes the print, and reset the dead-man timer meanwhile."""
     context.pause_ends_s = context.now_s + PAUSE_LIMIT_S
-    context.link.poll_interval_s = context.pace.printing_s
+    context.link.poll_interval_s = context.pace.printing_interval_s
     while context.pause_requested:
         if context.now_s >= context.pause_ends_s:
             raise PrintEnded(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_LIMIT_S / 3600:g} h")

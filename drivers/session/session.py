@@ -129,7 +129,7 @@ class Session:
         except StopIteration:
             context.ended_s = context.now_s if context.targets_off_s is None else context.targets_off_s
             context.wants_reset = False
-            context.link.poll_interval_s = context.pace.idle_s
+            context.link.poll_interval_s = context.pace.idle_interval_s
             context.link.poll(context.now_s)
 
     def _end_print(self, print_end: PrintEnded) -> None:

@@ -82,7 +82,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         return link.is_drained or context.read_error is not None or can_begin_pause
 
     while start < stop:
-        link.poll_interval_s = context.pace.printing_s
+        link.poll_interval_s = context.pace.printing_interval_s
         link.stream(context.now_s, read_lines, start, stop)
         context.report_s = context.now_s
         while not (yield Wait(is_sent_or_paused, context.no_report_deadline_s)):

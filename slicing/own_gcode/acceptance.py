@@ -98,7 +98,7 @@ def accept_gcode(
     interpreter = _interpret_lines(lines, survey, writer, target, line_mm)
     extent = interpreter.head.extent
     _check_missing_lines(survey.figures, interpreter, target)
-    ratio = _compute_section_ratio(extent, writer.layers, target, line_mm)
+    ratio = _compute_section_ratio(extent, writer.layer_count, target, line_mm)
     completeness_warnings = (survey.warning,) if survey.warning is not None else ()
     warnings = completeness_warnings + check_machine(survey.machine, survey.nozzle_mm, ratio, target)
     print_time_s = writer.finish()
@@ -109,7 +109,7 @@ def accept_gcode(
         bed_c=interpreter.bed_c,
         print_time_s=print_time_s,
         filament_mm=extent.filament_mm,
-        layers=writer.layers,
+        layers=writer.layer_count,
         min_mm=_to_point(extent.low_mm),
         max_mm=_to_point(extent.high_mm),
         reach_min_mm=_to_point(extent.reach_low_mm),

@@ -82,7 +82,7 @@ class Interpreter:
         self._speed_factor = self._flow_factor = 1.0
         self._is_retracted = False  # by G10
         self._total_dwell_s = self._dwell_s = 0.0  # of all pauses, and of those since the last printed line
-        self._fan: bytes = _FAN_OFF_LINE
+        self._fan_line: bytes = _FAN_OFF_LINE
 
     def run_line(self, raw: bytes, number: int) -> None:
         """Run one line.
@@ -152,8 +152,8 @@ class Interpreter:
                 "add it to your slicer's start script"
             )
         self.head.begin_print(self._printer.retraction_mm_s)
-        if self._fan != _FAN_OFF_LINE:
-            self._writer.add_line(self._fan)
+        if self._fan_line != _FAN_OFF_LINE:
+            self._writer.add_line(self._fan_line)
         if not self._survey.marks_layers:
             self._writer.begin_layer()
 
@@ -292,9 +292,9 @@ class Interpreter:
             return  # the printer has no such fan
         power = words.get("S", 255.0)
         power = 0.0 if code == "M107" else min(255.0, max(0.0, power))
-        self._fan = b"M106 S%d" % round(power) if power else _FAN_OFF_LINE
+        self._fan_line = b"M106 S%d" % round(power) if power else _FAN_OFF_LINE
         if self._is_printing:
-            self._writer.add_line(self._fan)
+            self._writer.add_line(self._fan_line)
 
     def _parse_factor(self, code: str, words: Words, minimum: float, maximum: float) -> float:
         factor = words.get("S", 0.0) / 100

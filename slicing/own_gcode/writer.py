@@ -31,7 +31,7 @@ class Writer:
 
     def __init__(self, time_estimator: TimeEstimator) -> None:
         self.text = bytearray()
-        self.layers = 0
+        self.layer_count = 0
         self._time_estimator = time_estimator
         self._pending_items: list[Step | bytes | float | None] = []
         self._fed_mm = self._base_mm = 0.0
@@ -79,10 +79,10 @@ class Writer:
         return seconds
 
     def _write_layer(self) -> None:
-        if self.layers:
+        if self.layer_count:
             self._write_mark(self._time_estimator.measure_s())
-        self.text += b";LAYER:%d\n" % self.layers
-        self.layers += 1
+        self.text += b";LAYER:%d\n" % self.layer_count
+        self.layer_count += 1
 
     def _write_mark(self, seconds: float) -> None:
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds

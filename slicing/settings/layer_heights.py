@@ -30,8 +30,8 @@ _SLACK_UM = 1  # tolerance for rounding
 class LayerHeights:
     """Heights of the first layer and of every other one, in mm, both in whole micrometres."""
 
-    first_mm: float
-    other_mm: float
+    first_layer_mm: float
+    other_layers_mm: float
 
 
 def compute_printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
@@ -49,7 +49,7 @@ def compute_printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     float
         Height in mm; 0 if no layer is printed.
     """
-    first_um, other_um = _round_um(heights.first_mm), _round_um(heights.other_mm)
+    first_um, other_um = _round_um(heights.first_layer_mm), _round_um(heights.other_layers_mm)
     height_um = 1000 * height_mm
     if height_um <= first_um / 2:
         return 0.0
@@ -57,7 +57,9 @@ def compute_printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     return (first_um + layers_above * other_um) / 1000
 
 
-def fit_heights(height_mm: float, nominal_heights: LayerHeights, *, max_first_mm: float) -> LayerHeights:
+def fit_heights(
+    height_mm: float, nominal_heights: LayerHeights, *, max_first_layer_mm: float
+) -> LayerHeights:
     """Find the largest layer heights, within limits, that give a part its exact height.
 
     Parameters
@@ -67,11 +69,11 @@ def fit_heights(height_mm: float, nominal_heights: LayerHeights, *, max_first_mm
     nominal_heights
         Heights of the quality. Layers differ from them by 4 % at most, the first one by the least of
         `FIRST_LAYER_CHANGES` that is enough.
-    max_first_mm
+    max_first_layer_mm
         Maximum height of the first layer; 0 to leave it as it is.
     """
-    nominal_first_um = _round_um(nominal_heights.first_mm)
-    nominal_other_um = _round_um(nominal_heights.other_mm)
+    nominal_first_um = _round_um(nominal_heights.first_layer_mm)
+    nominal_other_um = _round_um(nominal_heights.other_layers_mm)
     height_um, tolerance_um = 1000 * height_mm, 1000 * MAX_HEIGHT_ERROR_MM - _SLACK_UM
     max_change_um = _round_down(nominal_other_um * _MAX_CHANGE)
 
@@ -92,9 +94,11 @@ def fit_heights(height_mm: float, nominal_heights: LayerHeights, *, max_first_mm
                 )
                 yield error_um, loss, first_um, other_um
 
-    for max_share in FIRST_LAYER_CHANGES if max_first_mm > 0 else (0.0,):
+    for max_share in FIRST_LAYER_CHANGES if max_first_layer_mm > 0 else (0.0,):
         low_um = math.ceil(nominal_first_um * (1 - max_share))
-        high_um = max(low_um, min(_round_down(nominal_first_um * (1 + max_share)), _round_um(max_first_mm)))
+        high_um = max(
+            low_um, min(_round_down(nominal_first_um * (1 + max_share)), _round_um(max_first_layer_mm))
+        )
         best_error_um, _, first_um, other_um = min(list_candidates(low_um, high_um))
         if best_error_um == 0:
             break
@@ -106,11 +110,11 @@ class LayerFit:
     """Rule by which layers are fitted to parts: the arguments of `fit_heights`."""
 
     nominal_heights: LayerHeights
-    max_first_mm: float
+    max_first_layer_mm: float
 
     def fit(self, height_mm: float) -> LayerHeights:
         """Fit the layers to the height of a part; see `fit_heights`."""
-        return fit_heights(height_mm, self.nominal_heights, max_first_mm=self.max_first_mm)
+        return fit_heights(height_mm, self.nominal_heights, max_first_layer_mm=self.max_first_layer_mm)
 
     def compute_mean_layer_mm(self) -> float:
         """Compute the mean height of the layers of parts of usual heights."""
@@ -120,12 +124,12 @@ class LayerFit:
 @lru_cache(maxsize=64)
 def _compute_mean_layer_mm(layer_fit: LayerFit) -> float:
     """Compute the mean height of the layers of `_SAMPLED_HEIGHTS_MM`."""
-    return sum(layer_fit.fit(mm).other_mm for mm in _SAMPLED_HEIGHTS_MM) / len(_SAMPLED_HEIGHTS_MM)
+    return sum(layer_fit.fit(mm).other_layers_mm for mm in _SAMPLED_HEIGHTS_MM) / len(_SAMPLED_HEIGHTS_MM)
 
 
-def _round_um(mm: float) -> int:
+def _round_um(length_mm: float) -> int:
     """Round to whole micrometres as CuraEngine does: half a micrometre up."""
-    return _round_down(1000 * mm + 0.5)
+    return _round_down(1000 * length_mm + 0.5)
 
 
 def _round_down(number: float) -> int:

@@ -270,7 +270,7 @@ def _build_resolver(
 def _build_part_values(part: PartSettings, heights: LayerHeights | None) -> ProfileValues:
     values: dict[str, Any] = {}
     if heights is not None:
-        values |= {"layer_height": heights.other_mm, "layer_height_0": heights.first_mm}
+        values |= {"layer_height": heights.other_layers_mm, "layer_height_0": heights.first_layer_mm}
     if part.brim_width_mm is not None:
         values["adhesion_type"] = "brim" if part.brim_width_mm > 0 else "none"
         values["brim_width"] = part.brim_width_mm

@@ -96,7 +96,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
     named_axes = [letter in line for letter in (b"X", b"Y", b"Z")]
     axes = named_axes if any(named_axes) else [True, True, True]
     home_mm = machine.board.profile.home_mm
-    x, y, z, e = machine.planner.target
+    x, y, z, e = machine.planner.target_mm
     position = [x, y, z]
     travel_s = [abs(h - p) / v for h, p, v in zip(home_mm, position, HOMING_SPEED_MM_S, strict=True)]
     duration_s = 0.0

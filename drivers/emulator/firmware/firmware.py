@@ -84,8 +84,8 @@ class EmulatedFirmware(Listener):
         start_s = now_s + boot_s
         self._schedule: deque[tuple[float, Callable[[float], None]]] = deque(
             (
-                (start_s, self._start),
-                (start_s + BANNER_S + FIRST_COMMAND_S, self._run_commands),
+                (start_s, self._boot),
+                (start_s + BANNER_S + FIRST_COMMAND_S, self._begin_running),
                 (start_s + SD_FAIL_S, lambda _: self._send(self.dialect.late_banner)),
             )
         )
@@ -289,12 +289,12 @@ class EmulatedFirmware(Listener):
 
     # --- start and stop ---
 
-    def _start(self, now_s: float) -> None:
+    def _boot(self, now_s: float) -> None:
         self.phase = Phase.BOOTING
         limits, home_offset_mm100 = self.machine.limits, self._faults.home_offset_mm100
         self._send(wording.START + self.dialect.format_banner(self.board.profile, limits, home_offset_mm100))
 
-    def _run_commands(self, now_s: float) -> None:
+    def _begin_running(self, now_s: float) -> None:
         self.phase = Phase.RUNNING
         self._time_s = self.machine.last_command_s = now_s
 

@@ -59,7 +59,7 @@ class Block:
 
     Attributes
     ----------
-    target
+    target_mm
         Position at the end of the move.
     e_mm, length_mm
         Extrusion, and length of the path.
@@ -79,7 +79,7 @@ class Block:
         "length_mm",
         "max_entry_mm2_s2",
         "speed_mm_s",
-        "target",
+        "target_mm",
     )
 
     def __init__(
@@ -91,7 +91,7 @@ class Block:
         acceleration_mm_s2: float,
         max_entry_mm_s: float,
     ) -> None:
-        self.target = target
+        self.target_mm = target
         self.e_mm = e_mm
         self.length_mm = length_mm
         self.speed_mm_s = speed_mm_s
@@ -125,11 +125,11 @@ class Planner:
     ) -> None:
         self.limits = limits
         self._slows_short_moves = slowdown
-        self.target = start  # target of the last queued move
+        self.target_mm = start  # target of the last queued move
         self.move_count = 0  # number of moves queued since the start
         self.busy_s = 0.0  # total duration of the finished moves
         self.idle_since_s = 0.0  # time at which the queue became empty; undefined while it has moves
-        self._head_position = start  # position at which the executing block began
+        self._head_position_mm = start  # position at which the executing block began
         self._on_move = on_move
         self._blocks: list[Block] = []
         self._final_count = 1  # number of front blocks whose entry speed is final
@@ -152,10 +152,10 @@ class Planner:
         blocks = self._blocks
         while blocks and self._end_s <= now_s:
             block = blocks.pop(0)
-            self._head_position = block.target
+            self._head_position_mm = block.target_mm
             self.busy_s += self._end_s - self._start_s
             if block.e_mm:
-                self._on_move(block.e_mm, block.target[2])
+                self._on_move(block.e_mm, block.target_mm[2])
             if blocks:
                 self._begin(self._end_s)
             else:
@@ -184,7 +184,7 @@ class Planner:
         now_s
             Time at which the move is queued.
         """
-        x0, y0, z0, e0 = self.target
+        x0, y0, z0, e0 = self.target_mm
         x, y, z, e = target
         dx, dy, dz, de = x - x0, y - y0, z - z0, e - e0
         limits = self.limits
@@ -220,7 +220,7 @@ class Planner:
             acceleration_mm_s2 = self._limit_acceleration(dx, dy, dz, de, length_mm, acceleration_mm_s2)
         max_entry_mm_s = self._limit_junction_speed(vx, vy, vz, ve, speed_mm_s)
         self._append(Block(target, de, length_mm, speed_mm_s, acceleration_mm_s2, max_entry_mm_s), now_s)
-        self.target = target
+        self.target_mm = target
         self._axis_speeds_mm_s = (vx, vy, vz, ve)
         self._speed_mm_s = speed_mm_s
         self.move_count += 1
@@ -236,7 +236,7 @@ class Planner:
     def compute_position(self, now_s: float) -> Point:
         """Compute the position of head and feeder; the queue must be advanced to `now_s`."""
         if not self._blocks:
-            return self._head_position
+            return self._head_position_mm
         block = self._blocks[0]
         entry_mm_s, top_mm_s, acceleration_time_s, cruise_s = self._ramps
         elapsed_s = now_s - self._start_s
@@ -250,7 +250,9 @@ class Planner:
                 top_mm_s * deceleration_time_s - 0.5 * block.acceleration_mm_s2 * deceleration_time_s**2
             )
         fraction = min(1.0, max(0.0, distance_mm / block.length_mm))
-        x, y, z, e = (a + (b - a) * fraction for a, b in zip(self._head_position, block.target, strict=True))
+        x, y, z, e = (
+            a + (b - a) * fraction for a, b in zip(self._head_position_mm, block.target_mm, strict=True)
+        )
         return (x, y, z, e)
 
     def stop(self, now_s: float) -> Point:
@@ -259,15 +261,15 @@ class Planner:
         position = self.compute_position(now_s)
         if self._blocks:
             self.busy_s += now_s - self._start_s
-            if position[3] != self._head_position[3]:
-                self._on_move(position[3] - self._head_position[3], position[2])
+            if position[3] != self._head_position_mm[3]:
+                self._on_move(position[3] - self._head_position_mm[3], position[2])
         self._blocks.clear()
         self.set_position(position, now_s)
         return position
 
     def set_position(self, position: Point, now_s: float) -> None:
         """Set the position of the empty queue, after homing."""
-        self.target = self._head_position = position
+        self.target_mm = self._head_position_mm = position
         self.idle_since_s = now_s
 
     def _limit_acceleration(

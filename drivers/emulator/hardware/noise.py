@@ -28,7 +28,7 @@ class Noise:
         self._probabilities = faults.noise, faults.lost, faults.doubled
         self._rate = sum(self._probabilities)
         self._scale = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
-        self._gap = self._draw_gap()  # bytes until the next damaged one
+        self._gap_bytes = self._draw_gap()  # bytes until the next damaged one
         self._sent_lines: dict[bytes, bytes] = {}  # the last lines as sent, by number
         self._incomplete_line = b""
 
@@ -37,19 +37,19 @@ class Noise:
 
     def carry(self, data: bytes) -> bytes:
         """Return the bytes as the other end receives them."""
-        if len(data) <= self._gap:
-            self._gap -= len(data)
+        if len(data) <= self._gap_bytes:
+            self._gap_bytes -= len(data)
             return data
         received_bytes = bytearray()
         start = 0
-        while start + self._gap < len(data):
-            received_bytes += data[start : start + self._gap]
-            start += self._gap
+        while start + self._gap_bytes < len(data):
+            received_bytes += data[start : start + self._gap_bytes]
+            start += self._gap_bytes
             received_bytes += self._damage(data[start])
             start += 1
-            self._gap = self._draw_gap()
+            self._gap_bytes = self._draw_gap()
         received_bytes += data[start:]
-        self._gap -= len(data) - start
+        self._gap_bytes -= len(data) - start
         return bytes(received_bytes)
 
     def carry_to_board(self, data: bytes) -> bytes:

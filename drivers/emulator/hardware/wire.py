@@ -12,14 +12,14 @@ class Wire:
     """One direction of the line. The bytes of one call of `put` arrive together, when the last one does."""
 
     def __init__(self, baud_rate: int) -> None:
-        self._byte_s = BYTE_BITS / baud_rate
+        self._byte_duration_s = BYTE_BITS / baud_rate
         self._in_transit: deque[tuple[float, bytes]] = deque()
         self._free_s = -math.inf
 
     def put(self, data: bytes, now_s: float) -> None:
         """Send bytes after those in transit."""
         if data:
-            self._free_s = max(self._free_s, now_s) + len(data) * self._byte_s
+            self._free_s = max(self._free_s, now_s) + len(data) * self._byte_duration_s
             self._in_transit.append((self._free_s, data))
 
     def take(self, now_s: float) -> bytes:

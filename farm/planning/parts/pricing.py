@@ -125,7 +125,7 @@ class _PartLayers:
     scale_z: float
 
     def __call__(self, height_mm: float) -> float:
-        return self.layer_fit.fit(self.scale_z * height_mm).other_mm
+        return self.layer_fit.fit(self.scale_z * height_mm).other_layers_mm
 
 
 def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> PrintTimeSettings:

@@ -15,7 +15,7 @@ from drivers.emulator.firmware.machine import read_value
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import add_frame, add_frames, compute_checksum, remove_frame
 from drivers.gcode.frame import MAX_FRAME_BYTES, compute_running_checksums
-from drivers.gcode.line import is_plain_move
+from drivers.gcode.line import match_plain_move
 from drivers.printers import PROFILES
 
 LETTERS = [bytes([letter]) for letter in b"ABCDEFGHIJKLMOPQRSTUVWXYZ"]  # no N, the line's number
@@ -123,7 +123,7 @@ def test_blank_is_inserted_only_where_needed():
 @given(st.integers(1, 60_000), st.integers(0, 199_999), st.integers(0, 10**7))
 def test_few_lines_need_a_blank(number, x_um, e_10nm):
     command = b"G1 X%.3f E%.5f" % (x_um / 1000, e_10nm / 1e5)
-    assert is_plain_move(command)
+    assert match_plain_move(command)
     line = b"N%d %b" % (number, command)
     plain_line = b"%b*%d\n" % (line, compute_checksum(line))
     collides = any(

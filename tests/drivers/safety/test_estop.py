@@ -195,7 +195,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_listener: bool
 ):
     for name, rule in tuple(heater_watch.RULES.items()):
-        monkeypatch.setitem(heater_watch.RULES, name, replace(rule, cooling_s=1.0))
+        monkeypatch.setitem(heater_watch.RULES, name, replace(rule, cooling_timeout_s=1.0))
     master, slave = pty.openpty()
     tty.setraw(slave)
 

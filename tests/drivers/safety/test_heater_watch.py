@@ -87,7 +87,7 @@ def test_heater_that_leaves_its_target_is_detected(name: HeaterName, is_on: bool
         now_s += 3.0
         assert now_s < deviation_start_s + 400.0
     assert result.fault is (Fault.HEATER_STUCK_ON if is_on else Fault.THERMAL_RUNAWAY)
-    assert abs(curve.now_c - set_c) > RULES[name].hold_c
+    assert abs(curve.now_c - set_c) > RULES[name].max_deviation_c
 
 
 @pytest.mark.parametrize("name", [NOZZLE, BED])

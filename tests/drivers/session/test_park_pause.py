@@ -24,7 +24,7 @@ def test_pause_parks_and_keeps_the_bed_warm_and_the_print_resumes_exactly(lines:
     assert rig.session.context.pause_ends_s == pytest.approx(paused_at_s + PAUSE_LIMIT_S, abs=60.0)
     assert rig.session.context.filament is Filament.PARKED
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-    assert rig.firmware.machine.planner.target[:2] == (10.0, 200.0)
+    assert rig.firmware.machine.planner.target_mm[:2] == (10.0, 200.0)
     rig.session.resume(rig.now_s)
     rig.run()
     assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
@@ -78,10 +78,10 @@ def test_head_leaves_a_part_above_the_finished_ones(is_cancelled: bool):
         rig.step()
     rig.run(
         until=lambda: (
-            b"G28 X0" in rig.sent_bytes[index:] if is_cancelled else planner.target[:2] == (10.0, 200.0)
+            b"G28 X0" in rig.sent_bytes[index:] if is_cancelled else planner.target_mm[:2] == (10.0, 200.0)
         )
     )
-    assert planner.target[2] >= 69.9
+    assert planner.target_mm[2] >= 69.9
     rig.session.resume(rig.now_s)
     rig.run()
     assert rig.session.context.phase is (PrintPhase.CANCELLED if is_cancelled else PrintPhase.DONE)
@@ -120,7 +120,7 @@ def test_head_clears_the_highest_part_without_layer_comments(has_layers: bool):
     rig = Rig(text=text if has_layers else text.replace(";LAYER:0\n", "")).run_until_printing(60)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
-    assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0
+    assert 90.0 <= rig.firmware.machine.planner.target_mm[2] <= 92.0
 
 
 @pytest.mark.parametrize("step_count", range(12))

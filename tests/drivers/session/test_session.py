@@ -197,8 +197,8 @@ def test_repeated_and_late_cancels_change_nothing():
 
 def test_accelerated_pace_is_bounded_in_wall_time():
     pace = Pace.from_clock(Clock(scale=60.0))
-    assert (pace.min_timeout_s, pace.printing_s) == (120.0, 30.0)
-    assert Pace.from_clock(Clock()).printing_s == 3.0
+    assert (pace.min_timeout_s, pace.printing_interval_s) == (120.0, 30.0)
+    assert Pace.from_clock(Clock()).printing_interval_s == 3.0
 
 
 def test_report_is_requested_by_a_numbered_line():

@@ -28,22 +28,22 @@ cases = st.sampled_from(CASES)
 
 
 def fit_layer_heights(height_mm, nozzle_mm, heights):
-    return fit_heights(height_mm, heights, max_first_mm=0.8 * nozzle_mm)
+    return fit_heights(height_mm, heights, max_first_layer_mm=0.8 * nozzle_mm)
 
 
 @given(st.floats(0.2, MAX_HEIGHT_MM), cases)
 def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height_mm, case):
     nozzle_mm, heights = case
     result = fit_layer_heights(height_mm, nozzle_mm, heights)
-    assert abs(result.other_mm / heights.other_mm - 1) <= 0.04 + 1e-9
-    assert 0.75 * heights.first_mm - 1e-3 <= result.first_mm <= 0.8 * nozzle_mm + 1e-9
-    assert result.first_mm <= 1.25 * heights.first_mm + 1e-3
+    assert abs(result.other_layers_mm / heights.other_layers_mm - 1) <= 0.04 + 1e-9
+    assert 0.75 * heights.first_layer_mm - 1e-3 <= result.first_layer_mm <= 0.8 * nozzle_mm + 1e-9
+    assert result.first_layer_mm <= 1.25 * heights.first_layer_mm + 1e-3
 
 
 @given(st.floats(0.0, 1.0), cases)
 def test_every_part_of_enough_layers_is_printed_to_its_height(share, case):
     nozzle_mm, heights = case
-    lowest_mm = MIN_EXACT_LAYERS * heights.other_mm
+    lowest_mm = MIN_EXACT_LAYERS * heights.other_layers_mm
     height_mm = lowest_mm + share * (MAX_HEIGHT_MM - lowest_mm)
     assert (
         abs(
@@ -58,8 +58,8 @@ def test_every_part_of_enough_layers_is_printed_to_its_height(share, case):
 def test_first_layer_changes_by_over_4_percent_only_if_less_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
     result = fit_layer_heights(height_mm, nozzle_mm, heights)
-    assert fit_heights(height_mm, heights, max_first_mm=0.0).first_mm == heights.first_mm
-    if abs(result.first_mm / heights.first_mm - 1) > 0.04 + 1e-9:
+    assert fit_heights(height_mm, heights, max_first_layer_mm=0.0).first_layer_mm == heights.first_layer_mm
+    if abs(result.first_layer_mm / heights.first_layer_mm - 1) > 0.04 + 1e-9:
         assert compute_error_um(height_mm, heights, list_first_layers_um(heights)) > 17
 
 
@@ -67,21 +67,21 @@ def test_first_layer_changes_by_over_4_percent_only_if_less_cannot_reach_the_hei
 def test_layers_are_the_largest_that_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
     result = fit_layer_heights(height_mm, nozzle_mm, heights)
-    if abs(result.first_mm / heights.first_mm - 1) > 0.04 + 1e-9:
+    if abs(result.first_layer_mm / heights.first_layer_mm - 1) > 0.04 + 1e-9:
         return
     # A change of the first layer by 4 % counts as much as one of the other layers by 0.4 %.
-    smallest_um = 1000 * (result.other_mm + 0.004 * heights.other_mm) + 1
+    smallest_um = 1000 * (result.other_layers_mm + 0.004 * heights.other_layers_mm) + 1
     larger_um = [layer_um for layer_um in list_layers_um(heights) if layer_um > smallest_um]
     assert compute_error_um(height_mm, heights, list_first_layers_um(heights), larger_um) > 17
 
 
 def list_first_layers_um(heights):
-    first_um = round(1000 * heights.first_mm)
+    first_um = round(1000 * heights.first_layer_mm)
     return range(int(np.ceil(0.96 * first_um)), int(1.04 * first_um) + 1)
 
 
 def list_layers_um(heights):
-    other_um = round(1000 * heights.other_mm)
+    other_um = round(1000 * heights.other_layers_mm)
     return range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1)
 
 
@@ -97,7 +97,7 @@ def compute_error_um(height_mm, heights, first_layers_um, layers_um=None):
 @pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
 def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
     """Check every whole micrometre from a few layers up to the height of the tallest printer."""
-    first_um = round(1000 * heights.first_mm)
+    first_um = round(1000 * heights.first_layer_mm)
     low_um, high_um = round(0.75 * first_um), min(round(1.25 * first_um), round(800 * nozzle_mm))
     assert find_reached_heights(heights, low_um, high_um).all()
     assert not find_reached_heights(heights, first_um, first_um).all()
@@ -105,7 +105,7 @@ def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
 
 def find_reached_heights(heights, low_um, high_um):
     """Return for each height in um whether a first layer within the limits reaches it to within 20 um."""
-    other_um, count = round(1000 * heights.other_mm), int(1000 * MAX_HEIGHT_MM)
+    other_um, count = round(1000 * heights.other_layers_mm), int(1000 * MAX_HEIGHT_MM)
     is_reached = np.zeros(count + 1, dtype=bool)
     for layer_um in range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1):
         for top_um in range(0, count, layer_um):
@@ -124,7 +124,9 @@ def test_fitting_never_increases_the_height_error(height_mm, case):
 
 def test_mean_layer_is_that_of_fitted_parts():
     layer_fit = LayerFit(REQUESTED_HEIGHTS[0.4], 0.32)
-    mean_mm = np.mean([layer_fit.fit(mm).other_mm for mm in np.random.default_rng(1).uniform(20, 150, 2000)])
+    mean_mm = np.mean(
+        [layer_fit.fit(mm).other_layers_mm for mm in np.random.default_rng(1).uniform(20, 150, 2000)]
+    )
     assert layer_fit.compute_mean_layer_mm() == pytest.approx(mean_mm, rel=0.005)
     assert layer_fit.compute_mean_layer_mm() > 1.02 * 0.2
 

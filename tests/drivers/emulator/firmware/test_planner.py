@@ -106,14 +106,14 @@ def test_moves_end_at_their_target_and_never_early(moves: list[Point], speed_mm_
     for target in moves:
         bench.add_move(target, speed_mm_s)
         assert len(bench.planner) <= CAPACITY
-        move_mm = math.dist(bench.planner.target[:3], position_mm[:3])
+        move_mm = math.dist(bench.planner.target_mm[:3], position_mm[:3])
         min_s += move_mm / speed_mm_s
-        position_mm = bench.planner.target
+        position_mm = bench.planner.target_mm
     assert bench.finish() >= min_s * (1 - 1e-9)
     # Moves of less than six steps are added to the next ones.
     for axis, steps_per_mm in enumerate((80.0, 80.0, 200.0, 369.0)):
-        assert bench.planner.target[axis] == pytest.approx(moves[-1][axis], abs=5.001 / steps_per_mm)
-    assert bench.fed_mm == pytest.approx(bench.planner.target[3])
+        assert bench.planner.target_mm[axis] == pytest.approx(moves[-1][axis], abs=5.001 / steps_per_mm)
+    assert bench.fed_mm == pytest.approx(bench.planner.target_mm[3])
     assert bench.planner.busy_s <= bench.planner.idle_since_s + 1e-9
 
 
