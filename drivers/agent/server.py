@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 _MAX_REQUEST_BYTES = 64 * 1024
 _MAX_CLIENTS = 16  # the daemon, a bridge and a few users; each takes a descriptor
 _REQUEST_TIMEOUT_S = 10.0  # wall seconds between the first and the last byte of a request
-_ACCEPT_PAUSE_S = 1.0  # wall seconds without new clients after no descriptor was free
+_ACCEPT_PAUSE_S = 1.0  # wall seconds for which no client is accepted after the descriptors have run out
 _LOG_INTERVAL_S = 60.0  # wall seconds between two warnings
 _MAX_BACKLOG_BYTES = 1024 * 1024  # a client that reads too slowly is dropped; it can reconnect
 

@@ -33,7 +33,7 @@ class Faults:
     slowdown: bool = False  # not a fault: short moves are slowed down while few are queued
     # when lines are read or answered; probabilities per line
     checksum: float = 0.0  # a byte of a received line is flipped
-    no_number: float = 0.0  # a received line lacks its number: refused, without a Resend
+    no_number: float = 0.0  # a received line lacks its number, and is refused without a Resend
     no_checksum: float = 0.0  # a received line lacks its checksum
     wrong_number: float = 0.0  # a received line has the number of the one before
     drop_ok: float = 0.0  # an ok is lost on its way to the host

@@ -109,7 +109,7 @@ class Program:
     extrusion_line: int
     _relative_lines: array[int]  # lines at which G91 alternately takes effect and ends
     _relative_e_lines: array[int]  # the same for M83
-    _peak_lines: array[int]
+    _peak_lines: array[int]  # lines that rise above all lines before them, and upper bounds of their heights
     _peaks_mm: array[float]
 
     @property

@@ -19,7 +19,7 @@ LINE_TIMEOUT_S = 50.0  # timeout of a line
 POLL_TIMEOUT_S = 150.0  # timeout of an M105, which waits behind up to 8 moves
 MAX_MOVE_MM = 460.0  # longest straight move over the largest bed
 MAX_ARC_MM = 1450.0  # longest arc
-QUEUED_LINES = 32  # number of lines behind a slow move whose answers it delays: 16 planned, 8 waiting
+QUEUED_LINES = 32  # number of lines after a slow move whose answers it may delay: the board holds 16 + 8
 _BLOCK_LINES = 256
 
 _MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")

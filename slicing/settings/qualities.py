@@ -55,7 +55,7 @@ class HiddenLayers:
 class Quality:
     """Quality of the farm: one of Cura's, with changes that the user's own settings override."""
 
-    bases: tuple[str, ...]  # the first one that exists for the nozzle and the material
+    bases: tuple[str, ...]  # Cura's qualities; the first that exists for the nozzle and the material is used
     changes: Mapping[str, Any]
     fits_layers: bool = False  # layer heights are fitted to each part's height
     compensates_shrinkage: bool = False  # parts are printed larger by the shrinkage of their material

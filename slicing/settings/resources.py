@@ -80,10 +80,10 @@ class Machine:
     model: str
     name: str  # the product's name in material files
     quality_definition: str
-    has_variants: bool  # a profile for each nozzle
-    has_materials: bool  # each material has its own qualities
+    has_variants: bool  # True if each nozzle has its own profile
+    has_materials: bool  # True if each material has its own qualities
     excluded_materials: frozenset[str]
-    nozzle_mm: float  # without a variant
+    nozzle_mm: float  # diameter of the nozzle if there is no variant
     diameter_mm: float  # of the filament
     settings: Mapping[str, Setting]
     extruder: Mapping[str, Setting]
