@@ -98,7 +98,7 @@ class StoredSlice:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that a reader sees either all of it or no file."""
+    """Write a file such that a reader sees either the whole file or none."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:

@@ -49,7 +49,7 @@ class Faults:
     kill_after: int = 0  # calls kill(), as when its dead-man timer expires
     zero_after: int = 0  # silently sets the nozzle's target to 0
     # heaters and sensors
-    dead_nozzle: bool = False  # the element gives no heat
+    dead_nozzle: bool = False  # the heating element produces no heat
     dead_bed: bool = False
     weak_nozzle: bool = False  # gets no warmer than `WEAK_NOZZLE_C`
     weak_bed: bool = False  # gets no warmer than `WEAK_BED_C`

@@ -59,7 +59,7 @@ class Firmware:
     last_line_resends
         True if a ``Resend`` and possibly an ok follow the answer; lines sent after the query are lost then.
     acknowledges_read_moves
-        True if moves are acknowledged when they are read; else after execution, as all other commands are.
+        True if moves are acknowledged when they are read, not after execution as all other commands are.
     ok_details
         Pattern of the text that may follow an ``ok``; group 1 is the line number. None if nothing follows.
     keep_alive

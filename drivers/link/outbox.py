@@ -154,7 +154,7 @@ class Outbox:
     # --- sending ---
 
     def take_encoded(self) -> bytes | None:
-        """Return the next line if it is ordinary and already encoded; else None, so call `take_next`."""
+        """Return the next line if it is ordinary and already encoded; if this is None, call `take_next`."""
         number = self._cursor + 1
         if number < len(self._frames) and self._base + self._cursor > self._slow_path_end:
             self._cursor = number

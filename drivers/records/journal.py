@@ -32,10 +32,10 @@ def read_journal(path: Path) -> tuple[JournalState, int]:
     (JournalState, int)
         The state, and the length of the complete records in bytes.
     """
-    state, length, may_be_hot = JournalState(), 0, False
+    state, length_bytes, may_be_hot = JournalState(), 0, False
     if path.exists():
         for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the last one is incomplete
-            length += len(line) + 1
+            length_bytes += len(line) + 1
             try:
                 record = json.loads(line)
                 state.apply(record)
@@ -45,7 +45,7 @@ def read_journal(path: Path) -> tuple[JournalState, int]:
                 state.board.attention_reason = f"its journal is damaged: see line {number} of {path}"
                 may_be_hot = True
     state.board.hot = state.board.hot or may_be_hot
-    return state, length
+    return state, length_bytes
 
 
 class Journal:
@@ -59,9 +59,9 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.state, self._length = read_journal(path)
+        self.state, self._length_bytes = read_journal(path)
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        os.ftruncate(self._fd, self._length)
+        os.ftruncate(self._fd, self._length_bytes)
         _sync_folder(path)  # else a power cut may lose a new file with all its records
 
     def write(self, at_s: float, **record: Any) -> None:
@@ -74,17 +74,17 @@ class Journal:
         """
         line = (json.dumps({"at_s": round(at_s, 3), **record}) + "\n").encode()
         try:
-            os.lseek(self._fd, self._length, os.SEEK_SET)
+            os.lseek(self._fd, self._length_bytes, os.SEEK_SET)
             if os.write(self._fd, line) < len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._fd)
         except OSError as error:
             with suppress(OSError):
-                os.ftruncate(self._fd, self._length)
+                os.ftruncate(self._fd, self._length_bytes)
             raise JournalError(
                 f"{self._path}: cannot be written ({error.strerror}); check its disk"
             ) from error
-        self._length += len(line)
+        self._length_bytes += len(line)
         self.state.apply(record)
 
     def shorten(self, max_bytes: int = MAX_BYTES) -> bool:
@@ -97,7 +97,7 @@ class Journal:
         bool
             True if it was replaced.
         """
-        if self._length <= max_bytes:
+        if self._length_bytes <= max_bytes:
             return False
         new_path, old_path = (self._path.with_name(self._path.name + suffix) for suffix in (".new", ".1"))
         data = b"".join(json.dumps(record).encode() + b"\n" for record in self.state.list_records())
@@ -119,7 +119,7 @@ class Journal:
             os.close(descriptor)
             return False
         os.close(self._fd)
-        self._fd, self._length = descriptor, len(data)
+        self._fd, self._length_bytes = descriptor, len(data)
         with suppress(OSError):
             _sync_folder(self._path)
         return True

@@ -120,13 +120,15 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     if not has_stopped or context.position_mm is None:
         raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
     motion = MotionState(program, done_lines)
-    position = [
+    position_mm = [
         reported_mm if math.isnan(tracked_mm) else tracked_mm
         for tracked_mm, reported_mm in zip(motion.position_mm, context.position_mm, strict=True)
     ]
     yield from park(context, motion.retracted_mm, can_extrude=True)
-    lift = b"G1 F1200 Z%.3f" % (position[2] + compute_lift_mm(context, position[2], done_lines))
-    yield from send(context, b"G90", lift, b"G1 F9000 X%g Y%g" % context.profile.pause_xy_mm, b"M104 S0")
+    lift_command = b"G1 F1200 Z%.3f" % (position_mm[2] + compute_lift_mm(context, position_mm[2], done_lines))
+    yield from send(
+        context, b"G90", lift_command, b"G1 F9000 X%g Y%g" % context.profile.pause_xy_mm, b"M104 S0"
+    )
     context.nozzle_paused = True
     yield from arm_dead_man(context, PAUSE_DEAD_MAN_S)
     yield from _await_resume(context)
@@ -138,16 +140,16 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     context.filament = Filament.UNKNOWN
     yield from send(
         context,
-        *_list_return_commands(motion, position, context.profile.park_retraction_mm),
+        *_list_return_commands(motion, position_mm, context.profile.park_retraction_mm),
         firmware.wait_moves,
     )
     context.filament = Filament.AT_NOZZLE
     context.phase = PrintPhase.PRINTING
 
 
-def _list_return_commands(motion: MotionState, position: Point, park_retraction_mm: float) -> list[bytes]:
+def _list_return_commands(motion: MotionState, position_mm: Point, park_retraction_mm: float) -> list[bytes]:
     """List the commands that push the filament, return to the part and restore the file's settings."""
-    x, y, z, e = position
+    x, y, z, e = position_mm
     push_mm = park_retraction_mm - motion.retracted_mm
     last_mm = min(LAST_EXTRUSION_MM, push_mm)
     commands = [b"G91", b"G1 F300 E%.3f" % (push_mm - last_mm), b"G90"]

@@ -19,7 +19,7 @@ from slicing.gcode_lines import PLAIN_MOVE, Words, parse_words, split_line
 Floats = npt.NDArray[np.float64]
 
 # The second group matches any text, so `re` never backtracks over a block and the time stays linear. A block
-# is bounded because the engine of `re` keeps 50 bytes for each byte of it.
+# is bounded because `re` needs 50 bytes of memory for each byte of a block.
 _BLOCK = re.compile(rb"((?:%b\n){0,1000})([^\n]*\n?)" % PLAIN_MOVE)
 _LETTERS = b"GFXYZE\r\n"
 _LETTERS_TO_SPACES = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))

@@ -67,7 +67,7 @@ class Quality:
     has_single_hidden_walls: bool = False
 
 
-# The settings of the prints in the Parallelobox paper, for comparisons of times with it.
+# The settings of the prints in the Parallelobox paper, to compare print times with it.
 _PAPER = Quality(
     ("fast", "standard"),
     {

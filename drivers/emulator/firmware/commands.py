@@ -97,8 +97,8 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
     axes = named_axes if any(named_axes) else [True, True, True]
     home_mm = machine.board.profile.home_mm
     x, y, z, e = machine.planner.target_mm
-    position = [x, y, z]
-    travel_s = [abs(h - p) / v for h, p, v in zip(home_mm, position, HOMING_SPEED_MM_S, strict=True)]
+    position_mm = [x, y, z]
+    travel_s = [abs(h - p) / v for h, p, v in zip(home_mm, position_mm, HOMING_SPEED_MM_S, strict=True)]
     duration_s = 0.0
     if axes[0] or axes[1]:
         duration_s += (
@@ -116,11 +116,11 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
         return
     for i in range(3):
         if axes[i]:
-            position[i] = machine.position_mm[i] = home_mm[i]
+            position_mm[i] = machine.position_mm[i] = home_mm[i]
             machine.shift_mm[i] = 0.0
             machine.homed_axes[i] = True
     machine.is_homed = all(machine.homed_axes)
-    machine.planner.set_position((position[0], position[1], position[2], e), begin_s + duration_s)
+    machine.planner.set_position((position_mm[0], position_mm[1], position_mm[2], e), begin_s + duration_s)
     machine.board.change_count += 1
 
 
@@ -129,22 +129,22 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     f, i, j = read_value(line, b"F"), read_value(line, b"I") or 0.0, read_value(line, b"J") or 0.0
     if f is not None and f > 0.0:
         machine.feedrate_mm_s = f / 60.0
-    start = tuple(machine.position_mm)
-    target = list(start)
+    start_mm = tuple(machine.position_mm)
+    target_mm = list(start_mm)
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
         number = read_value(line, letter)
         if number is not None:
             relative = machine.is_relative or (axis == 3 and machine.is_e_relative)
-            target[axis] = start[axis] + number if relative else number
-    centre_x, centre_y = start[0] + i, start[1] + j
-    to_x, to_y = target[0] - centre_x, target[1] - centre_y
+            target_mm[axis] = start_mm[axis] + number if relative else number
+    centre_x, centre_y = start_mm[0] + i, start_mm[1] + j
+    to_x, to_y = target_mm[0] - centre_x, target_mm[1] - centre_y
     angle_rad = math.atan2(-i * to_y + j * to_x, -i * to_x - j * to_y)
     if read_value(line, b"G") == 2:
         angle_rad = angle_rad - 2 * math.pi if angle_rad >= 0 else angle_rad
     else:
         angle_rad = angle_rad + 2 * math.pi if angle_rad <= 0 else angle_rad
     radius_mm = math.hypot(i, j)
-    distance_mm = math.hypot(angle_rad * radius_mm, target[2] - start[2])
+    distance_mm = math.hypot(angle_rad * radius_mm, target_mm[2] - start_mm[2])
     chord_count = max(1, min(MAX_ARC_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
     start_angle_rad = math.atan2(-j, -i)
     modes, machine.is_relative, machine.is_e_relative = (
@@ -158,11 +158,11 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
             None,
             centre_x + radius_mm * math.cos(start_angle_rad + angle_rad * fraction),
             centre_y + radius_mm * math.sin(start_angle_rad + angle_rad * fraction),
-            start[2] + (target[2] - start[2]) * fraction,
-            start[3] + (target[3] - start[3]) * fraction,
+            start_mm[2] + (target_mm[2] - start_mm[2]) * fraction,
+            start_mm[3] + (target_mm[3] - start_mm[3]) * fraction,
             now_s,
         )
-    machine.queue_linear_move(None, target[0], target[1], target[2], target[3], now_s)
+    machine.queue_linear_move(None, target_mm[0], target_mm[1], target_mm[2], target_mm[3], now_s)
     machine.is_relative, machine.is_e_relative = modes
 
 

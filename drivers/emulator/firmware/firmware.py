@@ -33,7 +33,7 @@ WATCHDOG_S = 4.07  # time from kill() to the reset by the watchdog
 
 
 class EmulatedFirmware(Listener):
-    """One printer from power-on; opening its port calls `reset`.
+    """Firmware of one emulated printer from power-on; opening the port calls `reset`.
 
     Parameters
     ----------

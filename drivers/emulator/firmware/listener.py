@@ -129,7 +129,7 @@ class Listener(ABC):
         return True
 
     def _end_move(self, number: int) -> None:
-        """Acknowledge a move if it is in the planner; else leave its ok pending."""
+        """Acknowledge a move if it is in the planner; otherwise leave its ok pending."""
         self._number = number
         self._busy_message_s = self._time_s + self.machine.keep_alive_s
         if self.machine.waiting_moves:

@@ -18,7 +18,7 @@ from drivers.emulator.hardware.board import EmulatedBoard
 KEEP_ALIVE_S = 2.0  # seconds between two busy messages after a reset
 MAX_EXTRUSION_MM = 1000.0
 MAX_NOZZLE_C = 275.0
-DEAD_HEATER_S = 30.0  # time until the firmware detects a heater that gives no heat
+DEAD_HEATER_S = 30.0  # time until the firmware detects a heater that produces no heat
 SD_BYTES_PER_S = 500.0
 WIRE_S = 0.010  # upper bound of a line's time on a real wire, including the answer
 

@@ -172,12 +172,12 @@ class Planner:
         """Time at which the executing move ends; the queue must not be empty."""
         return self._end_s
 
-    def add(self, target: Point, feedrate_mm_s: float, now_s: float) -> None:
+    def add(self, target_mm: Point, feedrate_mm_s: float, now_s: float) -> None:
         """Queue a straight move. The queue must have a free place and be advanced to `now_s`.
 
         Parameters
         ----------
-        target
+        target_mm
             Position of head and feeder at the end of the move, in mm.
         feedrate_mm_s
             Feed rate, before the limits apply.
@@ -185,7 +185,7 @@ class Planner:
             Time at which the move is queued.
         """
         x0, y0, z0, e0 = self.target_mm
-        x, y, z, e = target
+        x, y, z, e = target_mm
         dx, dy, dz, de = x - x0, y - y0, z - z0, e - e0
         limits = self.limits
         length_mm = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -219,8 +219,8 @@ class Planner:
         if dz or abs(de) > length_mm * 0.5 or acceleration_mm_s2 > 4000.0:
             acceleration_mm_s2 = self._limit_acceleration(dx, dy, dz, de, length_mm, acceleration_mm_s2)
         max_entry_mm_s = self._limit_junction_speed(vx, vy, vz, ve, speed_mm_s)
-        self._append(Block(target, de, length_mm, speed_mm_s, acceleration_mm_s2, max_entry_mm_s), now_s)
-        self.target_mm = target
+        self._append(Block(target_mm, de, length_mm, speed_mm_s, acceleration_mm_s2, max_entry_mm_s), now_s)
+        self.target_mm = target_mm
         self._axis_speeds_mm_s = (vx, vy, vz, ve)
         self._speed_mm_s = speed_mm_s
         self.move_count += 1

@@ -22,7 +22,7 @@ class Heater:
         holds it. Above 0, the heater is switched on or off once per period (the bed: 5 s,
         docs/explanation/ultimaker2-serial.md, section 1.2).
     is_dead
-        True if the element gives no heat; the sensor works.
+        True if the heating element produces no heat; the sensor works.
 
     Attributes
     ----------

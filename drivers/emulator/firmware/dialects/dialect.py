@@ -40,7 +40,7 @@ class Dialect:
     reads_while_busy
         True if lines are read, and may be refused, while a command is executed.
     acknowledges_read_moves
-        True if a move is acknowledged when it is read; else after execution.
+        True if a move is acknowledged when it is read, not after execution.
     advanced_ok
         True if an ok can contain the line number and the free space of both buffers.
     keep_alive
@@ -48,7 +48,7 @@ class Dialect:
     find_inactive_since_s
         Function that returns the time from which M85 counts.
     halts
-        True if a fault ends in kill(), until a reset; else moves are refused, and the watchdog resets a
+        True if a fault ends in kill(), until a reset; otherwise moves are refused, and the watchdog resets a
         killed board.
     """
 
