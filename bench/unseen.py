@@ -197,11 +197,11 @@ def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float
     peak_mb = read_peak_mb()
     if result is None:
         no_figures = (None,) * 6
-        return Figures(kind, seed, model.solid.faces, *no_figures, wall_s, peak_mb, reason)
+        return Figures(kind, seed, model.solid.face_count, *no_figures, wall_s, peak_mb, reason)
     return Figures(
         kind,
         seed,
-        model.solid.faces,
+        model.solid.face_count,
         len(result.parts),
         result.serial_s / (printers * result.makespan_s),
         result.sum_s / len(result.parts) / result.makespan_s,

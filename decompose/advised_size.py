@@ -21,7 +21,7 @@ COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are searched
 MAX_HALVINGS = 8  # maximum number of times that the range of sizes is halved
 CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
 MAX_TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the one before
-TRIAL_STEP = 0.96  # ratio of the size in a trial to that in the trial before
+TRIAL_SIZE_RATIO = 0.96  # ratio of the size in a trial to that in the trial before
 TRIAL_BUDGET_S = 2.0  # enough to find a result, although not the best one
 
 
@@ -45,7 +45,7 @@ def advise_longest_side_mm(
         Size in whole mm, close to the largest one with a result; None if there is none.
     """
     longest_mm = float(model.extents_mm.max())
-    max_scale = _find_scale(model, printers, options, cost)
+    max_scale = _estimate_max_scale(model, printers, options, cost)
     if max_scale is None:
         return None
     coarse_options = replace(options, granularity=COARSE_GRANULARITY)
@@ -58,18 +58,18 @@ def advise_longest_side_mm(
             high = scale
         if high <= low * CLOSE_RATIO:
             break
-        scale = (low + high) / 2.0 if low else TRIAL_STEP * high
+        scale = (low + high) / 2.0 if low else TRIAL_SIZE_RATIO * high
     side_mm = math.floor((low or max_scale) * longest_mm)
     for _ in range(MAX_TRIALS):
         if side_mm < 1:
             break
         if _has_result(model, side_mm / longest_mm, printers, options, cost, executor):
             return side_mm
-        side_mm = math.floor(TRIAL_STEP * side_mm)
+        side_mm = math.floor(TRIAL_SIZE_RATIO * side_mm)
     return None
 
 
-def _find_scale(
+def _estimate_max_scale(
     model: Model, printers: Sequence[TargetPrinter], options: Options, cost: CostModel
 ) -> float | None:
     """Estimate the largest scale below 1 at which a coarse grid needs no more parts than printers.
@@ -79,7 +79,8 @@ def _find_scale(
     problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE_GRANULARITY))
     grid = problem.build_grid(model)
     low, high = 0.0, 1.0
-    scale = min(1.0, max(problem.max_part_mm) / float(model.extents_mm.max()))  # the model is about one part
+    # At this scale, the model is about as large as one part.
+    scale = min(1.0, max(problem.max_part_mm) / float(model.extents_mm.max()))
     for _ in range(MAX_HALVINGS):
         boxes = problem.price_boxes(grid, [_scale_volume(p, 1.0 / scale) for p in problem.distinct_printers])
         if Partitioner(boxes).solve(sys.float_info.max) <= len(printers):

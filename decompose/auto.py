@@ -10,8 +10,8 @@ import numpy as np
 
 from decompose.decompose import decompose_model
 from decompose.engines.guillotine import (
-    ASSEMBLE_S,
-    CLEAR_S,
+    ASSEMBLY_S,
+    CLEARING_S,
     CurvePoint,
     classify_printers,
     compute_makespan_curve,
@@ -38,7 +38,7 @@ class CountGoal:
 
     Attributes
     ----------
-    clear_s, assemble_s
+    clearing_s, assembly_s
         Time in seconds that a person needs for each part: to clear its bed, and to glue it. The sum of
         printing and handling is minimised.
     time_limit_s
@@ -48,17 +48,17 @@ class CountGoal:
         Whether the time limit also includes gluing the parts.
     """
 
-    clear_s: float = CLEAR_S
-    assemble_s: float = ASSEMBLE_S
+    clearing_s: float = CLEARING_S
+    assembly_s: float = ASSEMBLY_S
     time_limit_s: float | None = None
     includes_gluing: bool = False
 
     def choose_point(self, points: Sequence[CurvePoint]) -> CurvePoint:
         """Choose a point of a curve."""
         if self.time_limit_s is None:
-            return find_knee(points, self.clear_s, self.assemble_s)
+            return find_knee(points, self.clearing_s, self.assembly_s)
         return find_fewest_in_time(
-            points, self.time_limit_s, self.assemble_s if self.includes_gluing else 0.0
+            points, self.time_limit_s, self.assembly_s if self.includes_gluing else 0.0
         )
 
 

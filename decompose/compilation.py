@@ -37,7 +37,7 @@ _ENGINES = (
 )
 
 
-def compile_all() -> None:
+def compile_functions() -> None:
     """Compile every function for the types that decompositions call it with, and store the code.
 
     Processes that do this at the same time wait for the first one.
@@ -53,7 +53,7 @@ def compile_all() -> None:
 def ensure_compiled() -> None:
     """Compile every function, unless the code for this processor is stored already."""
     if not is_compiled():
-        compile_all()
+        compile_functions()
 
 
 def _cut_small_models() -> None:

@@ -12,7 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from decompose.arrays import Floats, Ints
-from decompose.best import find_best
+from decompose.best import find_best_result
 from decompose.bound import bound_shared_work_s, sum_least_work_s
 from decompose.engines import ENGINES, apply_paper_settings
 from decompose.geometry import Model, Solid
@@ -64,12 +64,14 @@ def decompose_model(
     problem = Problem(model, tuple(printers), cost, options, executor)
     get_serial_s = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
     serial_wall_s = perf_counter() - start_s
-    # The model is usually cut along its own axes. Its work in them is summed here, before the search needs
-    # all processors.
+    # The model is usually cut along its own axes. The least work for cuts along them is summed here, before
+    # the search needs all processors.
     get_least_work_s = problem.start(partial(_sum_least_work_s, problem, vertices[faces]))
     run_with_serial = partial(run_engine, get_serial_s=get_serial_s)
     result = (
-        find_best(problem, run_with_serial) if options.engine is Engine.BEST else run_with_serial(problem)
+        find_best_result(problem, run_with_serial)
+        if options.engine is Engine.BEST
+        else run_with_serial(problem)
     )
     result = _add_bound(problem, result, get_least_work_s)
     stages = result.compute_s | {"serial": serial_wall_s, "total": perf_counter() - start_s}
@@ -139,7 +141,7 @@ def simplify_solid_for_pricing(solid: Solid) -> Solid:
     """Simplify a solid with too many faces to price; this hardly changes its price. Others are unchanged."""
     simplified = solid
     for tolerance_mm in PRICE_TOLERANCES_MM:
-        if simplified.faces <= MAX_PRICED_FACES:
+        if simplified.face_count <= MAX_PRICED_FACES:
             break
         simplified = solid.simplify(tolerance_mm)
     return simplified
@@ -153,7 +155,7 @@ def estimate_serial_s(
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+        (n, 3) in mm and (m, 3) of a closed mesh whose faces point outward.
     cost
         Print time of a part.
     fit_first_layer

@@ -67,7 +67,11 @@ class NoFit(DecomposeError):
 
     @classmethod
     def from_shortage(
-        cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
+        cls,
+        extents_mm: Iterable[float],
+        part_count: int,
+        printer_count: int,
+        printers_to_free: str = "more printers",
     ) -> NoFit:
         """Build the error for more parts than printers.
 
@@ -75,15 +79,15 @@ class NoFit(DecomposeError):
         ----------
         extents_mm
             Size of the model.
-        needed, printers
+        part_count, printer_count
             Number of parts, and number of printers.
-        more
+        printers_to_free
             Description of the printers to free, for the message.
         """
         return cls(
-            f"{format_size(extents_mm)} mm needs {needed} parts, each on its own printer, but there are "
-            f"{printers}: free {more}, or give a smaller --longest-side",
-            needed,
+            f"{format_size(extents_mm)} mm needs {part_count} parts, each on its own printer, but there are "
+            f"{printer_count}: free {printers_to_free}, or give a smaller --longest-side",
+            part_count,
             is_too_large=True,
         )
 

@@ -75,13 +75,13 @@ def is_writable(folder: Path) -> bool:
 
 def is_compiled() -> bool:
     """Check whether the code of all compiled functions for this processor is stored."""
-    return CODE_FOLDER is not None and (CODE_FOLDER / _MARKER).exists()
+    return CODE_FOLDER is not None and (CODE_FOLDER / _MARKER_NAME).exists()
 
 
 def mark_compiled() -> None:
     """Record that the code of all compiled functions for this processor is stored."""
     if CODE_FOLDER is not None:
-        (CODE_FOLDER / _MARKER).touch()
+        (CODE_FOLDER / _MARKER_NAME).touch()
 
 
 def _copy_folder(source: Path, target: Path) -> None:
@@ -103,13 +103,13 @@ def _list_other_folders(name: str) -> Iterator[Path]:
         yield Path(scratch) / name
 
 
-_PACKAGE = Path(__file__).parent
-_HASH = hash_sources(_PACKAGE)
-INSTALLED_FOLDER = _PACKAGE / "__pycache__" / _HASH
+_PACKAGE_FOLDER = Path(__file__).parent
+_SOURCES_HASH = hash_sources(_PACKAGE_FOLDER)
+INSTALLED_FOLDER = _PACKAGE_FOLDER / "__pycache__" / _SOURCES_HASH
 """Folder next to the sources, for all users."""
-CODE_FOLDER = find_code_folder(INSTALLED_FOLDER, _list_other_folders(_HASH))
+CODE_FOLDER = find_code_folder(INSTALLED_FOLDER, _list_other_folders(_SOURCES_HASH))
 """Folder of the machine code; None if it cannot be kept."""
-_MARKER = (
+_MARKER_NAME = (
     f"compiled-{numba.__version__}-{sysconfig.get_config_var('SOABI')}-{llvmlite.binding.get_host_cpu_name()}"
 )
 

@@ -124,7 +124,7 @@ class Options:
     engine
         Engine that cuts the model.
     granularity
-        Cube root of the number of grid cells: a name of `grid.GRANULARITY`, a number, or ``auto``.
+        Cube root of the number of grid cells: a name of `grid.GRANULARITIES`, a number, or ``auto``.
     interior
         Treatment of whole cells deep inside the model.
     min_wall_mm

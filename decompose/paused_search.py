@@ -33,13 +33,13 @@ class PausedSearch:
 
     Attributes
     ----------
-    best
+    best_result
         Best result so far, with the records of all attempts.
     model, cost, executor
         As in `decompose.decompose_model`.
     """
 
-    best: Decomposition
+    best_result: Decomposition
     model: Model
     cost: CostModel
     executor: Executor | None = None
@@ -48,7 +48,7 @@ class PausedSearch:
     def spent_share(self) -> float:
         """Share of the budget that its attempts have spent."""
         remaining_s = sum(trial.budget_s for trial in self.plan_round())
-        return 1.0 - remaining_s / self.best.options.best.budget_s
+        return 1.0 - remaining_s / self.best_result.options.best.budget_s
 
     def plan_round(self) -> tuple[Trial, ...]:
         """Plan the attempts of the next round."""
@@ -59,7 +59,7 @@ class PausedSearch:
 
         The attempt reports the share of the whole budget that it spends; see `decompose.progress`.
         """
-        budget_s = self.best.options.best.budget_s
+        budget_s = self.best_result.options.best.budget_s
         outcome = make_attempt(
             self._problem,
             self._run_engine,
@@ -106,24 +106,24 @@ class PausedSearch:
             result = continue_rounds(self._problem, self._run_engine, state)
         else:
             result = end_rounds(self._problem, state, end_reason)
-        later_attempts = result.attempts[len(self.best.attempts) :]
-        total_s = self.best.compute_s["total"] + sum(attempt.compute_s for attempt in later_attempts)
-        compute_s = result.compute_s | {"serial": self.best.compute_s["serial"], "total": total_s}
-        return replace(result, curve=self.best.curve, compute_s=compute_s)
+        later_attempts = result.attempts[len(self.best_result.attempts) :]
+        total_s = self.best_result.compute_s["total"] + sum(attempt.compute_s for attempt in later_attempts)
+        compute_s = result.compute_s | {"serial": self.best_result.compute_s["serial"], "total": total_s}
+        return replace(result, curve=self.best_result.curve, compute_s=compute_s)
 
     @property
     def _problem(self) -> Problem:
         """Problem with the options of the engine `best`."""
-        best = self.best
+        best = self.best_result
         return Problem(self.model, best.open_printers, self.cost, best.options, self.executor)
 
     @property
     def _state(self) -> SearchState:
         """Attempts and best result so far."""
-        return SearchState(self.best.attempts, self.best)
+        return SearchState(self.best_result.attempts, self.best_result)
 
     @property
     def _run_engine(self) -> Callable[[Problem], Decomposition]:
         """Function that runs the engine of a problem."""
-        serial = (self.best.serial_s, self.best.serial_as_is_s)
+        serial = (self.best_result.serial_s, self.best_result.serial_as_is_s)
         return lambda problem: run_engine(problem, lambda: serial)

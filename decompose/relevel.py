@@ -28,8 +28,8 @@ MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which
 
 def relevel_planes(
     model: Model,
-    previous: Decomposition,
-    sliced_s: Sequence[float],
+    previous_result: Decomposition,
+    sliced_times_s: Sequence[float],
     cost: CostModel,
     executor: Executor | None = None,
 ) -> Decomposition | None:
@@ -39,9 +39,9 @@ def relevel_planes(
     ----------
     model
         Model that was decomposed.
-    previous
+    previous_result
         Its decomposition, which may lack its parts, joints and faults (`Decomposition.without_parts`).
-    sliced_s
+    sliced_times_s
         Sliced time of each of its parts in seconds.
     cost
         Cost model of that decomposition.
@@ -59,21 +59,21 @@ def relevel_planes(
     NoFit, GeometryError
         The result no longer fits, or breaks a geometry rule.
     """
-    if (cutting := previous.cutting) is None:
+    if (cutting := previous_result.cutting) is None:
         return None
     start_s = perf_counter()
-    options = replace(previous.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
-    effort = Effort(previous.options.best.budget_s)
+    options = replace(previous_result.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
+    effort = Effort(previous_result.options.best.budget_s)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
-    cut_boxes = _cut_previous_boxes(problem, cutting, sliced_s)
+    cut_boxes = _cut_previous_boxes(problem, cutting, sliced_times_s)
     shifted_pieces = None if cut_boxes is None else _shift_planes(problem, cut_boxes)
     if shifted_pieces is None:
         return None
-    grid = GridFigures(previous.grid_makespan_s, previous.lower_bound_s, previous.cells)
+    grid = GridFigures(previous_result.grid_makespan_s, previous_result.lower_bound_s, previous_result.cells)
     partition = Partition(tuple(shifted_pieces), problem.model, np.eye(3), grid)
-    result = finish_result(problem, partition, (previous.serial_s, previous.serial_as_is_s))
-    return _copy_history(previous, result, perf_counter() - start_s)
+    result = finish_result(problem, partition, (previous_result.serial_s, previous_result.serial_as_is_s))
+    return _copy_history(previous_result, result, perf_counter() - start_s)
 
 
 def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece] | None:
@@ -86,22 +86,23 @@ def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece]
     )
 
 
-def _copy_history(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
+def _copy_history(previous_result: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
     """Copy the history of a decomposition to the result that improves it."""
     return replace(
         result,
-        engine=previous.engine,
-        options=previous.options,
-        yaw_deg=previous.yaw_deg,
-        attempts=previous.attempts,
-        curve=previous.curve,
-        any_boxes_bound_s=previous.any_boxes_bound_s,
-        compute_s=previous.compute_s | {"again": elapsed_s, "total": previous.compute_s["total"] + elapsed_s},
+        engine=previous_result.engine,
+        options=previous_result.options,
+        yaw_deg=previous_result.yaw_deg,
+        attempts=previous_result.attempts,
+        curve=previous_result.curve,
+        any_boxes_bound_s=previous_result.any_boxes_bound_s,
+        compute_s=previous_result.compute_s
+        | {"again": elapsed_s, "total": previous_result.compute_s["total"] + elapsed_s},
     )
 
 
 def _cut_previous_boxes(
-    problem: Problem, cutting: Cutting, sliced_s: Sequence[float]
+    problem: Problem, cutting: Cutting, sliced_times_s: Sequence[float]
 ) -> list[list[Piece]] | None:
     """Cut the boxes of a decomposition again; each piece gets the ratio of its sliced time to its price.
 
@@ -111,7 +112,7 @@ def _cut_previous_boxes(
         Problem with the aligned model.
     cutting
         Boxes and printers of the parts.
-    sliced_s
+    sliced_times_s
         Sliced times in the order of the parts.
 
     Returns
@@ -119,7 +120,7 @@ def _cut_previous_boxes(
     list or None
         Pieces in each box; None if they differ from the parts.
     """
-    if len(sliced_s) != len(cutting.cut_for):
+    if len(sliced_times_s) != len(cutting.cut_for):
         return None
     # The prices are those of the sliced poses, which may be steadier than the fastest ones.
     prices_s = dict(enumerate(cutting.prices_s))
@@ -141,7 +142,7 @@ def _cut_previous_boxes(
             return None
         part_pieces.append(
             [
-                replace(piece, time_ratio=sliced_s[number] / (prices_s.get(number) or pose.price_s))
+                replace(piece, time_ratio=sliced_times_s[number] / (prices_s.get(number) or pose.price_s))
                 for piece, number, pose in zip(pieces, numbers, poses, strict=True)
             ]
         )

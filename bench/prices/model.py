@@ -38,7 +38,14 @@ from bench.prices.parts import (
     read_rows,
     write_rows,
 )
-from decompose.print_time import ADDITIVE_FEATURES, FACTORS, FEATURES, SUPPORT, CostModel, compute_time_terms
+from decompose.print_time import (
+    ADDITIVE_FEATURES,
+    FACTORS,
+    FEATURES,
+    SUPPORT_TERMS,
+    CostModel,
+    compute_time_terms,
+)
 
 Floats = npt.NDArray[np.float64]
 
@@ -49,7 +56,7 @@ KINDS = {
     "support_s": ("support", "support sides"),
     "brim_s": ("brim",),
 }
-REST_TERMS = ("slope ends", "infill ends", "travel", *SUPPORT)
+REST_TERMS = ("slope ends", "infill ends", "travel", *SUPPORT_TERMS)
 ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit, and lower limit of an error in the weights
 COLUMN_TERM = "columns"  # term of the search's tables, in place of the terms of supports
 
@@ -90,14 +97,14 @@ class Dataset:
             matrix = np.array([self.terms[name][rows] * weight for name in names]).T
             for name, factor in zip(names, _fit(matrix, seconds[rows] * weight), strict=True):
                 factors[name] += float(factor)
-        support = np.sum([factors[name] * self.terms[name] for name in SUPPORT], axis=0)
+        support = np.sum([factors[name] * self.terms[name] for name in SUPPORT_TERMS], axis=0)
         columns = (self.terms[COLUMN_TERM][rows] * weight)[:, None]
         factors[COLUMN_TERM] = float(_fit(columns, support[rows] * weight)[0])
         return factors
 
     def compute_errors(self, factors: dict[str, float], by_tables: bool) -> Floats:
         """Compute the relative errors (rows,) of the prices from tables, or with the part's supports."""
-        excluded_terms = SUPPORT if by_tables else (COLUMN_TERM,)
+        excluded_terms = SUPPORT_TERMS if by_tables else (COLUMN_TERM,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
             if name not in excluded_terms:

@@ -61,8 +61,8 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
     -------
     Bools
         (2 k, n, n) bool: ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. If the
-        bounding boxes of two parts are disjoint in a frame of the axis, these boxes decide, otherwise the
-        shadows of the parts.
+        bounding boxes of two parts are disjoint in a frame of the axis, these boxes decide; otherwise, the
+        shadows of the parts decide.
     """
     count = len(solids)
     blocking = np.zeros((2 * len(axes), count, count), dtype=np.bool_)

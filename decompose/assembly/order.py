@@ -127,7 +127,7 @@ def plan_assembly(
     if len(pieces) < 2:
         return Assembly()
     plan = _Plan(pieces, joints, min_glue_mm2)
-    plan.split_parts(np.ones(len(pieces), dtype=np.bool_), outermost=True)
+    plan.split_parts(np.ones(len(pieces), dtype=np.bool_), is_outermost=True)
     works = [step.work for step in plan.steps]
     steps = (
         replace(plan.steps[number], work_s=works[number].seconds, starts_s=starts_s)
@@ -147,7 +147,7 @@ class _Plan:
         self._joints = joints
         self._mass_properties = [MassProperties.from_solid(piece.solid) for piece in pieces]
         self._volumes_mm3 = np.array([properties.volume_mm3 for properties in self._mass_properties])
-        heights_mm = [properties.points @ axes.T for properties in self._mass_properties]
+        heights_mm = [properties.points_mm @ axes.T for properties in self._mass_properties]
         low_mm, high_mm = (
             np.array([bound(height_mm, axis=0) for height_mm in heights_mm]).T for bound in (np.min, np.max)
         )
@@ -159,14 +159,14 @@ class _Plan:
             np.concatenate([high_mm, -low_mm]),
         )
 
-    def split_parts(self, parts: Bools, *, outermost: bool) -> int:
+    def split_parts(self, parts: Bools, *, is_outermost: bool) -> int:
         """Split a set of parts into single parts, append the steps, and return the level of the last one.
 
         Parameters
         ----------
         parts
             (n,) bool, true for the parts of the set.
-        outermost
+        is_outermost
             Whether the set is glued to no other part; if so, loose bodies in it need no step.
         """
         if parts.sum() < 2:
@@ -177,8 +177,8 @@ class _Plan:
             return 0
         is_loose = not self._search.glue.measure_glued_area_mm2(split)
         sides = sorted((split.is_moved, split.is_fixed), key=lambda side: int(side.sum()))
-        level = 1 + max(self.split_parts(side, outermost=outermost and is_loose) for side in sides)
-        if not (is_loose and outermost):
+        level = 1 + max(self.split_parts(side, is_outermost=is_outermost and is_loose) for side in sides)
+        if not (is_loose and is_outermost):
             self.steps.append(self._build_step(split, level))
         return level
 

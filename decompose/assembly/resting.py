@@ -18,7 +18,7 @@ MIN_STABILITY_MM = 2.0  # minimum distance from the centre of mass to the border
 class MassProperties:
     """Points (n, 3) on a part's surface in mm, its volume in mm3, and its centre of mass (3,) in mm."""
 
-    points: Floats
+    points_mm: Floats
     volume_mm3: float
     centre_mm: Floats
 
@@ -33,7 +33,7 @@ class MassProperties:
 
 
 def find_resting_parts(
-    mass_properties: Sequence[MassProperties], body: Sequence[int], up: Floats
+    mass_properties: Sequence[MassProperties], body: Sequence[int], up_direction: Floats
 ) -> tuple[int, ...]:
     """Find the parts on which a body stands without falling over.
 
@@ -43,7 +43,7 @@ def find_resting_parts(
         All parts, in one frame.
     body
         Numbers of the parts in the body.
-    up
+    up_direction
         (3,) unit vector that points up.
 
     Returns
@@ -51,11 +51,11 @@ def find_resting_parts(
     tuple of int
         Parts that touch the table; empty if the body would fall over.
     """
-    frame = choose_plane_axes(up)
-    heights_mm = {number: mass_properties[number].points @ up for number in body}
+    frame = choose_plane_axes(up_direction)
+    heights_mm = {number: mass_properties[number].points_mm @ up_direction for number in body}
     table_mm = min(float(height_mm.min()) for height_mm in heights_mm.values()) + MAX_CONTACT_HEIGHT_MM
     contacts = {
-        number: mass_properties[number].points[height_mm < table_mm]
+        number: mass_properties[number].points_mm[height_mm < table_mm]
         for number, height_mm in heights_mm.items()
     }
     edges = find_half_planes(find_convex_outline(np.concatenate(list(contacts.values())) @ frame.T))

@@ -1,7 +1,7 @@
 """Schedule of an assembly: the time of each step, and an order in which a person can work while glue dries.
 
 The times are estimates. For models with 6 to 12 parts, their sum agrees with the 3.6 minutes per part in the
-literature (`engines.guillotine.ASSEMBLE_S`).
+literature (`engines.guillotine.ASSEMBLY_S`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class StepWork:
     ----------
     bodies
         Parts of the two bodies that it joins.
-    joints
+    joint_count
         Number of joints that it glues.
     glue_mm2
         Area of these joints.
@@ -36,7 +36,7 @@ class StepWork:
     """
 
     bodies: tuple[frozenset[int], frozenset[int]]
-    joints: int
+    joint_count: int
     glue_mm2: float
     is_steady: bool
 
@@ -45,7 +45,9 @@ class StepWork:
         """Estimated time that a person needs, without waits for glue to dry."""
         single_count = sum(len(body) == 1 for body in self.bodies)
         glue_s = (
-            HOLDING_S + ALIGNMENT_S * self.joints + GLUING_S_PER_MM2 * self.glue_mm2 if self.joints else 0.0
+            HOLDING_S + ALIGNMENT_S * self.joint_count + GLUING_S_PER_MM2 * self.glue_mm2
+            if self.joint_count
+            else 0.0
         )
         return (
             CLEANING_S * single_count + HANDLING_S + glue_s + (0.0 if self.is_steady else UNSTEADY_HOLDING_S)
@@ -60,8 +62,8 @@ class StepWork:
 def order_steps(works: Sequence[StepWork], drying_s: float = DRYING_S) -> list[tuple[int, float]]:
     """Order the steps so that a person can work while glue dries.
 
-    The next step is the first one in the given order whose bodies are dry; if there is none, the one whose
-    bodies are dry first.
+    The next step is the first one in the given order whose bodies are dry. If there is none, the person waits
+    for the step whose bodies will be dry first.
 
     Parameters
     ----------

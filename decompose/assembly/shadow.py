@@ -25,25 +25,27 @@ class Shadow:
 
     Attributes
     ----------
-    first
-        Numbers of the first line along each of the two axes perpendicular to the lines.
+    first_lines
+        Numbers of the first lines along each of the two axes perpendicular to the lines.
     low_mm, high_mm
         (lines, lines) float64 least and greatest coordinate along the axis in mm; inf and -inf for a line
         that misses the part.
     """
 
-    first: tuple[int, int]
+    first_lines: tuple[int, int]
     low_mm: Floats
     high_mm: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
         """Check whether this part blocks another one that moves along the axis, or the opposite way."""
-        start = np.maximum(self.first, other.first)
-        end = np.minimum(np.add(self.first, self.low_mm.shape), np.add(other.first, other.low_mm.shape))
+        start = np.maximum(self.first_lines, other.first_lines)
+        end = np.minimum(
+            np.add(self.first_lines, self.low_mm.shape), np.add(other.first_lines, other.low_mm.shape)
+        )
         if (start >= end).any():
             return False, False
         own_lines, other_lines = (
-            tuple(slice(a - f, b - f) for a, b, f in zip(start, end, shadow.first, strict=True))
+            tuple(slice(a - f, b - f) for a, b, f in zip(start, end, shadow.first_lines, strict=True))
             for shadow in (self, other)
         )
         blocks_along = other.low_mm[other_lines] < self.high_mm[own_lines] - MAX_TOUCH_OVERLAP_MM

@@ -23,7 +23,7 @@ from decompose.pieces import Joint
 MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glue closes along its normal
 MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of a step
 MAX_COMPARED_SPLITS = 8  # maximum number of sliding splits that are compared by taking the set apart
-# Maximum number of sets that are taken apart for this comparison; then the least sliding glue decides.
+# Maximum number of sets that are taken apart for this comparison; after them, the least sliding glue decides.
 MAX_EXAMINED_SETS = 400
 
 
@@ -37,7 +37,7 @@ class Split:
 
     @property
     def smaller_count(self) -> int:
-        """Number of parts of the smaller set."""
+        """Number of parts in the smaller set."""
         return int(min(self.is_moved.sum(), self.is_fixed.sum()))
 
 

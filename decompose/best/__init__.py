@@ -2,7 +2,7 @@
 
 from decompose.best.attempt import Outcome, Trial, make_attempt, rotate_about_z
 from decompose.best.rounds import SearchState, choose_first_grid, plan_next_round
-from decompose.best.search import continue_rounds, end_rounds, find_best
+from decompose.best.search import continue_rounds, end_rounds, find_best_result
 
 __all__ = [
     "Outcome",
@@ -11,7 +11,7 @@ __all__ = [
     "choose_first_grid",
     "continue_rounds",
     "end_rounds",
-    "find_best",
+    "find_best_result",
     "make_attempt",
     "plan_next_round",
     "rotate_about_z",

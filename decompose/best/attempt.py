@@ -58,7 +58,7 @@ def make_attempt(
     Parameters
     ----------
     problem, run_engine
-        As in `find_best`.
+        As in `find_best_result`.
     trial
         Engine, grid, angle and budget.
     best_known_s

@@ -14,11 +14,11 @@ from decompose.best.attempt import Outcome, Trial, rotate_about_z
 from decompose.errors import DecomposeError
 from decompose.grid import count_cells, count_cuts
 from decompose.options import Engine
-from decompose.problem import MAX_CELLS, WORK_NS, Problem, Work, choose_granularity
+from decompose.problem import MAX_GRANULARITY, WORK_NS, Problem, Work, choose_granularity
 from decompose.results import Attempt, Decomposition
 
 GRID_SHARE = 0.5  # share of the budget for the tables of the first grid, its solves and its bound
-USUAL_SOLVES = 30  # usual number of solves on a grid, each for a different limit
+USUAL_SOLVE_COUNT = 30  # usual number of solves on a grid, each for a different limit
 # Minimum remaining budget for another attempt, as a share of the first attempt's effort.
 MIN_START_SHARE = 0.5
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
@@ -38,30 +38,34 @@ class SearchState:
     ----------
     attempts
         Records of the attempts.
-    best
+    best_result
         Best result; None if there is none.
     failure
         Error of the first attempt that had one.
     """
 
     attempts: tuple[Attempt, ...] = ()
-    best: Decomposition | None = None
+    best_result: Decomposition | None = None
     failure: DecomposeError | None = None
 
     @property
     def has_sound_result(self) -> bool:
         """True if the best result has parts without faults."""
-        return self.best is not None and not self.best.faults
+        return self.best_result is not None and not self.best_result.faults
 
     @property
     def best_known_s(self) -> float:
         """Makespan that another attempt has to beat; inf without a sound result."""
-        return self.best.makespan_s if self.best is not None and self.has_sound_result else math.inf
+        return (
+            self.best_result.makespan_s
+            if self.best_result is not None and self.has_sound_result
+            else math.inf
+        )
 
     @property
     def yaw_deg(self) -> float:
         """Angle by which the model of the best result is rotated about z."""
-        return 0.0 if self.best is None else self.best.yaw_deg
+        return 0.0 if self.best_result is None else self.best_result.yaw_deg
 
     def add_round(self, outcomes: Sequence[Outcome]) -> SearchState:
         """Add the outcomes of a round, in the order in which it was planned."""
@@ -70,18 +74,18 @@ class SearchState:
             result = outcome.result
             state = SearchState(
                 (*state.attempts, outcome.attempt),
-                result if result is not None and state.is_beaten_by(result) else state.best,
+                result if result is not None and state.is_beaten_by(result) else state.best_result,
                 state.failure or outcome.error,
             )
         return state
 
     def is_beaten_by(self, result: Decomposition) -> bool:
         """Check whether a result is better than the best one so far."""
-        if self.best is None:
+        if self.best_result is None:
             return True
         if result.yaw_deg and not self.yaw_deg:
             result = replace(result, makespan_s=result.makespan_s / (1.0 - MIN_ROTATION_GAIN))
-        return _make_sort_key(result) < _make_sort_key(self.best)
+        return _make_sort_key(result) < _make_sort_key(self.best_result)
 
 
 def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
@@ -109,7 +113,7 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
         return (Trial(Engine.GUILLOTINE, usual, budget_s=budget_s),)
     trials = next(iter(_list_stages(problem, state)), ())
     remaining_s, first_s = compute_remaining_s(problem, state), state.attempts[0].effort_s
-    is_too_little = state.best is not None and remaining_s < MIN_START_SHARE * first_s
+    is_too_little = state.best_result is not None and remaining_s < MIN_START_SHARE * first_s
     if not trials or remaining_s <= 0.0 or is_too_little:
         return ()
     count = len(trials) if first_s <= 0.0 else min(len(trials), max(1, int(remaining_s / first_s)))
@@ -178,7 +182,7 @@ def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]
 
 def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> tuple[Trial, ...]:
     """List attempts on similar grids at the best angle, each shape once; none if the possible gain is low."""
-    if state.best is not None and state.best.compute_possible_gain(problem.printers) < MIN_GAIN:
+    if state.best_result is not None and state.best_result.compute_possible_gain(problem.printers) < MIN_GAIN:
         return ()
     rotated_problem = rotate_about_z(problem, state.yaw_deg)
     rotated_problem = replace(rotated_problem, options=replace(problem.options, granularity=grid))
@@ -187,7 +191,7 @@ def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> 
     shapes = {count_cells(extents_mm, first_cells)}
     trials = []
     for ratio in OTHER_GRIDS:
-        cells = min(MAX_CELLS, round(ratio * first_cells))
+        cells = min(MAX_GRANULARITY, round(ratio * first_cells))
         shape = count_cells(extents_mm, cells)
         if shape not in shapes:
             shapes.add(shape)
@@ -216,7 +220,7 @@ def _estimate_grid_s(shape: tuple[int, int, int]) -> float:
     """Estimate the effort in s for a grid: its tables, the solves with them, and their bound."""
     boxes = math.prod(n * (n + 1) // 2 for n in shape)
     box_ns = WORK_NS[Work.BOX_PRICED] + WORK_NS[Work.BOX_PROVEN]
-    return (boxes * box_ns + USUAL_SOLVES * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9
+    return (boxes * box_ns + USUAL_SOLVE_COUNT * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9
 
 
 def _make_sort_key(result: Decomposition) -> tuple[bool, float, int]:

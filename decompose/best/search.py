@@ -11,7 +11,7 @@ from decompose.progress import report_progress
 from decompose.results import Decomposition
 
 
-def find_best(problem: Problem, run_engine: EngineRunner) -> Decomposition:
+def find_best_result(problem: Problem, run_engine: EngineRunner) -> Decomposition:
     """Run rounds of attempts until the budget is spent, and return the best result.
 
     Parameters
@@ -30,7 +30,7 @@ def find_best(problem: Problem, run_engine: EngineRunner) -> Decomposition:
 
 
 def continue_rounds(problem: Problem, run_engine: EngineRunner, state: SearchState) -> Decomposition:
-    """Run the rounds that follow those of a state, as `find_best` does.
+    """Run the rounds that follow those of a state, as `find_best_result` does.
 
     With `BestOptions.pauses`, the search pauses before a round of several attempts once there is a sound
     result, which then has `open_printers`.
@@ -38,14 +38,14 @@ def continue_rounds(problem: Problem, run_engine: EngineRunner, state: SearchSta
     Parameters
     ----------
     problem, run_engine
-        As in `find_best`.
+        As in `find_best_result`.
     state
         Attempts and best result so far.
     """
     while trials := plan_next_round(problem, state):
-        if problem.options.best.pauses and len(trials) > 1 and state.best and state.has_sound_result:
+        if problem.options.best.pauses and len(trials) > 1 and state.best_result and state.has_sound_result:
             return replace(
-                state.best,
+                state.best_result,
                 options=problem.options,
                 attempts=state.attempts,
                 open_printers=problem.printers,
@@ -84,9 +84,9 @@ def end_rounds(problem: Problem, state: SearchState, reason: str = SPENT_REASON)
     reason
         Reason why the other attempts are not started.
     """
-    if state.best is None:
+    if state.best_result is None:
         assert state.failure is not None  # the first engine is always tried
         raise state.failure
     attempts = (*state.attempts, *list_open_attempts(problem, state, reason))
     options = replace(problem.options, best=replace(problem.options.best, pauses=False))
-    return replace(state.best, options=options, attempts=attempts, open_printers=())
+    return replace(state.best_result, options=options, attempts=attempts, open_printers=())

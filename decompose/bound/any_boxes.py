@@ -15,12 +15,13 @@ which is allowed only far enough from the surface, on at most a length U of the 
 
 more than printing the whole line in one box. Here k is the least price of a mm2 of cut face in any pose, and
 v that of a mm3, a third of which counts for each of the three lines through a point. The integral over all
-lines of the three axes is the cost of cuts less what hollows save. It increases with L and decreases with
-U. On a grid, therefore, L is the longest run of full cells, and U the length of all cells that may be left
-out. All lines in a row of cells have the same L and U.
+lines of the three axes is the cost of the cuts minus the savings by hollows. It increases with L and
+decreases with U. On a grid, therefore, L is the longest run of full cells, and U the length of all cells that
+may be left out. All lines in a row of cells have the same L and U.
 
-`compute_price_s` subtracts from the price of a box at most the inset over the height of a build volume, and
-the rim of as much skin as fits into a box whose time is at most the limit of the bound.
+`compute_price_s` subtracts savings by insets and rims from the price of a box. The savings by insets are
+limited by the height of a build volume, and those by rims by the skin that can be printed within the upper
+limit of the bound.
 
 As on a grid, a box is priced as one part in an axis pose (`grid.boxes`), even if its solid is in several
 pieces. Supports, brims and minimum layer times only add to the price.
@@ -40,18 +41,18 @@ from decompose.print_time import MEAN_RUN_SHARE, CostModel
 from decompose.printers import TargetPrinter
 
 CELLS_PER_SIDE = 64  # cube root of the number of cells; enough for a wall of 10 mm in a model of 450 mm
-UNREACHED_COS = 1.0  # no component of a unit normal is larger
+UNREACHABLE_COS = 1.0  # no component of a unit normal is larger
 
 
 def sum_least_work_s(
     triangles: Floats, printers: Sequence[TargetPrinter], cost: CostModel, wall_mm: float
 ) -> float:
-    """Sum the least time of all parts of a solid, apart from what each part costs or saves by itself.
+    """Sum the least time of all parts of a solid, without the fixed time and the savings of each part.
 
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm, outward by the right-hand rule, closed.
+        (m, 3, 3) in mm, a closed mesh whose faces point outward by the right-hand rule.
     printers
         Printers, at most one box each, with their build volumes.
     cost
@@ -155,7 +156,7 @@ def _build_grid(triangles: Floats) -> Grid:
         place_planes(lo, hi, max(1, round((hi - lo) / edge_mm)), np.zeros(0))
         for lo, hi in zip(lo_mm.tolist(), hi_mm.tolist(), strict=True)
     )
-    return fill_grid(triangles, (px, py, pz), GridRules(0.0, True, UNREACHED_COS, UNREACHED_COS))
+    return fill_grid(triangles, (px, py, pz), GridRules(0.0, True, UNREACHABLE_COS, UNREACHABLE_COS))
 
 
 def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:

@@ -193,7 +193,7 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
 
 
 @jit
-def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -> _Iterate:
+def _search_best_iterate(p: _Programme, work: _Workspace, printer_count: int, current: _Iterate) -> _Iterate:
     """Search for the best feasible weights and shares by the method of this module.
 
     The search ends when it is known whether more pieces are needed than there are printers.
@@ -202,7 +202,7 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current
     ----------
     p, work
         Linear programme, and workspace.
-    printers
+    printer_count
         Number of printers.
     current
         Iterate to start from, updated in place.
@@ -227,8 +227,8 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current
             if high - low < smallest_gap:
                 smallest_gap, restart = high - low, iterate
         if (
-            lower > printers * (1.0 + TOLERANCE)
-            or upper <= printers
+            lower > printer_count * (1.0 + TOLERANCE)
+            or upper <= printer_count
             or upper - lower < BOUND_TOLERANCE * lower
         ):
             break
@@ -242,21 +242,21 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printers: int, current
 
 @jit
 def _solve_programme(
-    needed: Bools, corners: Ints, pieces: Floats, overlap: Floats, printers: int, weights: Floats
+    is_needed: Bools, corners: Ints, pieces: Floats, overlap: Floats, printer_count: int, weights: Floats
 ) -> _Iterate:
     """Find good feasible weights and shares of a `_Programme`.
 
     Parameters
     ----------
-    needed, corners, pieces, overlap
+    is_needed, corners, pieces, overlap
         Arrays of `_Programme`.
-    printers
+    printer_count
         Maximum number of pieces; the search ends when it is known whether more are needed.
     weights
         (nx, ny, nz) float64 initial weights, updated in place.
     """
-    programme = _Programme(needed, corners, pieces, np.zeros(len(pieces)), overlap)
-    nx, ny, nz = needed.shape
+    programme = _Programme(is_needed, corners, pieces, np.zeros(len(pieces)), overlap)
+    nx, ny, nz = is_needed.shape
     work = _Workspace(
         np.zeros((nx + 1, ny + 1, nz + 1)),
         np.zeros((nx + 1, ny + 1, nz + 1)),
@@ -264,23 +264,25 @@ def _solve_programme(
         np.zeros((nx, ny, nz)),
         np.zeros(len(pieces)),
     )
-    sum_in_boxes(needed.astype(np.float64), corners, work.sums, programme.needed_counts)
+    sum_in_boxes(is_needed.astype(np.float64), corners, work.sums, programme.needed_counts)
     shares = np.full(len(pieces), weights.sum() / pieces.sum())
-    return _search_best_iterate(programme, work, printers, _Iterate(shares, weights))
+    return _search_best_iterate(programme, work, printer_count, _Iterate(shares, weights))
 
 
-def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
+def cover_cells(
+    boxes: BoxTables, is_needed: Bools, limit_s: float, printer_count: int, weights: Floats
+) -> Covering:
     """Cover the needed cells with the fewest boxes within a time limit; fractions of boxes are allowed.
 
     Parameters
     ----------
     boxes
         Tables of the grid.
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells to be covered.
     limit_s
         Maximum time of a box.
-    printers
+    printer_count
         Maximum number of pieces; the search ends when it is known whether more are needed.
     weights
         (nx, ny, nz) float64 initial weights, 0 if a cell is not needed.
@@ -297,9 +299,9 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     count = find_largest_boxes(tables, limit_s, boxes.shape, largest, indices)
     largest = largest[:count].copy()
     corners = find_corners(largest.astype(np.int64), boxes.shape)
-    overlap = np.zeros(needed.shape)
+    overlap = np.zeros(is_needed.shape)
     sum_over_cells(np.ones(len(largest)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
-    uncovered_cells = needed & (overlap < 0.5)
+    uncovered_cells = is_needed & (overlap < 0.5)
     if uncovered_cells.any():
         return Covering(
             (uncovered_cells.cumsum().reshape(uncovered_cells.shape) == 1) * uncovered_cells * 1.0,
@@ -307,5 +309,5 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
             np.zeros(len(largest)),
         )
     pieces = boxes.pieces[indices[:count]].astype(np.float64)
-    best = _solve_programme(needed, corners, pieces, overlap, printers, weights.copy())
+    best = _solve_programme(is_needed, corners, pieces, overlap, printer_count, weights.copy())
     return Covering(best.weights, largest, best.shares)

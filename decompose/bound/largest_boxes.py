@@ -23,7 +23,7 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
     box
         Box in cells, half-open.
     """
-    seconds, trimmed, pieces = tables
+    seconds, trimmed_box, pieces = tables
     index = compute_index(box, shape)
     is_replaceable = False
     for face in range(6):
@@ -34,7 +34,7 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
             x1, y1, z1 = x1 + (face == 3), y1 + (face == 4), z1 + (face == 5)
             if min(x0, y0, z0) < 0 or x1 > shape[0] or y1 > shape[1] or z1 > shape[2]:
                 break
-            larger = trimmed[compute_index((x0, y0, z0, x1, y1, z1), shape)]
+            larger = trimmed_box[compute_index((x0, y0, z0, x1, y1, z1), shape)]
         if larger != index and seconds[larger] <= limit_s:
             is_replaceable = is_replaceable or pieces[larger] <= pieces[index]
     return is_replaceable
@@ -58,7 +58,7 @@ def find_largest_boxes(
         (k, 6) int16 and (k,) int64, filled in with the boxes and their indices; k is at least the number of
         all boxes within the limit.
     """
-    seconds, trimmed, _ = tables
+    seconds, trimmed_box, _ = tables
     nx, ny, nz = shape
     count = 0
     for x0 in range(nx):
@@ -68,7 +68,7 @@ def find_largest_boxes(
                     for z0 in range(nz):
                         for z1 in range(z0 + 1, nz + 1):
                             box = compute_index((x0, y0, z0, x1, y1, z1), shape)
-                            if not seconds[box] <= limit_s or trimmed[box] != box:
+                            if not seconds[box] <= limit_s or trimmed_box[box] != box:
                                 continue
                             if not _is_replaced(tables, limit_s, (x0, y0, z0, x1, y1, z1), shape):
                                 boxes[count, 0], boxes[count, 1], boxes[count, 2] = x0, y0, z0

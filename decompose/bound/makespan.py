@@ -51,10 +51,10 @@ class Bound:
 @jit
 def _find_bound_s(
     weight_sums: Ints,
-    printers: int,
+    printer_count: int,
     makespan_s: float,
     seconds: npt.NDArray[np.float32],
-    trimmed: npt.NDArray[np.int32],
+    trimmed_box: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
 ) -> float:
     """Find the time of the fastest box that holds at least the share of weight for its number of pieces.
@@ -63,11 +63,11 @@ def _find_bound_s(
     ----------
     weight_sums
         (nx + 1, ny + 1, nz + 1) int64 summed-area table of the weights.
-    printers
+    printer_count
         Maximum number of pieces.
     makespan_s
         Upper limit of the result.
-    seconds, trimmed, pieces
+    seconds, trimmed_box, pieces
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 of `BoxTables`.
     """
     nx, ny, nz = weight_sums.shape[0] - 1, weight_sums.shape[1] - 1, weight_sums.shape[2] - 1
@@ -83,23 +83,23 @@ def _find_bound_s(
                     for z0 in range(nz):
                         for z1 in range(z0 + 1, nz + 1):
                             box = row + index_interval(z0, z1, nz)
-                            if not seconds[box] < proven_s or trimmed[box] != box:
+                            if not seconds[box] < proven_s or trimmed_box[box] != box:
                                 continue
                             weight = sum_box(weight_sums, (x0, y0, z0, x1, y1, z1))
-                            if weight * printers >= pieces[box] * total:
+                            if weight * printer_count >= pieces[box] * total:
                                 proven_s = float(seconds[box])
     return proven_s
 
 
-def _compute_bound(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
+def _compute_bound(boxes: BoxTables, weights: Floats, printer_count: int, makespan_s: float) -> Bound:
     """Compute the bound that some weights prove."""
     whole_weights = np.floor(weights * WEIGHT_UNIT).astype(np.int64)
     weight_sums = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     tables = (boxes.seconds, boxes.trimmed_box, boxes.pieces)
-    return Bound(_find_bound_s(weight_sums, printers, makespan_s, *tables), whole_weights)
+    return Bound(_find_bound_s(weight_sums, printer_count, makespan_s, *tables), whole_weights)
 
 
-def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
+def bound_makespan(boxes: BoxTables, is_needed: Bools, printer_count: int, makespan_s: float) -> Bound:
     """Prove a lower bound on the time of the slowest box in all partitions into boxes, guillotine or not.
 
     Parameters
@@ -107,9 +107,9 @@ def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     boxes
         Tables for which the proof holds: a box takes its time in the best of its axis poses, with supports
         down to the bed, and consists of the tables' number of pieces.
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells that must be in a box; at least one.
-    printers
+    printer_count
         Maximum number of pieces.
     makespan_s
         Makespan of a partition into that many pieces, according to the tables.
@@ -120,16 +120,16 @@ def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
         Best proven bound. It is below the optimum because fractions of boxes are allowed, and because the
         linear programmes are solved approximately.
     """
-    weights = needed * (printers / needed.sum())
-    low = _compute_bound(boxes, weights, printers, makespan_s)
+    weights = is_needed * (printer_count / is_needed.sum())
+    low = _compute_bound(boxes, weights, printer_count, makespan_s)
     high_s, limit_s = makespan_s, FIRST_SHARE * makespan_s
     for _ in range(MAX_LIMITS):
         if high_s <= low.seconds * (1.0 + TOLERANCE):
             break
         if limit_s <= low.seconds:
             limit_s = (low.seconds + high_s) / 2.0
-        weights = cover_cells(boxes, needed, limit_s, printers, weights).weights
-        proof = _compute_bound(boxes, weights, printers, makespan_s)
+        weights = cover_cells(boxes, is_needed, limit_s, printer_count, weights).weights
+        proof = _compute_bound(boxes, weights, printer_count, makespan_s)
         low = max(low, proof, key=lambda bound: bound.seconds)
         if proof.seconds <= limit_s:
             high_s = limit_s
@@ -137,19 +137,19 @@ def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
     return low
 
 
-def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
+def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printer_count: int, cost: CostModel) -> float:
     """Compute a lower bound on the makespan of any partition that prints a surface and a volume.
 
     In the best case, all of the surface is level skin, or the flattest slope without skin; cuts, supports,
-    brims and minimum layer times only add to it. At most `printers` parts share the work, each with its fixed
-    time. The time that each part saves because its inner walls are shorter, and because walls cover the rim
-    of its skin, is subtracted.
+    brims and minimum layer times only add to it. At most `printer_count` parts share the work, and each takes
+    its fixed time in addition. The time that each part saves because its inner walls are shorter, and because
+    walls cover the rim of its skin, is subtracted.
 
     Parameters
     ----------
     area_mm2, volume_mm3
         Area of the original surface, and volume of the solid that has to be printed.
-    printers
+    printer_count
         Maximum number of parts.
     cost
         Print time of a part.
@@ -164,4 +164,4 @@ def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, c
     # c S - r sqrt(S) is at least (1 - k) c S - r^2 / (4 k c), for any share k.
     rim_s = cost.skin_rim_s_mm**2 / (4.0 * MAX_INSET_SHARE * cost.skin_s_mm2) if cost.skin_s_mm2 else 0.0
     shared_s = (1.0 - MAX_INSET_SHARE) * surface_s + cost.volume_s_mm3 * volume_mm3
-    return cost.fixed_s + max(0.0, shared_s / printers - rim_s)
+    return cost.fixed_s + max(0.0, shared_s / printer_count - rim_s)

@@ -51,11 +51,15 @@ def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
     """
     if not pins:
         return glue_mm
-    far_mm = glue_mm[cdist(glue_mm, [pin.position_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM]
-    return np.asarray(far_mm if len(far_mm) > (1.0 - MIN_REACHED_SHARE) * len(glue_mm) else far_mm[:0])
+    far_glue_mm = glue_mm[
+        cdist(glue_mm, [pin.position_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM
+    ]
+    return np.asarray(
+        far_glue_mm if len(far_glue_mm) > (1.0 - MIN_REACHED_SHARE) * len(glue_mm) else far_glue_mm[:0]
+    )
 
 
-def sort_places_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.0) -> list[int]:
+def sort_places_by_gain(places_mm: Floats, far_glue_mm: Floats, weights: Floats | float = 1.0) -> list[int]:
     """Sort places by the area of far glue within reach, multiplied by their weights.
 
     Places with little far glue within reach are left out.
@@ -64,7 +68,7 @@ def sort_places_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | flo
     ----------
     places_mm
         (n, 3) points.
-    far_mm
+    far_glue_mm
         (k, 3) points of `find_far_glue`.
     weights
         (n,) weights, or one for all.
@@ -74,7 +78,7 @@ def sort_places_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | flo
     list[int]
         Numbers of the places, the best first.
     """
-    gains_mm2 = (cdist(places_mm, far_mm) < REACH_MM).sum(axis=1) * GLUE_PITCH_MM**2
+    gains_mm2 = (cdist(places_mm, far_glue_mm) < REACH_MM).sum(axis=1) * GLUE_PITCH_MM**2
     order = np.argsort(-gains_mm2 * weights, kind="stable")
     return [int(number) for number in order if gains_mm2[number] >= MIN_GAIN_MM2]
 

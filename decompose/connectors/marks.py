@@ -80,8 +80,8 @@ def place_marks(
     return marks + _number_parts(workpieces, joints, marks), unmarked
 
 
-def _mark_joint(workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], dots: int) -> list[Mark]:
-    """Mark the largest face on both sides, or else the sides that have space; if none has, draw dots."""
+def _mark_joint(workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], dot_count: int) -> list[Mark]:
+    """Mark the largest face on both sides, or else the sides that have space; if no side has, draw dots."""
     best: list[Mark] = []
     for pair in pairs:
         marks = [
@@ -94,7 +94,7 @@ def _mark_joint(workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], dots
         if len(best) == 2:
             break
     if not best and pairs:
-        dotted = [_place_text(workpieces, side, [_draw_dots(dots)]) for side in pairs[0]]
+        dotted = [_place_text(workpieces, side, [_draw_dots(dot_count)]) for side in pairs[0]]
         best = [mark for mark in dotted if mark is not None]
     for mark in best:
         workpieces.tools += mark.grooves
@@ -216,7 +216,7 @@ def _engrave_text(workpieces: Workpieces, side: Side, text: _Text, lines_mm: Flo
 
 
 def _find_up_direction(side: Side) -> Floats:
-    """Find the direction (3,) of the arrow on a face: up in the model, on level faces towards its back."""
+    """Find the direction (3,) of the arrow on a face: up in the model, or to its back on a level face."""
     target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL_COS else 2]
     flat = target - (target @ side.face.normal) * side.face.normal
     return np.asarray(flat / np.linalg.norm(flat))

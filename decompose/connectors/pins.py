@@ -141,7 +141,7 @@ class _PinPlacer:
     ----------
     workpieces
         Parts, with the tools placed so far; new tools are added.
-    number, step
+    step_number, step
         Number of the step, and the step.
     sites, sliding_sites
         Faces that close along the direction of the step, and faces that slide along it.
@@ -152,7 +152,7 @@ class _PinPlacer:
     """
 
     workpieces: Workpieces
-    number: int
+    step_number: int
     step: AssemblyStep
     sites: list[Site]
     sliding_sites: list[Site]
@@ -168,7 +168,7 @@ class _PinPlacer:
         pins: list[Pin] = []
         key_placer, *thin_key_placers = [
             KeyPlacer(
-                KeyMaker(self.workpieces, self.number, self.step.direction, key_mm),
+                KeyMaker(self.workpieces, self.step_number, self.step.direction, key_mm),
                 self.sites,
                 self.glue_mm,
                 pins,
@@ -289,10 +289,10 @@ class _PinPlacer:
         return SLOT_MM * separation_vector_mm / separation_mm if separation_mm > FAR_PAIR_MM else np.zeros(3)
 
     def _find_farthest_pair(
-        self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]
+        self, deep_areas: list[shapely.Geometry], shallow_areas: list[shapely.Geometry]
     ) -> tuple[float, tuple[int, Floats], tuple[int, Floats]] | None:
         """Find the deep and the shallow place that are farthest apart: their distance, sites and points."""
-        ends = [self._list_corners(places) for places in (deep, shallow)]
+        ends = [self._list_corners(areas) for areas in (deep_areas, shallow_areas)]
         if not all(len(sites) for sites, _ in ends):
             return None
         separations_mm = cdist(*(self._project_points(points) for _, points in ends))
@@ -344,8 +344,8 @@ class _PinPlacer:
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
         """Place a shallow pin that reaches the most glue far from other pins; None if none is worthwhile."""
-        far_mm = find_far_glue(self.glue_mm, pins)
-        if not len(far_mm):
+        far_glue_mm = find_far_glue(self.glue_mm, pins)
+        if not len(far_glue_mm):
             return None
         places = self._find_places(True)
         sites, corners = self._list_corners(places)
@@ -355,16 +355,16 @@ class _PinPlacer:
         ]
         sites += [number for number, points in enumerate(inner_points_mm) for _ in points]
         points = np.concatenate([corners, *inner_points_mm])
-        for best in sort_places_by_gain(points, far_mm):
+        for best in sort_places_by_gain(points, far_glue_mm):
             pin = self._make_pin(sites[best], points[best], True, np.zeros(3))
             if pin is not None:
                 self.workpieces.tools += pin.holes
                 return pin
         return None
 
-    def _make_pin(self, number: int, point_mm: Floats, is_shallow: bool, slot_mm: Floats) -> Pin | None:
+    def _make_pin(self, site_number: int, point_mm: Floats, is_shallow: bool, slot_mm: Floats) -> Pin | None:
         """Make a pin with its holes; None if a hole would need support or lacks clearance."""
-        site = self.sites[number]
+        site = self.sites[site_number]
         depth_mm = choose_depths_mm(self.pin_mm)[is_shallow]
         holes: list[Tool] = []
         for side, stretch_mm in ((site.moved_side, slot_mm), (site.fixed_side, np.zeros(3))):
@@ -380,7 +380,7 @@ class _PinPlacer:
                 return None
             holes.append(hole)
         return Pin(
-            step=self.number,
+            step=self.step_number,
             joint=site.moved_side.joint,
             position_mm=point_mm,
             axis=self.step.direction,

@@ -28,7 +28,7 @@ class Tool:
         (3,) unit vector from that face into the part.
     face_mm
         Coordinate of that face along `inward_normal`.
-    exit
+    exit_direction
         (3,) unit vector along which a groove also leaves its part, through another face that is glued; None
         for a tool that opens at one face only.
     """
@@ -37,7 +37,7 @@ class Tool:
     points_mm: Floats
     inward_normal: Floats
     face_mm: float
-    exit: Floats | None = None
+    exit_direction: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

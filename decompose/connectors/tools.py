@@ -14,7 +14,7 @@ from decompose.connectors.records import Tool
 from decompose.geometry import choose_plane_axes
 
 LIP_MM = 0.1  # distance by which a tool extends beyond its face, so that no film remains
-# Sine of the angle between the flattest ceiling of a hole and the vertical.
+# Maximum sine of the angle between the ceiling of a hole and the vertical.
 MAX_HOLE_SIN = math.sin(math.radians(40.0))
 # The same for a groove; the slicer supports ceilings from 50 degrees.
 MAX_GROOVE_SIN = math.sin(math.radians(47.5))
@@ -39,8 +39,8 @@ that ends in a point closes in a step, which the slicer supports (`closes_in_a_s
 LAYER_HEIGHT_MM = 0.2
 MAX_STEP_MM = 0.23  # maximum step between two layers without support
 MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so a ceiling closes early
-_EDGE_MM = 1e-3
-_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
+_SAME_HEIGHT_MM = 1e-3  # maximum difference of two heights that count as equal
+_MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 _HEXAGON_RAD = np.deg2rad(90.0 + 60.0 * np.arange(6))
 _CONE_RAD = np.deg2rad(45.0 * np.arange(8))
 
@@ -49,7 +49,7 @@ def make_hole(
     part: int,
     mouth_mm: Floats,
     inward_normal: Floats,
-    up: Floats,
+    up_direction: Floats,
     size_mm: tuple[float, float],
     stretch_mm: Floats,
 ) -> Tool | None:
@@ -65,7 +65,7 @@ def make_hole(
         (3,) point where the axis meets the face.
     inward_normal
         (3,) unit vector of the axis, into the part.
-    up
+    up_direction
         (3,) upward direction of the bed in the part's pose, in the same frame.
     size_mm
         Width across the flats, and depth.
@@ -79,7 +79,7 @@ def make_hole(
     """
     width_mm, depth_mm = size_mm
     inner_mm = width_mm / 2.0
-    upwards, across = _choose_cross_axes(inward_normal, up)
+    upwards, across = _choose_cross_axes(inward_normal, up_direction)
     ring = (upwards * np.sin(_HEXAGON_RAD)[:, None] + across * np.cos(_HEXAGON_RAD)[:, None]) * (
         inner_mm / math.cos(math.pi / 6.0)
     )
@@ -89,9 +89,11 @@ def make_hole(
         points = np.concatenate([section - LIP_MM * inward_normal, section + depth_mm * inward_normal])
         if tip:
             ridge = HALF_RIDGE_MM * np.array([[-1.0], [1.0]]) * across
-            points = np.vstack([points, depth_mm * inward_normal + tip * inner_mm * up + ridge])
+            points = np.vstack([points, depth_mm * inward_normal + tip * inner_mm * up_direction + ridge])
         hole = Tool(part, points + mouth_mm, inward_normal, float(mouth_mm @ inward_normal))
-        if compute_overhang_sin(points, inward_normal, up) <= MAX_HOLE_SIN and not closes_in_a_step(hole, up):
+        if compute_overhang_sin(points, inward_normal, up_direction) <= MAX_HOLE_SIN and not closes_in_a_step(
+            hole, up_direction
+        ):
             return hole
     return None
 
@@ -145,20 +147,22 @@ def cut_groove_at_exit(groove: Tool, end_mm: Floats, exit_direction: Floats) -> 
     """
     beyond_mm = ((groove.points_mm - end_mm) @ exit_direction).clip(min=0.0)
     return replace(
-        groove, points_mm=groove.points_mm - np.outer(beyond_mm, exit_direction), exit=exit_direction
+        groove,
+        points_mm=groove.points_mm - np.outer(beyond_mm, exit_direction),
+        exit_direction=exit_direction,
     )
 
 
-def _choose_cross_axes(inward_normal: Floats, up: Floats) -> tuple[Floats, Floats]:
+def _choose_cross_axes(inward_normal: Floats, up_direction: Floats) -> tuple[Floats, Floats]:
     """Choose two unit vectors (3,) across a hole: one as far upwards as possible, the other one level."""
-    upwards = up - (up @ inward_normal) * inward_normal
+    upwards = up_direction - (up_direction @ inward_normal) * inward_normal
     if np.linalg.norm(upwards) < 1e-6:
         upwards = np.cross(np.eye(3)[int(np.abs(inward_normal).argmin())], inward_normal)
     upwards = upwards / np.linalg.norm(upwards)
     return upwards, np.cross(inward_normal, upwards)
 
 
-def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up: Floats) -> float:
+def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up_direction: Floats) -> float:
     """Compute the sine of the angle between the flattest ceiling of a convex tool and the vertical.
 
     The mouth does not count. The sine is negative if nothing overhangs.
@@ -169,15 +173,15 @@ def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up: Floats) -
         (n, 3) corners of the tool.
     inward_normal
         (3,) unit vector from the mouth into the part.
-    up
+    up_direction
         (3,) upward direction of the bed in the part's pose, in the same frame.
     """
     normals = ConvexHull(points_mm).equations[:, :3]
-    sides = normals[normals @ inward_normal > _MOUTH_COS]
-    return float((sides @ up).max())
+    sides = normals[normals @ inward_normal > _MAX_MOUTH_COS]
+    return float((sides @ up_direction).max())
 
 
-def closes_in_a_step(tool: Tool, up: Floats) -> bool:
+def closes_in_a_step(tool: Tool, up_direction: Floats) -> bool:
     """Check whether the ceiling of a tool closes within one layer by more than prints without support.
 
     The sections of a convex tool shrink towards its top. The slicer drops short ones, so a ceiling that ends
@@ -187,31 +191,31 @@ def closes_in_a_step(tool: Tool, up: Floats) -> bool:
     ----------
     tool
         The tool.
-    up
+    up_direction
         (3,) upward direction of the bed in the pose of its part, in the same frame.
     """
-    heights_mm = tool.points_mm @ up
+    heights_mm = tool.points_mm @ up_direction
     high_mm = float(heights_mm.max())
-    top = tool.points_mm[heights_mm > high_mm - _EDGE_MM]
-    if (top @ tool.inward_normal).min() < tool.face_mm + _EDGE_MM:
+    top = tool.points_mm[heights_mm > high_mm - _SAME_HEIGHT_MM]
+    if (top @ tool.inward_normal).min() < tool.face_mm + _SAME_HEIGHT_MM:
         return False  # the section is open at the mouth, so it is a notch in the outline, not a ring
     if 2.0 * float(np.ptp(top, axis=0).max()) < MIN_RING_MM:
         low_mm = float(heights_mm.min())
         for _ in range(10):
             middle_mm = (low_mm + high_mm) / 2.0
-            is_short = _cut_section(tool, up, middle_mm).length < MIN_RING_MM
+            is_short = _cut_section(tool, up_direction, middle_mm).length < MIN_RING_MM
             low_mm, high_mm = (low_mm, middle_mm) if is_short else (middle_mm, high_mm)
-    last = _cut_section(tool, up, high_mm - LAYER_HEIGHT_MM)
+    last = _cut_section(tool, up_direction, high_mm - LAYER_HEIGHT_MM)
     return last.area > 0.0 and not last.buffer(-MAX_STEP_MM).is_empty
 
 
-def _cut_section(tool: Tool, up: Floats, height_mm: float) -> shapely.Geometry:
-    """Cut the section of a tool at a height along `up`; empty if the tool does not reach it."""
-    offsets_mm = tool.points_mm @ up - height_mm
+def _cut_section(tool: Tool, up_direction: Floats, height_mm: float) -> shapely.Geometry:
+    """Cut the section of a tool at a height along `up_direction`; empty if the tool does not reach it."""
+    offsets_mm = tool.points_mm @ up_direction - height_mm
     above, below = np.flatnonzero(offsets_mm > 0.0), np.flatnonzero(offsets_mm <= 0.0)
     if not len(above) or not len(below):
         return shapely.Polygon()
     share = offsets_mm[above][:, None] / (offsets_mm[above][:, None] - offsets_mm[below])
     start = tool.points_mm[above][:, None]
     points = (start + share[..., None] * (tool.points_mm[below] - start)).reshape(-1, 3)
-    return shapely.MultiPoint(points @ choose_plane_axes(up).T).convex_hull
+    return shapely.MultiPoint(points @ choose_plane_axes(up_direction).T).convex_hull

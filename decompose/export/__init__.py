@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from decompose.export.files import FindPlace, draw_parts, write_decomposition, write_parts
+from decompose.export.files import PlaceFinder, draw_parts, write_decomposition, write_parts
 from decompose.export.glb import write_glb
 from decompose.export.picture import draw_assembly
 from decompose.export.step_picture import draw_steps
 
 __all__ = [
-    "FindPlace",
+    "PlaceFinder",
     "draw_assembly",
     "draw_parts",
     "draw_steps",

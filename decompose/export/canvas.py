@@ -14,7 +14,7 @@ from decompose.arrays import Floats
 from decompose.export.raster import Drawing
 
 PX_PER_PT = 100.0 / 72.0
-LABEL_PT, SMALLEST_LABEL_PT = 13.0, 7.0
+LABEL_PT, MIN_LABEL_PT = 13.0, 7.0
 OUTLINE_PT = 1.25  # width of the white outline of a text, which keeps it legible on any colour
 ARROW_PT, ARROW_HEAD_PT = 4.0, 13.0  # width of an arrow, and length of its head
 DOT_SPACING = 2.5  # distance between the dots of a line, in multiples of its width
@@ -45,7 +45,7 @@ class Canvas:
 
     def _find_place(self, x: float, y: float) -> tuple[float, float]:
         """Find the place of a pixel's centre in the image, whose first row is at the top."""
-        scale = self.drawing.oversample
+        scale = self.drawing.oversampling
         return (x + 0.5) * scale, self._image.height - (y + 0.5) * scale
 
     def write_text(
@@ -66,7 +66,7 @@ class Canvas:
         ink
             Colour of the text.
         """
-        scale = self.drawing.oversample * PX_PER_PT
+        scale = self.drawing.oversampling * PX_PER_PT
         font, outline_px = _load_font(round(size_pt * scale)), round(OUTLINE_PT * scale)
         place = np.array(self._find_place(x, y))
         bounds = np.reshape(
@@ -83,7 +83,7 @@ class Canvas:
 
     def draw_line(self, ends: Floats, width_pt: float, ink: str) -> None:
         """Draw a line between two places (2, 2)."""
-        width_px = round(width_pt * PX_PER_PT * self.drawing.oversample)
+        width_px = round(width_pt * PX_PER_PT * self.drawing.oversampling)
         self._draw.line([self._find_place(*end) for end in ends], ink, width_px)
 
     def draw_dots(self, ends: Floats, width_pt: float, ink: str) -> None:
@@ -92,7 +92,7 @@ class Canvas:
         length_px = float(np.linalg.norm(ends[1] - ends[0]))
         count = max(2, 1 + int(length_px / (DOT_SPACING * 2.0 * radius_px)))
         for x, y in np.linspace(ends[0], ends[1], count):
-            self._draw.circle(self._find_place(x, y), radius_px * self.drawing.oversample, ink)
+            self._draw.circle(self._find_place(x, y), radius_px * self.drawing.oversampling, ink)
 
     def draw_arrow(self, start: Floats, end: Floats, ink: str) -> None:
         """Draw an arrow between two places (2,)."""
@@ -119,7 +119,7 @@ class Canvas:
                 continue
             distances_px = distance_transform_edt(np.pad(visible[window] == number, 1))
             row, column = np.unravel_index(int(distances_px.argmax()), distances_px.shape)
-            size_pt = float(np.clip(distances_px.max() / PX_PER_PT, SMALLEST_LABEL_PT, LABEL_PT))
+            size_pt = float(np.clip(distances_px.max() / PX_PER_PT, MIN_LABEL_PT, LABEL_PT))
             self.write_text(window[1].start + column - 1, window[0].start + row - 1, label, size_pt)
         return hidden_labels
 
@@ -128,7 +128,7 @@ class Canvas:
         from PIL import Image
 
         file = BytesIO()
-        picture = self._image.reduce(self.drawing.oversample)
+        picture = self._image.reduce(self.drawing.oversampling)
         method = Image.Quantize.MAXCOVERAGE  # half the time of the default, and files 5 % larger
         picture.quantize(colour_count, method).save(file, "PNG")
         return file.getvalue()

@@ -102,7 +102,7 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
     if keys:
         sentences.append(f"Lay {_count_sizes(keys, 'key')} into the grooves of the lower body, as drawn.")
     for n, body in enumerate(("lower", "upper")):
-        sliding = [pin for pin in pins if pin.slides and pin.holes[n].exit is not None]
+        sliding = [pin for pin in pins if pin.slides and pin.holes[n].exit_direction is not None]
         if sliding:
             sentences.append(
                 f"Glue {_count_sizes(sliding, 'sliding key')} into the short grooves of the {body} body "

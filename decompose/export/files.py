@@ -18,12 +18,12 @@ from decompose.geometry import write_stl
 from decompose.printers import BedPlace
 from decompose.results import Decomposition, Part, check_stl, connect_parts
 
-FindPlace = Callable[[Part], BedPlace | None]
+PlaceFinder = Callable[[Part], BedPlace | None]
 """Function that finds the place of a part on the bed of its printer; None if it is not known."""
 
 
 def write_decomposition(
-    decomposition: Decomposition, folder: Path, find_place: FindPlace = lambda part: None
+    decomposition: Decomposition, folder: Path, find_place: PlaceFinder = lambda part: None
 ) -> Decomposition:
     """Write an STL file of each part, the report, the picture, the GLB and the instructions.
 
@@ -85,7 +85,7 @@ def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
 def draw_parts(
     decomposition: Decomposition,
     folder: Path,
-    find_place: FindPlace = lambda part: None,
+    find_place: PlaceFinder = lambda part: None,
     overview: bytes | None = None,
     steps: Sequence[StepPictures] | None = None,
 ) -> None:

@@ -15,11 +15,11 @@ from decompose.assembly import AssemblyStep
 from decompose.export.picture import make_part_colours
 from decompose.results import Part
 
-METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
+GLTF_TRANSFORM = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
 """Transform from mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
 STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the movement in it
 MIN_MOVE_MM, MIN_MOVE_SHARE = 25.0, 0.3  # minimum movement of a body: in mm, and as a share of its extent
-FLOAT = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
+FLOAT_COMPONENT_TYPE = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
 MODEL_NODE = "model"
 
 
@@ -83,7 +83,8 @@ def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] =
     """
     visual: Any = trimesh.visual  # untyped
     scene: Any = trimesh.Scene()
-    scene.graph.update(MODEL_NODE, matrix=METRES_Y_UP)  # an animated node must not have a matrix of its own
+    # An animated node must not have a matrix of its own.
+    scene.graph.update(MODEL_NODE, matrix=GLTF_TRANSFORM)
     for part, colour in zip(parts, make_part_colours(len(parts)), strict=True):
         vertices, faces = part.solid.arrays()
         material = visual.material.PBRMaterial(
@@ -134,7 +135,7 @@ def _add_values(tree: dict[str, Any], buffers: dict[Any, bytes], values: Floats)
     number = len(tree["accessors"])
     tree["accessors"][f"animation {number}"] = {
         "bufferView": len(buffers),
-        "componentType": FLOAT,
+        "componentType": FLOAT_COMPONENT_TYPE,
         "type": "SCALAR" if data.ndim == 1 else "VEC3",
         "count": len(data),
         "min": np.atleast_1d(data.min(axis=0)).tolist(),

@@ -16,7 +16,7 @@ from decompose.results import Part
 
 WIDTH_RATIO = 1.5  # ratio of the number of columns to that of rows
 GAP_SHARE = 0.15  # gap between two parts, as a share of the longest side
-EYE_DEG = 50.0  # elevation of the eye above the table
+EYE_ELEVATION_DEG = 50.0  # elevation of the eye above the table
 LONG_SIDE_PX = 900
 NAME_PT = 9.0
 BED_COLOUR = np.array([0.93, 0.93, 0.95])
@@ -54,7 +54,7 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
         PNG.
     """
     shapes, front_mm = _lay_out_shapes(parts, order, places)
-    drawing = draw_shapes(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX)
+    drawing = draw_shapes(shapes, make_camera(-90.0, EYE_ELEVATION_DEG), LONG_SIDE_PX)
     canvas = Canvas(drawing)
     canvas.write_labels([find_part_number(parts[number].id) for number in order])
     for number, (x, y) in zip(order, drawing.find_pixels(front_mm), strict=True):
@@ -76,7 +76,7 @@ def _lay_out_shapes(
         [_find_extents(vertices, bed) for (vertices, _), bed in zip(meshes, beds, strict=True)]
     )
     # Depth and height of each part combined, as seen by the eye.
-    visible_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_DEG))
+    visible_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_ELEVATION_DEG))
     pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), visible_mm.max(), 0.0])
     columns = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
     shapes, tables, front_mm = [], [], []

@@ -16,7 +16,7 @@ from decompose.export.raster import Shape, draw_shapes, make_camera
 from decompose.files.names import find_part_number
 from decompose.results import Part
 
-EXPLODED_SHARE = 0.28  # movement of a part away from the middle, as a share of its distance from the middle
+EXPLOSION_SHARE = 0.28  # movement of a part away from the middle, as a share of its distance from the middle
 AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0  # position of the eye: in front, slightly to the right and above
 LETTER_WIDTH_PX = 10.0  # width of a letter of a label
 OVERVIEW_COLOUR_COUNT = 256
@@ -32,7 +32,7 @@ def make_part_colours(count: int) -> Floats:
     return np.array(colours)
 
 
-def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> None:
+def draw_assembly(parts: Sequence[Part], path: Path, long_side_px: int = 1100) -> None:
     """Write a PNG with an exploded view of the parts and their numbers; hidden parts are listed below.
 
     Parameters
@@ -41,7 +41,7 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
         Parts in the model's frame, in mm; at least one.
     path
         File to write.
-    longest_px
+    long_side_px
         Longer side of the picture without its margin, in pixels.
     """
     lo_mm = np.min([p.solid.bounds_mm[0] for p in parts], axis=0)
@@ -50,9 +50,9 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
     shapes = []
     for part, colour in zip(parts, make_part_colours(len(parts)), strict=True):
         vertices, faces = part.solid.arrays()
-        offset_mm = EXPLODED_SHARE * (part.solid.bounds_mm.mean(axis=0) - middle_mm)
+        offset_mm = EXPLOSION_SHARE * (part.solid.bounds_mm.mean(axis=0) - middle_mm)
         shapes.append(Shape((vertices + offset_mm - middle_mm)[faces], colour))
-    drawing = draw_shapes(shapes, make_camera(AZIMUTH_DEG, ELEVATION_DEG), longest_px)
+    drawing = draw_shapes(shapes, make_camera(AZIMUTH_DEG, ELEVATION_DEG), long_side_px)
     canvas = Canvas(drawing)
     hidden_labels = canvas.write_labels([find_part_number(part.id) for part in parts])
     if hidden_labels:

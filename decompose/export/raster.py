@@ -23,14 +23,14 @@ OUTLINE_DEPTH_SHARE = 0.012  # minimum jump of depth at an outline, as a share o
 
 
 @jit
-def _rasterise_triangles(triangles: Floats, depth: Floats, front: Ints) -> None:
+def _rasterise_triangles(triangles: Floats, depth: Floats, front_triangles: Ints) -> None:
     """Draw triangles into buffers of pixels.
 
     Parameters
     ----------
     triangles
         (m, 3, 3) float64 corners in pixels, z towards the eye.
-    depth, front
+    depth, front_triangles
         (height, width) float64 z, and (height, width) int64 index, of the triangle in front; updated in
         place.
     """
@@ -58,11 +58,11 @@ def _rasterise_triangles(triangles: Floats, depth: Floats, front: Ints) -> None:
                 z = z0 + z_x * (x - c[0])
                 if z > depth[y, x]:
                     depth[y, x] = z
-                    front[y, x] = t
+                    front_triangles[y, x] = t
 
 
 @jit
-def _project_triangles(triangles: Floats, frame: Floats, projected: Floats, shades: Floats) -> None:
+def _project_triangles(triangles: Floats, frame: Floats, projected_triangles: Floats, shades: Floats) -> None:
     """Project triangles to the frame of a camera, and compute their shades in the light.
 
     Parameters
@@ -71,21 +71,21 @@ def _project_triangles(triangles: Floats, frame: Floats, projected: Floats, shad
         (m, 3, 3) float64 corners in mm.
     frame
         (3, 3) float64 directions to the right, up, and towards the eye, as rows.
-    projected
-        (m, 3, 3) float64 corners in the frame; written.
+    projected_triangles
+        (m, 3, 3) float64 corners in the frame; filled in.
     shades
-        (m,) float64 brightness from 0 to 1; written.
+        (m,) float64 brightness from 0 to 1; filled in.
     """
     normal = np.zeros(3)
     for t in range(len(triangles)):
         for corner in range(3):
             for axis in range(3):
-                projected[t, corner, axis] = (
+                projected_triangles[t, corner, axis] = (
                     frame[axis, 0] * triangles[t, corner, 0]
                     + frame[axis, 1] * triangles[t, corner, 1]
                     + frame[axis, 2] * triangles[t, corner, 2]
                 )
-        a, b, c = projected[t, 0], projected[t, 1], projected[t, 2]
+        a, b, c = projected_triangles[t, 0], projected_triangles[t, 1], projected_triangles[t, 2]
         for axis in range(3):
             j, k = (axis + 1) % 3, (axis + 2) % 3
             normal[axis] = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
@@ -98,12 +98,12 @@ def _project_triangles(triangles: Floats, frame: Floats, projected: Floats, shad
 
 
 @jit
-def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step_px: float) -> Pixels:
+def _colour_pixels(front_triangles: Ints, depth: Floats, colours: Floats, step_px: float) -> Pixels:
     """Colour the triangles in front, darker next to jumps of depth.
 
     Parameters
     ----------
-    front, depth
+    front_triangles, depth
         (height, width) int64 index, and (height, width) float64 z in pixels, of the triangle in front; -1 and
         -inf where nothing is drawn.
     colours
@@ -120,13 +120,13 @@ def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step_px: float) 
     lowest = np.inf
     for y in range(height):
         for x in range(width):
-            if front[y, x] >= 0:
+            if front_triangles[y, x] >= 0:
                 lowest = min(lowest, depth[y, x])
     background = lowest - 2.0 * step_px
     picture = np.full((height, width, 3), 255, np.uint8)
     for y in range(height):
         for x in range(width):
-            t = front[y, x]
+            t = front_triangles[y, x]
             if t < 0:
                 continue
             doubled_depth = 2.0 * depth[y, x]
@@ -149,7 +149,7 @@ def _colour_pixels(front: Ints, depth: Floats, colours: Floats, step_px: float) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """Triangles (m, 3, 3) in mm, outward, in one colour (3,): red, green and blue from 0 to 1."""
+    """Triangles (m, 3, 3) in mm, facing outward, and their colour (3,): red, green and blue from 0 to 1."""
 
     triangles: Floats
     colour: Floats
@@ -162,7 +162,8 @@ class Drawing:
     Attributes
     ----------
     pixels
-        (oversample h, oversample w, 3) uint8 colours, `oversample` along each side of a pixel of the picture.
+        (oversampling h, oversampling w, 3) uint8 colours, with `oversampling` along each side of a pixel of
+        the picture.
     front_shapes
         (h, w) int64: 1 + the number of the shape in front; 0 for none.
     frame
@@ -178,7 +179,7 @@ class Drawing:
     pixels_per_mm: float
 
     @property
-    def oversample(self) -> int:
+    def oversampling(self) -> int:
         """Number of pixels of the buffer along each side of a pixel of the picture."""
         return len(self.pixels) // len(self.front_shapes)
 
@@ -213,7 +214,7 @@ def make_camera(azimuth_deg: float, elevation_deg: float) -> Floats:
     return np.stack([right, np.cross(eye, right), eye])
 
 
-def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: int = 2) -> Drawing:
+def draw_shapes(shapes: Sequence[Shape], frame: Floats, long_side_px: int, oversampling: int = 2) -> Drawing:
     """Draw shapes without perspective.
 
     Parameters
@@ -222,9 +223,9 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversam
         Shapes in one frame, with at least one triangle.
     frame
         Camera of `make_camera`.
-    longest_px
+    long_side_px
         Longer side of the picture without its margin, in pixels.
-    oversample
+    oversampling
         As in `Drawing`.
     """
     ends = np.cumsum([0, *(len(shape.triangles) for shape in shapes)])
@@ -239,16 +240,16 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversam
         colours[begin:end] = shades[begin:end, None] * shape.colour
     low, high = find_bounds(triangles)
     margin_mm = MARGIN_SHARE * float((high - low)[:2].max())
-    scale = oversample * longest_px / (float((high - low)[:2].max()) + 2.0 * margin_mm)
-    size_px = np.ceil((high - low + 2.0 * margin_mm) * scale / oversample).astype(int) * oversample
+    scale = oversampling * long_side_px / (float((high - low)[:2].max()) + 2.0 * margin_mm)
+    size_px = np.ceil((high - low + 2.0 * margin_mm) * scale / oversampling).astype(int) * oversampling
     depth = np.full((size_px[1], size_px[0]), -np.inf)
-    front = np.full((size_px[1], size_px[0]), -1)
-    _rasterise_triangles((triangles - low + margin_mm) * scale, depth, front)
+    front_triangles = np.full((size_px[1], size_px[0]), -1)
+    _rasterise_triangles((triangles - low + margin_mm) * scale, depth, front_triangles)
     outline_step_px = OUTLINE_DEPTH_SHARE * float(high[2] - low[2]) * scale
     return Drawing(
-        pixels=_colour_pixels(front, depth, colours, outline_step_px),
-        front_shapes=owners[front[::oversample, ::oversample] + 1],
+        pixels=_colour_pixels(front_triangles, depth, colours, outline_step_px),
+        front_shapes=owners[front_triangles[::oversampling, ::oversampling] + 1],
         frame=frame,
         origin_mm=low[:2] - margin_mm,
-        pixels_per_mm=scale / oversample,
+        pixels_per_mm=scale / oversampling,
     )

@@ -58,26 +58,28 @@ class StepPictures:
     top_direction: str
 
 
-def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = None) -> list[StepPictures]:
+def draw_steps(
+    decomposition: Decomposition, first_step: int = 0, end_step: int | None = None
+) -> list[StepPictures]:
     """Draw steps of the assembly, each from a view close to that of the previous step.
 
     Parameters
     ----------
     decomposition
         Decomposition with the parts and the steps.
-    first, end
+    first_step, end_step
         Half-open range of the steps that are drawn; all by default. The views of earlier steps are computed
         too.
     """
     drawings: list[Future[StepPictures]] = []
     azimuth_deg: float | None = None
     with ThreadPoolExecutor(DRAWING_THREADS) as executor:  # views are chosen here while pictures are drawn
-        for number, step in enumerate(decomposition.assembly.steps[:end]):
+        for number, step in enumerate(decomposition.assembly.steps[:end_step]):
             offset_mm = find_gap_mm(step, decomposition) * step.direction
             scene = build_both_bodies(number, decomposition, offset_mm)
             pose = find_pose(step.direction)
             azimuth_deg, elevation_deg = choose_view(scene, pose, ELEVATIONS_DEG, azimuth_deg)
-            if number >= first:
+            if number >= first_step:
                 camera = make_camera(azimuth_deg, elevation_deg) @ pose
                 turned_pose = turn_pose_over(pose, azimuth_deg)
                 cameras = StepCameras(camera, turned_pose, azimuth_deg)
@@ -144,7 +146,7 @@ def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
 
 
 def choose_view(
-    scene: Scene, pose: Floats, elevations_deg: Sequence[float], previous_deg: float | None
+    scene: Scene, pose: Floats, elevations_deg: Sequence[float], previous_azimuth_deg: float | None
 ) -> tuple[float, float]:
     """Choose the view that shows most of the glued faces and pins, close to that of the previous step.
 
@@ -156,7 +158,7 @@ def choose_view(
         (3, 3) directions to the right, back and up in that frame, as rows.
     elevations_deg
         Elevations of the eye that are tried.
-    previous_deg
+    previous_azimuth_deg
         Azimuth of the previous step; None for the first one.
 
     Returns
@@ -170,14 +172,18 @@ def choose_view(
     def compute_merit(view: tuple[float, float]) -> float:
         tilts = outwards @ (make_camera(*view) @ pose)[2]
         visible_mm2 = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT_COS), 0.0)
-        turn_deg = 0.0 if previous_deg is None else abs((view[0] - previous_deg + 180.0) % 360.0 - 180.0)
+        turn_deg = (
+            0.0
+            if previous_azimuth_deg is None
+            else abs((view[0] - previous_azimuth_deg + 180.0) % 360.0 - 180.0)
+        )
         return float(visible_mm2 / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
 
     def score_drawing(view: tuple[float, float]) -> float:
-        drawing = draw_shapes(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversample=1)
+        drawing = draw_shapes(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversampling=1)
         visible_pixels = np.bincount(drawing.front_shapes.ravel(), minlength=1 + len(scene.shapes))[1:]
-        glued_mm2 = visible_pixels[len(scene.parts) : scene.first_pin].sum() / drawing.pixels_per_mm**2
-        is_pin_visible = visible_pixels[scene.first_pin : scene.first_pin + len(scene.pins)] > 0
+        glued_mm2 = visible_pixels[len(scene.parts) : scene.first_pin_shape].sum() / drawing.pixels_per_mm**2
+        is_pin_visible = visible_pixels[scene.first_pin_shape : scene.first_pin_shape + len(scene.pins)] > 0
         return float(glued_mm2 / (areas_mm2.sum() or 1.0)) + PIN_GAIN * float(
             is_pin_visible.mean() if len(is_pin_visible) else 0.0
         )
@@ -264,7 +270,9 @@ def _find_tip(pin: Pin) -> Floats:
 def _name_pins(canvas: Canvas, scene: Scene, points_mm: Sequence[Floats]) -> None:
     """Write the size of each visible pin next to it."""
     drawing = canvas.drawing
-    for number, (pin, point_mm) in enumerate(zip(scene.pins, points_mm, strict=True), scene.first_pin + 1):
+    for number, (pin, point_mm) in enumerate(
+        zip(scene.pins, points_mm, strict=True), scene.first_pin_shape + 1
+    ):
         if not (drawing.front_shapes == number).any():
             continue
         x, y = drawing.find_pixels(point_mm[None])[0]

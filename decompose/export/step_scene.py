@@ -57,7 +57,7 @@ class Scene:
     shapes: list[Shape]
 
     @property
-    def first_pin(self) -> int:
+    def first_pin_shape(self) -> int:
         """Number of the first pin's shape."""
         return len(self.parts) + len(self.glued_faces)
 
@@ -144,14 +144,14 @@ def build_moved_body(number: int, decomposition: Decomposition) -> Scene:
     return Scene(step.moved_parts, glued_faces, pins, shapes)
 
 
-def fill_face(face: JointFace, outward: Floats) -> Floats:
+def fill_face(face: JointFace, outward_normal: Floats) -> Floats:
     """Fill a face with triangles, slightly in front of it.
 
     Parameters
     ----------
     face
         Face of a joint.
-    outward
+    outward_normal
         (3,) unit normal towards the viewer.
 
     Returns
@@ -159,7 +159,7 @@ def fill_face(face: JointFace, outward: Floats) -> Floats:
     ndarray
         (m, 3, 3) triangles in mm.
     """
-    offset_mm = face.offset_mm * face.normal + LIFT_HEIGHT_MM * outward
+    offset_mm = face.offset_mm * face.normal + LIFT_HEIGHT_MM * outward_normal
     triangles = []
     for polygon in list_polygons(face.outline):
         oriented_polygon = shapely.geometry.polygon.orient(polygon)
@@ -167,7 +167,7 @@ def fill_face(face: JointFace, outward: Floats) -> Floats:
             np.array(ring.coords)[:-1] for ring in (oriented_polygon.exterior, *oriented_polygon.interiors)
         ]
         corners = np.concatenate(rings) @ face.axes + offset_mm
-        triangles.append(_orient_triangles(corners[triangulate(rings)], outward))
+        triangles.append(_orient_triangles(corners[triangulate(rings)], outward_normal))
     return np.concatenate(triangles) if triangles else np.zeros((0, 3, 3))
 
 
@@ -194,16 +194,16 @@ def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decompo
 
 def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
     """Make flat triangles (m, 3, 3) of the strokes of a mark, in front of its face."""
-    outward = -mark.grooves[0].inward_normal
-    ends = mark.lines_mm + 3.0 * LIFT_HEIGHT_MM * outward
+    outward_normal = -mark.grooves[0].inward_normal
+    ends = mark.lines_mm + 3.0 * LIFT_HEIGHT_MM * outward_normal
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1, keepdims=True)
-    dot = choose_plane_axes(outward)[0]  # a dot has no direction of its own
+    dot = choose_plane_axes(outward_normal)[0]  # a dot has no direction of its own
     along = np.where(length > 0.0, along / np.maximum(length, 1e-9), dot)
-    half_mm = width_mm / 2.0 * np.cross(outward, along)
+    half_mm = width_mm / 2.0 * np.cross(outward_normal, along)
     a, b = ends[:, 0] - width_mm / 2.0 * along, ends[:, 1] + width_mm / 2.0 * along
     corners = np.stack([a - half_mm, b - half_mm, b + half_mm, a + half_mm], axis=1)
-    return _orient_triangles(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), outward)
+    return _orient_triangles(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), outward_normal)
 
 
 def _make_rod(pin: Pin) -> Floats:
@@ -248,10 +248,10 @@ def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
     return _orient_triangles(corners[[[0, 1, 2], [0, 2, 3]]], up)
 
 
-def _orient_triangles(triangles: Floats, outward: Floats) -> Floats:
+def _orient_triangles(triangles: Floats, outward_normal: Floats) -> Floats:
     """Orient flat triangles (m, 3, 3) so that they face a direction (3,)."""
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    is_reversed = normal @ outward < 0.0
+    is_reversed = normal @ outward_normal < 0.0
     oriented_triangles = triangles.copy()
     oriented_triangles[is_reversed] = oriented_triangles[is_reversed][:, ::-1]
     return oriented_triangles

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from decompose.errors import ModelTooDetailed
 
 BYTES_PER_TRIANGLE = 1500  # maximum memory for reading and repairing a triangle, measured
-OTHER_BYTES = 256 * 2**20  # memory of a process with its libraries
+PROCESS_BYTES = 256 * 2**20  # memory of a process with its libraries
 HEAD_BYTES = 64 * 1024
 """Number of bytes at the start of a file that these checks need."""
 
@@ -40,34 +40,34 @@ def check_head(name: str, head: bytes, size_bytes: int, suffix: str, memory_byte
     ModelTooDetailed
         There are more triangles than fit in memory.
     """
-    count = _FACE_COUNTERS.get(suffix)
-    if count is not None:
-        check_triangles(name, count(head, size_bytes), memory_bytes)
+    count_faces = _FACE_COUNTERS.get(suffix)
+    if count_faces is not None:
+        check_triangles(name, count_faces(head, size_bytes), memory_bytes)
 
 
-def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
+def check_triangles(name: str, triangle_count: int, memory_bytes: int) -> None:
     """Raise `ModelTooDetailed` if a number of triangles does not fit in memory.
 
     Parameters
     ----------
     name
         Name of the file, for messages.
-    triangles
+    triangle_count
         Number of triangles.
     memory_bytes
         Memory of the process that will read the file.
     """
     limit = compute_max_triangles(memory_bytes)
-    if triangles > limit:
+    if triangle_count > limit:
         raise ModelTooDetailed(
-            f"{name}: has {triangles / 1e6:.1f} million triangles, but {memory_bytes / 2**30:.1f} GB of "
+            f"{name}: has {triangle_count / 1e6:.1f} million triangles, but {memory_bytes / 2**30:.1f} GB of "
             f"memory suffice only for {limit / 1e6:.1f} million: simplify its mesh"
         )
 
 
 def compute_max_triangles(memory_bytes: int) -> int:
     """Compute the number of triangles that can be read and repaired in an amount of memory."""
-    return max(0, memory_bytes - OTHER_BYTES) // BYTES_PER_TRIANGLE
+    return max(0, memory_bytes - PROCESS_BYTES) // BYTES_PER_TRIANGLE
 
 
 def is_binary_stl(data: bytes) -> bool:

@@ -11,7 +11,7 @@ from decompose.geometry.convex import (
 from decompose.geometry.model import Model, load_model
 from decompose.geometry.shells import label_components
 from decompose.geometry.solid import Solid, choose_plane_axes, triangulate
-from decompose.geometry.stl import round_triangles, separate_touching, write_stl
+from decompose.geometry.stl import round_triangles, separate_touching_surfaces, write_stl
 from decompose.geometry.symmetry import (
     Mirror,
     draw_mirrors,
@@ -38,7 +38,7 @@ __all__ = [
     "load_model",
     "measure_rectangles",
     "round_triangles",
-    "separate_touching",
+    "separate_touching_surfaces",
     "triangulate",
     "write_stl",
 ]

@@ -106,7 +106,7 @@ def find_half_planes(outline: Floats) -> Floats:
     Returns
     -------
     ndarray
-        (k, 3) float64 rows of a unit normal outwards and an offset in mm.
+        (k, 3) float64 rows of an outward unit normal and an offset in mm.
     """
     edges = np.zeros((len(outline), 3))
     for i in range(len(outline)):

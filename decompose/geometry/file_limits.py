@@ -23,7 +23,7 @@ from decompose.files.triangle_limit import (
 MAX_CORNERS = 10_000
 MAX_PLY_HEADER_BYTES = HEAD_BYTES
 
-_COMMENTS = (b"#", b"comment")
+_COMMENT_MARKS = (b"#", b"comment")
 _CORNER_BYTES = 4  # minimum bytes of a corner in a binary PLY
 _LINE_CONTINUATION = re.compile(rb"\\\r?\n")
 _PLY_BINARY = re.compile(rb"format\s+binary")
@@ -94,4 +94,6 @@ def _count_corners(data: bytes) -> int:
     begins, ends = np.append(0, ends + 1), np.append(ends, len(data))
     is_long = ends - begins > 2 * MAX_CORNERS  # a corner takes at least a digit and a blank
     lines = (data[begin:end].split() for begin, end in zip(begins[is_long], ends[is_long], strict=True))
-    return max((len(words) - 1 for words in lines if words and not words[0].startswith(_COMMENTS)), default=0)
+    return max(
+        (len(words) - 1 for words in lines if words and not words[0].startswith(_COMMENT_MARKS)), default=0
+    )

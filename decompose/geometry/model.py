@@ -111,9 +111,9 @@ def load_model(
     ModelNotSolid
         The model cannot be used; see the classes, approximately in the order of the checks.
     """
-    source = _replace_unprintable(str(path) if name is None else name)
+    source = _replace_unprintable_characters(str(path) if name is None else name)
     suffix = Path(path.name if name is None else name).suffix.lower()
-    name = _replace_unprintable(path.name if name is None else name)
+    name = _replace_unprintable_characters(path.name if name is None else name)
     _check_size_options(scale, longest_side_mm)
     report("reading")
     triangles, notes = _read_triangles(path, source, name, suffix, memory_bytes)
@@ -173,7 +173,7 @@ def _check_scaled_size(name: str, longest_side_mm: float, max_coordinate_mm: flo
         )
 
 
-def _replace_unprintable(text: str) -> str:
+def _replace_unprintable_characters(text: str) -> str:
     """Replace line breaks and unprintable characters, which file names may contain."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
@@ -241,7 +241,7 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
             triangles = np.array(mesh.triangles, dtype=np.float64)
     except Exception as error:  # for hostile bytes a reader may raise any exception
         reason = (
-            _replace_unprintable(str(error).strip().splitlines()[0][:80])
+            _replace_unprintable_characters(str(error).strip().splitlines()[0][:80])
             if str(error).strip()
             else "no reason given"
         )

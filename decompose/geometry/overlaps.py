@@ -170,10 +170,10 @@ def _unite_branches(solid_in_box: Solid) -> Solid | None:
     return None if is_fold else united_solid
 
 
-def _split_branches(piece: Solid, halvings: int) -> list[Solid]:
+def _split_branches(piece: Solid, max_halvings: int) -> list[Solid]:
     """Repeatedly halve a piece that overlaps itself until its branches are separate pieces."""
     boxes_mm = find_overlaps(piece).boxes_mm
-    if not len(boxes_mm) or not halvings:
+    if not len(boxes_mm) or not max_halvings:
         return [piece]
     lo, hi = boxes_mm[:, 0].min(axis=0), boxes_mm[:, 1].max(axis=0)
     axis = int(np.argmax(hi - lo))
@@ -182,5 +182,5 @@ def _split_branches(piece: Solid, halvings: int) -> list[Solid]:
         branch
         for half in halves
         for part in half.list_pieces()
-        for branch in _split_branches(part, halvings - 1)
+        for branch in _split_branches(part, max_halvings - 1)
     ]

@@ -188,17 +188,20 @@ def _find_extents(triangles: Floats, t: int) -> tuple[float, float, float, float
 
 
 @jit_inline
-def _find_ray_range(low: float, high: float, origin: float, step: float, count: int) -> tuple[int, int]:
+def _find_ray_range(
+    low_mm: float, high_mm: float, origin_mm: float, step_mm: float, count: int
+) -> tuple[int, int]:
     """Find the half-open range of the rays from one coordinate to another along an axis.
 
     Parameters
     ----------
-    low, high
-        Coordinates in mm.
-    origin, step, count
-        Coordinate of the first ray and distance between rays in mm, and number of rays.
+    low_mm, high_mm
+        Coordinates.
+    origin_mm, step_mm, count
+        Coordinate of the first ray, distance between rays, and number of rays.
     """
-    return max(0, int(np.ceil((low - origin) / step))), min(count, int(np.ceil((high - origin) / step)))
+    begin = max(0, int(np.ceil((low_mm - origin_mm) / step_mm)))
+    return begin, min(count, int(np.ceil((high_mm - origin_mm) / step_mm)))
 
 
 @jit_inline

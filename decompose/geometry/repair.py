@@ -78,16 +78,16 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
         report(f"joining {bodies_after} bodies")
     solid = _join_bodies(name, closed_bodies, messages)
     del split_bodies, closed_bodies  # the bodies of a large model take a gigabyte
-    single_edges = sum(use.single_count for use in uses)
-    nonmanifold_edges = sum(use.nonmanifold_count for use in uses)
+    single_edge_count = sum(use.single_count for use in uses)
+    nonmanifold_edge_count = sum(use.nonmanifold_count for use in uses)
     if is_changed:
         report("comparing the repaired surface")
-        repairs.append(_judge_repair(name, surface, solid, single_edges, nonmanifold_edges))
-    elif nonmanifold_edges:
+        repairs.append(_judge_repair(name, surface, solid, single_edge_count, nonmanifold_edge_count))
+    elif nonmanifold_edge_count:
         noun = "bodies" if bodies_after > bodies_before else "surfaces"
         repairs.append(
             f"Separated {noun} that touch or overlap "
-            f"({nonmanifold_edges} edges shared by more than two triangles)."
+            f"({nonmanifold_edge_count} edges shared by more than two triangles)."
         )
     if any(use.is_closed and use.repeated_count for use in uses):
         repairs.append("Turned triangles that faced the wrong way.")
@@ -119,7 +119,7 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
     return bodies
 
 
-def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tuple[list[Any], bool]:
+def _close_bodies(bodies: list[Any], edge_uses: list[EdgeUses], report: Report) -> tuple[list[Any], bool]:
     """Close surfaces that enclose a volume; also return whether a hole was filled or a surface changed.
 
     Flat holes are capped. Other holes are closed by MeshFix, one body after the other, because it keeps
@@ -128,7 +128,7 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
     closed_bodies: list[Any] = []
     open_bodies: list[Any] = []
     is_changed = False
-    for number, (body, use) in enumerate(zip(bodies, uses, strict=True), 1):
+    for number, (body, use) in enumerate(zip(bodies, edge_uses, strict=True), 1):
         if use.is_closed and not use.repeated_count:
             closed_bodies.append(body)
             continue
@@ -184,16 +184,16 @@ def _run_mesh_fix(body: Any) -> Any:
 
 
 def _judge_repair(
-    name: str, surface: Surface, solid: Solid, single_edges: int, nonmanifold_edges: int
+    name: str, surface: Surface, solid: Solid, single_edge_count: int, nonmanifold_edge_count: int
 ) -> str:
     """Describe the repair of a surface in a sentence; refuse one that changes too much of the model."""
-    is_open = single_edges > 0
-    unpaired_defect = f"no solid ({nonmanifold_edges} edges whose triangles do not pair up)"
+    is_open = single_edge_count > 0
+    unpaired_defect = f"no solid ({nonmanifold_edge_count} edges whose triangles do not pair up)"
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     new_share = _check_repair(name, mesh, solid, "not closed" if is_open else unpaired_defect)
     return (
-        f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edges} open edges, "
-        f"{nonmanifold_edges} shared by more than two triangles): {100.0 * new_share:.2g} % of the "
+        f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edge_count} open edges, "
+        f"{nonmanifold_edge_count} shared by more than two triangles): {100.0 * new_share:.2g} % of the "
         "surface is new."
     )
 

@@ -35,7 +35,7 @@ def orient_faces(faces: Ints) -> Ints | None:
         (m, 3) int64; None for a one-sided surface.
     """
     tail, head, face = _list_half_edges(faces)
-    order, starts, counts = _sort_by_edge(tail, head)
+    order, starts, counts = _sort_half_edges_by_edge(tail, head)
     first = starts[counts == 2]
     a, b = order[first], order[first + 1]
     is_opposed = tail[a] == tail[b]
@@ -73,7 +73,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
         which the solid begins and ends differ.
     """
     tail, head, face = _list_half_edges(faces)
-    order, starts, counts = _sort_by_edge(tail, head)
+    order, starts, counts = _sort_half_edges_by_edge(tail, head)
     first = starts[counts == 2]
     a, b = order[first], order[first + 1]
     if (tail[a] == tail[b]).any():
@@ -81,7 +81,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     sorted_edges = []
     for start, count in zip(starts[counts > 2], counts[counts > 2], strict=True):
         edge_order = order[start : start + count]
-        sorted_edge = _order_around_edge(vertices, faces, tail, head, face, edge_order)
+        sorted_edge = _sort_half_edges_by_angle(vertices, faces, tail, head, face, edge_order)
         if sorted_edge is None:
             return None
         sorted_edges.append(sorted_edge)
@@ -128,7 +128,7 @@ def find_rims(faces: Ints) -> list[Ints]:
         (k,) int64 vertices of each rim, in the order of a face that fills the hole.
     """
     tail, head, _ = _list_half_edges(faces)
-    order, starts, counts = _sort_by_edge(tail, head)
+    order, starts, counts = _sort_half_edges_by_edge(tail, head)
     single_starts = order[starts[counts == 1]]
     next_vertices = dict(zip(head[single_starts].tolist(), tail[single_starts].tolist(), strict=True))
     rims = []
@@ -224,7 +224,7 @@ def _list_half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
     return faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1), np.arange(3 * len(faces)) // 3
 
 
-def _sort_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
+def _sort_half_edges_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
     """Sort half-edges by their edges; return their order, and the first index and the count of each edge."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))
@@ -251,7 +251,7 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _order_around_edge(
+def _sort_half_edges_by_angle(
     vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, half_edges: Ints
 ) -> tuple[Ints, Bools] | None:
     """Sort the half-edges (k,) of an edge by angle, and find those at which the solid begins.

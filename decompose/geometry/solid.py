@@ -52,7 +52,7 @@ class Solid:
         vertices
             (n, 3) in mm.
         faces
-            (m, 3) indices of vertices, outward by the right-hand rule.
+            (m, 3) indices of vertices; faces point outward by the right-hand rule.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class Solid:
         return cls(_check_status(manifold3d.Manifold.hull_points(points_mm), "building a hull"))
 
     @classmethod
-    def prism(cls, rings_mm: Sequence[Floats], frame: Floats, from_mm: float, to_mm: float) -> Solid:
+    def prism(cls, rings_mm: Sequence[Floats], frame: Floats, start_mm: float, end_mm: float) -> Solid:
         """Extrude a flat outline.
 
         Parameters
@@ -101,12 +101,12 @@ class Solid:
             Closed lines (n, 2) in u and w that do not cross; a line inside another one bounds a hole.
         frame
             (3, 3) orthonormal rows u, w and n.
-        from_mm, to_mm
+        start_mm, end_mm
             Coordinates along n of both ends.
         """
         section = manifold3d.CrossSection(list(rings_mm), manifold3d.FillRule.EvenOdd)
-        upright = manifold3d.Manifold.extrude(section, to_mm - from_mm)
-        placed_manifold = upright.transform(np.column_stack([frame.T, frame[2] * from_mm]))
+        upright = manifold3d.Manifold.extrude(section, end_mm - start_mm)
+        placed_manifold = upright.transform(np.column_stack([frame.T, frame[2] * start_mm]))
         return cls(_check_status(placed_manifold, "extruding an outline"))
 
     @property
@@ -125,7 +125,7 @@ class Solid:
         return float(self.manifold.surface_area())
 
     @property
-    def faces(self) -> int:
+    def face_count(self) -> int:
         """Number of triangles."""
         return int(self.manifold.num_tri())
 
@@ -171,17 +171,17 @@ class Solid:
         """Remove edges shorter than the tolerance, and flatten surfaces that are flat within it."""
         return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
-    def measure_gap_mm(self, other: Solid, up_to_mm: float) -> float:
+    def measure_gap_mm(self, other: Solid, max_gap_mm: float) -> float:
         """Measure the exact distance to another solid in mm; 0 if they meet.
 
         Parameters
         ----------
         other
             The other solid.
-        up_to_mm
+        max_gap_mm
             Maximum of the result; a larger distance is not measured.
         """
-        return float(self.manifold.min_gap(other.manifold, up_to_mm))
+        return float(self.manifold.min_gap(other.manifold, max_gap_mm))
 
     def project(self, frame: Floats) -> list[Floats]:
         """Project along the third row of an orthonormal frame (3, 3) onto the first two.

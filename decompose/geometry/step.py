@@ -24,12 +24,12 @@ CHORD_RAD = 0.2  # maximum angle between neighbouring triangles of a curved face
 MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
-_BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
+_BEGIN_MARK, _END_MARK = b"ISO-10303-21;", b"END-ISO-10303-21;"
 _EDGE_BYTES = 1024  # number of bytes at each end of a file in which these marks must be
 _MM_PER_M = 1000.0  # GLB is in metres
 _FACE_BYTES = 120  # maximum size of a face in a GLB: three corners with normals, and their indices
 _GLB_HEAD_BYTES = 2**20
-_CONVERT = """
+_CONVERTER_PROGRAM = """
 import ctypes, resource, signal, sys
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # ends with its parent process
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[5]), int(sys.argv[5])))
@@ -65,7 +65,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     ModelTooDetailed
         The surface has more triangles than fit in memory.
     """
-    if _BEGIN not in data[:_EDGE_BYTES] or _END not in data[-_EDGE_BYTES:]:
+    if _BEGIN_MARK not in data[:_EDGE_BYTES] or _END_MARK not in data[-_EDGE_BYTES:]:
         raise ModelUnreadable(f"{name}: not a STEP file or only a part of one; copy or export it again")
     if not can_read_step():
         raise ModelUnreadable(
@@ -96,7 +96,7 @@ def _convert_to_glb(name: str, data: bytes, folder: Path) -> Path:
     values = (str(step), str(glb), str(CHORD_MM), str(CHORD_RAD), str(MAX_GLB_BYTES))
     try:
         process = subprocess.run(
-            [sys.executable, "-c", _CONVERT, *values],
+            [sys.executable, "-c", _CONVERTER_PROGRAM, *values],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

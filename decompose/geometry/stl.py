@@ -12,7 +12,7 @@ import trimesh
 from decompose.arrays import Floats, Ints
 from decompose.files.triangle_limit import STL_COUNT_BYTES, STL_FACE_BYTES, STL_HEADER_BYTES
 
-_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
+_FACE_DTYPE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 
 
 def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:
@@ -21,7 +21,7 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3), closed.
+        (n, 3) in mm and (m, 3) of a closed mesh.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     return points[f] if is_each_once and np.array_equal(forward_edges, backward_edges) else None
 
 
-def separate_touching(vertices: Floats, faces: Ints, distance_mm: float) -> Floats:
+def separate_touching_surfaces(vertices: Floats, faces: Ints, distance_mm: float) -> Floats:
     """Move vertices that share a place towards their own faces, so that surfaces that touch there separate.
 
     Where two bodies or two hollows touch, each has a vertex of its own, and the faces at that vertex lie on
@@ -48,7 +48,7 @@ def separate_touching(vertices: Floats, faces: Ints, distance_mm: float) -> Floa
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3), closed, with vertices of their own where surfaces touch.
+        (n, 3) in mm and (m, 3) of a closed mesh; surfaces that touch do not share vertices.
     distance_mm
         Length of the move.
 
@@ -86,7 +86,7 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
 def parse_triangles(data: bytes) -> Floats:
     """Parse the triangles (m, 3, 3) float64 of a complete binary STL, without a copy of its other fields."""
     begin = STL_HEADER_BYTES + STL_COUNT_BYTES
-    faces = np.frombuffer(data, dtype=_FACE, count=(len(data) - begin) // STL_FACE_BYTES, offset=begin)
+    faces = np.frombuffer(data, dtype=_FACE_DTYPE, count=(len(data) - begin) // STL_FACE_BYTES, offset=begin)
     with np.errstate(all="ignore"):  # NaN is refused later
         return faces["corners"].astype(np.float64)
 

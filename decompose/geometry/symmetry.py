@@ -69,12 +69,12 @@ class _VertexCloud:
         return _normalise_rows(self.rng.standard_normal((SAMPLES_PER_ROUND, 3)))
 
     def refine_normal(
-        self, normal: Floats, error_mm: float, samples: int = SAMPLES_PER_ROUND
+        self, normal: Floats, error_mm: float, sample_count: int = SAMPLES_PER_ROUND
     ) -> tuple[Floats, float]:
         """Find the best normal near a given one, and its error in mm."""
         best_error_mm = error_mm
         for cone_rad in CONES_RAD:
-            candidates = _normalise_rows(normal + cone_rad * self.rng.standard_normal((samples, 3)))
+            candidates = _normalise_rows(normal + cone_rad * self.rng.standard_normal((sample_count, 3)))
             errors_mm = [self.measure_error_mm(candidate) for candidate in candidates]
             if min(errors_mm) < best_error_mm:
                 normal, best_error_mm = candidates[int(np.argmin(errors_mm))], min(errors_mm)
@@ -139,7 +139,11 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> 
 
 
 def find_good_mirrors(
-    vertices: Floats, rng: np.random.Generator, max_count: int, samples: int, tolerance: float = TOLERANCE
+    vertices: Floats,
+    rng: np.random.Generator,
+    max_count: int,
+    sample_count: int,
+    tolerance: float = TOLERANCE,
 ) -> list[Mirror]:
     """Find refined planes of symmetry that are good enough, the best first.
 
@@ -149,14 +153,14 @@ def find_good_mirrors(
         As in `find_mirror`.
     max_count
         Maximum number of planes; their normals differ from each other.
-    samples
+    sample_count
         Number of normals in a round.
     """
     cloud = _VertexCloud(vertices, rng, MAX_MIRRORED_VERTICES_OF_PART)
     normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
     ranked_normals = sorted((cloud.measure_error_mm(n), tuple(n)) for n in normals)
     mirrors = [
-        cloud.refine_normal(np.array(n), error_mm, samples)
+        cloud.refine_normal(np.array(n), error_mm, sample_count)
         for error_mm, n in _select_distinct_normals(ranked_normals, max_count)
     ]
     refined_normals = _select_distinct_normals(

@@ -62,7 +62,7 @@ def weld_triangles(triangles: Floats) -> Surface:
     corners = triangles.reshape(-1, 3)
     index, first = number_rows(corners, 1.0 / SAME_VERTEX_MM)
     vertices, triangle_vertices = corners[first], index.reshape(-1, 3)
-    faces = select_distinct(triangle_vertices)
+    faces = select_distinct_faces(triangle_vertices)
     repairs = []
     if len(faces) < len(triangles):
         dropped_count = len(triangles) - len(faces)
@@ -75,7 +75,7 @@ def weld_triangles(triangles: Floats) -> Surface:
             pairs = tree.query_pairs(share * size_mm, output_type="ndarray")
             group = label_components(len(vertices), pairs[:, 0], pairs[:, 1])
             first_of_group = np.unique(group, return_index=True)[1][group]
-            welded_faces = select_distinct(first_of_group[triangle_vertices])
+            welded_faces = select_distinct_faces(first_of_group[triangle_vertices])
             if count_edge_uses(welded_faces).single_count < open_edges / 2:
                 faces = welded_faces
                 repairs.append(f"Joined vertices within {share * size_mm:.1g} mm of each other.")
@@ -83,7 +83,7 @@ def weld_triangles(triangles: Floats) -> Surface:
     return Surface(vertices, faces, tuple(repairs))
 
 
-def select_distinct(faces: Ints) -> Ints:
+def select_distinct_faces(faces: Ints) -> Ints:
     """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     first_slot = f.argmin(axis=1)[:, None]
@@ -159,7 +159,7 @@ def number_rows(rows: npt.NDArray[np.generic], scale: float) -> tuple[Ints, Ints
 
 @jit
 def _find_slot(
-    rows: npt.NDArray[np.generic], scale: float, first: Ints, table: npt.NDArray[np.int32], i: int
+    rows: npt.NDArray[np.generic], scale: float, first_rows: Ints, table: npt.NDArray[np.int32], i: int
 ) -> int:
     """Find the slot of a row in a hash table, or the empty slot for it.
 
@@ -167,7 +167,7 @@ def _find_slot(
     ----------
     rows, scale
         As in `number_rows`.
-    first
+    first_rows
         (n,) int64 index of the first row with each number.
     table
         (slots,) int32 numbers of rows, -1 for an empty slot; the number of slots is a power of two.
@@ -181,7 +181,7 @@ def _find_slot(
     key = (key ^ (key >> 31)) * 0x2545F4914F6CDD1D
     slot = int((key ^ (key >> 29)) & (len(table) - 1))
     while table[slot] >= 0:
-        k = first[table[slot]]
+        k = first_rows[table[slot]]
         if (
             np.rint(rows[k, 0] * scale) == x
             and np.rint(rows[k, 1] * scale) == y

@@ -15,7 +15,7 @@ from decompose.grid.box_index import (
 from decompose.grid.boxes import BoxTables, price_boxes
 from decompose.grid.clipping import OVERHANG, VOLUME
 from decompose.grid.grid import (
-    GRANULARITY,
+    GRANULARITIES,
     PLANE_CLEARANCE_MM,
     Cell,
     Grid,
@@ -28,14 +28,14 @@ from decompose.grid.grid import (
     place_planes,
 )
 from decompose.grid.needed_cells import SAME_PLANE_MM, NeededCells, refine_cells
-from decompose.grid.threads import SHARES, run_shares
+from decompose.grid.threads import SHARE_COUNT, run_shares
 
 __all__ = [
-    "GRANULARITY",
+    "GRANULARITIES",
     "OVERHANG",
     "PLANE_CLEARANCE_MM",
     "SAME_PLANE_MM",
-    "SHARES",
+    "SHARE_COUNT",
     "VOLUME",
     "Box",
     "BoxTables",

@@ -21,7 +21,7 @@ from decompose.grid.box_index import Box, Shape, compute_index, index_box
 from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
 from decompose.grid.piece_counts import count_pieces
-from decompose.grid.threads import SHARES, run_shares
+from decompose.grid.threads import SHARE_COUNT, run_shares
 from decompose.jit import jit
 from decompose.print_time import MEAN_RUN_SHARE, MIN_VISIBLE_MM2, CostModel, Prices, compute_price_s
 from decompose.printers import TargetPrinter
@@ -59,20 +59,20 @@ class BoxTables:
 
 
 @jit
-def _fits_all(volumes: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
+def _fits_all(build_volumes: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
     """Check whether a part fits each build volume, rotated about z if necessary.
 
     Parameters
     ----------
-    volumes
-        (volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
+    build_volumes
+        (build volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
     width_mm, depth_mm, height_mm
         Extents of the part.
     """
-    for v in range(len(volumes)):
+    for v in range(len(build_volumes)):
         fits = False
-        for b in range(volumes.shape[1]):
-            x, y, z = volumes[v, b, 0], volumes[v, b, 1], volumes[v, b, 2]
+        for b in range(build_volumes.shape[1]):
+            x, y, z = build_volumes[v, b, 0], build_volumes[v, b, 1], build_volumes[v, b, 2]
             fits_base = (width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y)
             if height_mm <= z and fits_base:
                 fits = True
@@ -109,12 +109,12 @@ def _widen_ends(ends: Floats, added_ends: Floats) -> None:
 
 
 @jit
-def _find_cell_ends(needed: Bools, extents: Floats) -> Floats:
+def _find_cell_ends(is_needed: Bools, extents: Floats) -> Floats:
     """Find the ends of each cell: those of its solid, and those of the cell itself if it is needed.
 
     Parameters
     ----------
-    needed
+    is_needed
         (nx, ny, nz) bool of `Grid`.
     extents
         (nx, ny, nz, 6) float64 in mm of `Grid`.
@@ -125,14 +125,14 @@ def _find_cell_ends(needed: Bools, extents: Floats) -> Floats:
         (nx, ny, nz, 12) float64: least and greatest x, y and z of the solid in mm (columns 0-2 and 3-5), and
         of the cell in cells (6-8 and 9-11); 1e9 and -1e9 for a cell that is not needed.
     """
-    nx, ny, nz = needed.shape
+    nx, ny, nz = is_needed.shape
     cell_bounds = np.zeros((nx, ny, nz, 6))
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
                 for k in range(6):
                     cell_bounds[x, y, z, k] = 1e9 if k < 3 else -1e9
-                if needed[x, y, z]:
+                if is_needed[x, y, z]:
                     cell_bounds[x, y, z, 0], cell_bounds[x, y, z, 3] = x, x + 1
                     cell_bounds[x, y, z, 1], cell_bounds[x, y, z, 4] = y, y + 1
                     cell_bounds[x, y, z, 2], cell_bounds[x, y, z, 5] = z, z + 1
@@ -140,7 +140,7 @@ def _find_cell_ends(needed: Bools, extents: Floats) -> Floats:
 
 
 @jit
-def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> float:
+def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas_mm2: Floats) -> float:
     """Fill in the cut areas of the sides of a box, and return their sum in mm2.
 
     Parameters
@@ -149,22 +149,22 @@ def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats
         Float64 summed-area tables in mm2 of `Grid.cuts`, for each axis over the two other axes.
     box
         Box in cells, half-open.
-    areas
+    areas_mm2
         (6,) float64 in mm2, filled in: sides -x, +x, -y, +y, -z, +z.
     """
     x0, y0, z0, x1, y1, z1 = box
     cut_x, cut_y, cut_z = cuts
     for i in range(2):
         x, y, z = (x0, y0, z0) if i == 0 else (x1, y1, z1)
-        areas[i] = cut_x[x, y1, z1] - cut_x[x, y0, z1] - cut_x[x, y1, z0] + cut_x[x, y0, z0]
-        areas[2 + i] = cut_y[x1, y, z1] - cut_y[x0, y, z1] - cut_y[x1, y, z0] + cut_y[x0, y, z0]
-        areas[4 + i] = cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z] + cut_z[x0, y0, z]
-    return float(areas.sum())
+        areas_mm2[i] = cut_x[x, y1, z1] - cut_x[x, y0, z1] - cut_x[x, y1, z0] + cut_x[x, y0, z0]
+        areas_mm2[2 + i] = cut_y[x1, y, z1] - cut_y[x0, y, z1] - cut_y[x1, y, z0] + cut_y[x0, y, z0]
+        areas_mm2[4 + i] = cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z] + cut_z[x0, y0, z]
+    return float(areas_mm2.sum())
 
 
 @jit
 def _compute_min_price_s(
-    prices: Prices, volumes: Floats, sums: Floats, ends_mm: Floats, areas: Floats
+    prices: Prices, build_volumes: Floats, sums: Floats, ends_mm: Floats, areas_mm2: Floats
 ) -> float:
     """Compute the price of a box in the best axis pose that fits all build volumes; +inf if none does.
 
@@ -172,32 +172,32 @@ def _compute_min_price_s(
     ----------
     prices
         Record of `CostModel.build_prices`.
-    volumes
-        (volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
+    build_volumes
+        (build volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
     sums
-        (SUMS,) float64 sums over its cells, see `grid.clipping`.
+        (SUM_COUNT,) float64 sums over its cells, see `grid.clipping`.
     ends_mm
         (12,) float64; the first six are the extents of its solid in mm.
-    areas
+    areas_mm2
         (6,) float64 areas of its cut sides in mm2, of `_fill_cut_areas`.
     """
-    cut_mm2 = areas.sum()
+    cut_mm2 = areas_mm2.sum()
     best_s = np.inf
     for up in range(3):
         width_mm = ends_mm[(up + 1) % 3 + 3] - ends_mm[(up + 1) % 3]
         depth_mm = ends_mm[(up + 2) % 3 + 3] - ends_mm[(up + 2) % 3]
         height_mm = ends_mm[up + 3] - ends_mm[up]
-        if not _fits_all(volumes, width_mm, depth_mm, height_mm):
+        if not _fits_all(build_volumes, width_mm, depth_mm, height_mm):
             continue
-        flat_mm2 = areas[2 * up] + areas[2 * up + 1]
+        flat_mm2 = areas_mm2[2 * up] + areas_mm2[2 * up + 1]
         hidden_side_factor = 1.0 - MEAN_RUN_SHARE * prices["hidden_side_share"]
         lateral_mm2 = sums[LATERAL + up] + hidden_side_factor * (cut_mm2 - flat_mm2)
         visible_skin_mm2 = sums[SKIN + up]
         for is_turned_over in range(2):  # the right way up, and upside down
             pose = 2 * up + is_turned_over
-            skin_mm2 = visible_skin_mm2 + flat_mm2 - prices["hidden_bed_share"] * areas[pose]
+            skin_mm2 = visible_skin_mm2 + flat_mm2 - prices["hidden_bed_share"] * areas_mm2[pose]
             if visible_skin_mm2 < MIN_VISIBLE_MM2:  # neither a top nor an underside is visible
-                skin_mm2 -= prices["hidden_top_share"] * areas[4 * up + 1 - pose]
+                skin_mm2 -= prices["hidden_top_share"] * areas_mm2[4 * up + 1 - pose]
             column_mm3 = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
             if is_turned_over == 1:
                 column_mm3 = sums[OVERHANG + pose] * ends_mm[up + 3] - sums[MOMENT + pose]
@@ -212,7 +212,7 @@ class Contents(NamedTuple):
     Attributes
     ----------
     sums
-        (n, SUMS) float64, see `grid.clipping`.
+        (n, SUM_COUNT) float64, see `grid.clipping`.
     ends
         (n, 12) float64, see `_find_cell_ends`.
     """
@@ -226,15 +226,15 @@ class Pricing(NamedTuple):
 
     Attributes
     ----------
-    volumes
-        (volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
+    build_volumes
+        (build volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
     cuts
         As in `_fill_cut_areas`.
     prices
         Record of `CostModel.build_prices`.
     """
 
-    volumes: Floats
+    build_volumes: Floats
     cuts: tuple[Floats, Floats, Floats]
     prices: Prices
 
@@ -266,14 +266,14 @@ def _add_contents(total: Contents, contents: Contents) -> None:
 
 @jit
 def _price_share(
-    needed: Bools, sums: Floats, ends: Floats, pricing: Pricing, tables: PriceTables, share: int
+    is_needed: Bools, sums: Floats, ends: Floats, pricing: Pricing, tables: PriceTables, share: int
 ) -> None:
     """Price a share of all boxes of a grid, by adding up rows of cells to layers, and layers to boxes.
 
     Parameters
     ----------
-    needed, sums
-        (nx, ny, nz) bool and (nx, ny, nz, SUMS) float64 of `Grid`.
+    is_needed, sums
+        (nx, ny, nz) bool and (nx, ny, nz, SUM_COUNT) float64 of `Grid`.
     ends
         (nx, ny, nz, 12) float64 of `_find_cell_ends`.
     pricing
@@ -281,12 +281,12 @@ def _price_share(
     tables
         Tables, filled in.
     share
-        Number of the share: its boxes begin along x at this cell, and at every `SHARES`-th one after it.
+        Number of the share: its boxes begin along x at this cell, and at every `SHARE_COUNT`-th one after it.
     """
-    nx, ny, nz = shape = needed.shape
+    nx, ny, nz = shape = is_needed.shape
     row = Contents(np.zeros((ny, nz, sums.shape[3])), np.zeros((ny, nz, 12)))
     layer = Contents(np.zeros((nz, sums.shape[3])), np.zeros((nz, 12)))
-    for x0 in range(share, nx, SHARES):
+    for x0 in range(share, nx, SHARE_COUNT):
         for y in range(ny):
             _reset_contents(Contents(row.sums[y], row.ends[y]))
         for x1 in range(x0 + 1, nx + 1):
@@ -320,7 +320,7 @@ def _price_column(
     """
     x0, y0, x1, y1 = base
     nz = shape[2]
-    s, e, areas = np.zeros(layer.sums.shape[1]), np.zeros(12), np.zeros(6)
+    s, e, areas_mm2 = np.zeros(layer.sums.shape[1]), np.zeros(12), np.zeros(6)
     for z0 in range(nz):
         s[:] = 0.0
         _clear_ends(e)
@@ -335,8 +335,10 @@ def _price_column(
             trimmed_box = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
             tables.trimmed_box[box] = compute_index(trimmed_box, shape)
             if tables.trimmed_box[box] == box:
-                tables.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas)
-                tables.seconds[box] = _compute_min_price_s(pricing.prices, pricing.volumes, s, e, areas)
+                tables.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas_mm2)
+                tables.seconds[box] = _compute_min_price_s(
+                    pricing.prices, pricing.build_volumes, s, e, areas_mm2
+                )
 
 
 def list_build_volumes(printers: Sequence[TargetPrinter]) -> Floats:
@@ -345,7 +347,7 @@ def list_build_volumes(printers: Sequence[TargetPrinter]) -> Floats:
     Returns
     -------
     ndarray
-        (volumes, boxes, 3) float64 in mm, padded with boxes that no part fits.
+        (build volumes, boxes, 3) float64 in mm, padded with boxes that no part fits.
     """
     distinct_volumes = sorted({p.boxes for p in printers})
     max_boxes = max(len(boxes) for boxes in distinct_volumes)

@@ -16,7 +16,7 @@ SKIN = 4  # 3 columns
 SLOPE = 7  # 3 columns: lateral area of the faces that have skin
 OVERHANG = 10  # 6 columns: projected area of faces that overhang in a pose
 MOMENT = 16  # 6 columns: the area of `OVERHANG` times its coordinate along the axis
-SUMS = 22
+SUM_COUNT = 22
 
 MIN_FRAGMENT_MM2 = 1e-12  # smaller fragments are ignored
 
@@ -33,7 +33,7 @@ class CellContents(NamedTuple):
     flux
         (nx, ny, nz, 4) sums of A n in mm2, and of A nx (x - x0) in mm3; x0 is the cell's near side.
     sums
-        (nx, ny, nz, SUMS) of `Grid`, without the volume.
+        (nx, ny, nz, SUM_COUNT) of `Grid`, without the volume.
     extents
         (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf if there is none.
     """
@@ -90,7 +90,9 @@ def _find_slabs(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
 
 
 @jit
-def _clip_polygon(polygon: Floats, axis: int, at_mm: float, keeps_above: bool, clipped: Floats) -> int:
+def _clip_polygon(
+    polygon: Floats, axis: int, at_mm: float, keeps_above: bool, clipped_polygon: Floats
+) -> int:
     """Clip a polygon (k, 3) by an axis plane (Sutherland and Hodgman 1974).
 
     Parameters
@@ -101,7 +103,7 @@ def _clip_polygon(polygon: Floats, axis: int, at_mm: float, keeps_above: bool, c
         Axis across the plane, and its coordinate.
     keeps_above
         Whether the side above the plane is kept.
-    clipped
+    clipped_polygon
         (12, 3) float64, filled in with the corners of that side.
 
     Returns
@@ -113,12 +115,12 @@ def _clip_polygon(polygon: Floats, axis: int, at_mm: float, keeps_above: bool, c
     for i in range(len(polygon)):
         a, b = polygon[i], polygon[(i + 1) % len(polygon)]
         if a[axis] >= at_mm if keeps_above else a[axis] <= at_mm:
-            clipped[count] = a
+            clipped_polygon[count] = a
             count += 1
         if (a[axis] > at_mm and b[axis] < at_mm) or (a[axis] < at_mm and b[axis] > at_mm):
             s = (at_mm - a[axis]) / (b[axis] - a[axis])
-            clipped[count] = a + s * (b - a)
-            clipped[count, axis] = at_mm
+            clipped_polygon[count] = a + s * (b - a)
+            clipped_polygon[count, axis] = at_mm
             count += 1
     return count
 
@@ -212,7 +214,7 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     Parameters
     ----------
     triangles
-        (m, 3, 3) float64 in mm, outward by the right-hand rule, inside the outermost planes.
+        (m, 3, 3) float64 in mm, facing outward by the right-hand rule, inside the outermost planes.
     planes
         (n + 1,) float64 ascending coordinates of the planes across each axis, in mm.
     skin_cos, overhang_cos
@@ -221,7 +223,7 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
     extents = np.full((*shape, 6), np.inf)
     extents[:, :, :, 3:] = -np.inf
-    contents = CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUMS)), extents)
+    contents = CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUM_COUNT)), extents)
     polygons = np.zeros((4, 12, 3))  # the triangle after clipping along 0, 1, 2, 3 axes
     half_polygon = np.zeros((12, 3))
     count, last, cell = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)

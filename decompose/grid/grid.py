@@ -20,12 +20,12 @@ from decompose.arrays import Bools, Floats
 from decompose.grid.clipping import VOLUME, clip_into_cells
 from decompose.grid.piece_counts import NO_BODIES, CellBodies, find_bodies
 
-GRANULARITY = {
+GRANULARITIES = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
 MAX_BOXES = 10_000_000  # maximum number of boxes of a grid, which are all kept in memory
 MAX_CUTS = 300_000_000  # maximum number of cuts of all boxes: each solve computes a sum for each of them
-FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
+MAX_FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
 MIN_CELL_MM = 4.0  # minimum side of a cell
 CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells along each axis, to separate their bodies
 PLANE_CLEARANCE_MM = 2.0
@@ -49,7 +49,7 @@ class GridRules:
     ----------
     min_wall_mm
         Distance from the surface within which internal cells are needed.
-    keep_interior
+    keeps_interior
         Whether every internal cell is needed.
     overhang_cos
         Cosine of the angle between normal and downward direction above which a face counts as an overhang.
@@ -58,7 +58,7 @@ class GridRules:
     """
 
     min_wall_mm: float
-    keep_interior: bool
+    keeps_interior: bool
     overhang_cos: float
     skin_cos: float
 
@@ -77,7 +77,7 @@ class Grid:
         (nx, ny, nz) bool, true for cells that must be printed: those that contain surface, and those of the
         wall behind it.
     sums
-        (nx, ny, nz, SUMS) float64, see the column constants of `clipping`.
+        (nx, ny, nz, SUM_COUNT) float64, see the column constants of `clipping`.
     area_mm2
         (nx, ny, nz) float64 area of the model's surface in a cell, in mm2.
     extents
@@ -135,7 +135,7 @@ def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
     return np.unique(np.round(triangles[is_flat, 0, axis], 6))
 
 
-def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]) -> Floats:
+def place_planes(lo_mm: float, hi_mm: float, count: int, flats_mm: npt.NDArray[Any]) -> Floats:
     """Place planes: the first and the last one outside the model, the others clear of flat faces.
 
     A plane that would be within `PLANE_CLEARANCE_MM` of a flat face is moved to the nearest clear position.
@@ -147,7 +147,7 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
         Ends of the model along the axis.
     count
         Number of cells; there is one plane more.
-    flats
+    flats_mm
         (k,) coordinates of flat faces in mm.
 
     Returns
@@ -159,14 +159,14 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
     step_mm = (hi_mm - lo_mm) / count
     planes: Floats = lo_mm + step_mm * np.arange(count + 1, dtype=np.float64)
     planes[0], planes[-1] = lo_mm - pad_mm, hi_mm + pad_mm
-    if not len(flats):
+    if not len(flats_mm):
         return planes
-    clear_mm = min(PLANE_CLEARANCE_MM, 0.2 * step_mm)
+    clearance_mm = min(PLANE_CLEARANCE_MM, 0.2 * step_mm)
     offsets_mm = np.linspace(-0.4, 0.4, 161) * step_mm
     offsets_mm = offsets_mm[np.argsort(np.abs(offsets_mm), kind="stable")]
     for i in range(1, count):
-        distances_mm = np.abs((planes[i] + offsets_mm)[:, None] - flats[None, :]).min(axis=1)
-        candidates = np.flatnonzero(distances_mm >= clear_mm)
+        distances_mm = np.abs((planes[i] + offsets_mm)[:, None] - flats_mm[None, :]).min(axis=1)
+        candidates = np.flatnonzero(distances_mm >= clearance_mm)
         best = candidates[0] if len(candidates) else int(np.argmax(distances_mm))
         planes[i] += offsets_mm[best]
     return planes
@@ -195,7 +195,7 @@ def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
         Cube root of the desired number of cells.
     """
     edge_mm = max(MIN_CELL_MM, float(np.prod(size_mm) ** (1.0 / 3.0)) / granularity)
-    max_boxes = min(MAX_BOXES, FLAT_BOXES_RATIO * (granularity * (granularity + 1) // 2) ** 3)
+    max_boxes = min(MAX_BOXES, MAX_FLAT_BOXES_RATIO * (granularity * (granularity + 1) // 2) ** 3)
     while True:
         nx, ny, nz = (max(1, round(float(s) / edge_mm)) for s in size_mm)
         boxes = nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2)
@@ -208,19 +208,19 @@ def build_grid(
     triangles: Floats,
     granularity: int,
     rules: GridRules,
-    plane_at: tuple[int, float] | None = None,
+    target_plane: tuple[int, float] | None = None,
 ) -> Grid:
     """Build a grid over a closed mesh.
 
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm, outward by the right-hand rule, closed.
+        (m, 3, 3) in mm, a closed mesh that faces outward by the right-hand rule.
     granularity
         Cube root of the desired number of cells.
     rules
         Rules for cells and faces.
-    plane_at
+    target_plane
         Axis and coordinate in mm to which the nearest inner plane of the grid is moved; None for no plane.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
@@ -230,13 +230,13 @@ def build_grid(
         for a in range(3)
     )
     planes = (px, py, pz)
-    if plane_at is not None and counts[plane_at[0]] > 1:
-        inner_planes = planes[plane_at[0]][1:-1]
-        inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
+    if target_plane is not None and counts[target_plane[0]] > 1:
+        inner_planes = planes[target_plane[0]][1:-1]
+        inner_planes[np.abs(inner_planes - target_plane[1]).argmin()] = target_plane[1]
     grid = fill_grid(triangles, planes, rules)
     divisions = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.is_needed.size) ** (1.0 / 3.0))))
     fine_planes = (divide_planes(px, divisions), divide_planes(py, divisions), divide_planes(pz, divisions))
-    fine_grid = fill_grid(triangles, fine_planes, replace(rules, keep_interior=True))
+    fine_grid = fill_grid(triangles, fine_planes, replace(rules, keeps_interior=True))
     return replace(grid, bodies=_find_bodies(fine_grid.extents, fine_grid.cuts, divisions))
 
 
@@ -276,7 +276,7 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     cells[(area_mm2 == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
     cells[area_mm2 > 0.0] = Cell.BOUNDARY
     needed = cells != Cell.EXTERNAL
-    if not rules.keep_interior:
+    if not rules.keeps_interior:
         needed = (cells == Cell.BOUNDARY) | _find_wall(cells, surface, planes, rules.min_wall_mm)
     cut_areas = (cuts[0], cuts[1], cuts[2])
     return Grid(planes, cells, needed, sums, area_mm2, extents, surface, cut_areas, NO_BODIES)

@@ -20,7 +20,7 @@ MAX_DIVISION = 4  # maximum number of fine cells along each side of a cell
 
 
 def refine_cells(
-    grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, max_cells: int
+    grid: Grid, triangles: Floats, min_wall_mm: float, keeps_interior: bool, max_cells: int
 ) -> NeededCells:
     """Divide the needed cells of a grid, and find the fine cells among them that are needed.
 
@@ -32,7 +32,7 @@ def refine_cells(
         (m, 3, 3) in mm.
     min_wall_mm
         Distance from the surface within which cells are needed.
-    keep_interior
+    keeps_interior
         Whether every internal cell is needed.
     max_cells
         Maximum number of cells in total, unless the grid itself has more.
@@ -41,7 +41,7 @@ def refine_cells(
     px, py, pz = (divide_planes(planes, divisions) for planes in grid.planes)
     fine_grid = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
     needed = fine_grid.cells != Cell.EXTERNAL
-    if not keep_interior:
+    if not keeps_interior:
         boundary = fine_grid.cells == Cell.BOUNDARY
         needed = boundary | needed & _find_near_cells(
             fine_grid.surface[boundary], fine_grid.planes, min_wall_mm
@@ -104,17 +104,17 @@ class NeededCells:
 
 
 @jit
-def _covers_all(x_shares: Floats, y_shares: Floats, z_shares: Floats, needed: Bools) -> bool:
+def _covers_all(x_shares: Floats, y_shares: Floats, z_shares: Floats, is_needed: Bools) -> bool:
     """Check whether boxes cover all needed cells, except for rounding.
 
     Parameters
     ----------
     x_shares, y_shares, z_shares
         (n, nx), (n, ny) and (n, nz) float64 share of each cell's length in each box, along the axes.
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells to be covered.
     """
-    covered_shares = np.zeros(needed.shape)
+    covered_shares = np.zeros(is_needed.shape)
     for box in range(len(x_shares)):
         rows, layers = np.flatnonzero(y_shares[box]), np.flatnonzero(z_shares[box])
         for x in np.flatnonzero(x_shares[box]):
@@ -122,4 +122,4 @@ def _covers_all(x_shares: Floats, y_shares: Floats, z_shares: Floats, needed: Bo
                 base_share = x_shares[box, x] * y_shares[box, y]
                 for z in layers:
                     covered_shares[x, y, z] += base_share * z_shares[box, z]
-    return not np.any(needed & (covered_shares <= 1.0 - MAX_UNCOVERED_SHARE))
+    return not np.any(is_needed & (covered_shares <= 1.0 - MAX_UNCOVERED_SHARE))

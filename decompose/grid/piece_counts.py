@@ -16,7 +16,7 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Ints
 from decompose.geometry.shells import label_components
 from decompose.grid.box_index import index_interval
-from decompose.grid.threads import SHARES, run_shares
+from decompose.grid.threads import SHARE_COUNT, run_shares
 from decompose.jit import jit
 
 
@@ -142,10 +142,10 @@ class _Order(NamedTuple):
 
 
 @jit
-def _find_last_top(
+def _find_highest_top(
     base: tuple[int, int],
     order: _Order,
-    trimmed: npt.NDArray[np.int32],
+    trimmed_box: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
 ) -> int:
     """Find the top of the highest box over a base that may be printed; return its bottom if there is none.
@@ -156,13 +156,13 @@ def _find_last_top(
         Index of a box without the part of its last axis, and its bottom along that axis.
     order
         Order of the axes.
-    trimmed, seconds
+    trimmed_box, seconds
         (boxes,) int32 and (boxes,) float32 of `BoxTables`.
     """
     row, bottom = base
     for top in range(order.sizes[2], bottom, -1):
         box = row + index_interval(bottom, top, order.sizes[2]) * order.box_strides[2]
-        if trimmed[box] == box and seconds[box] < np.inf:
+        if trimmed_box[box] == box and seconds[box] < np.inf:
             return top
     return bottom
 
@@ -217,7 +217,7 @@ def _add_layer(
 def _count_share(
     order: _Order,
     bodies: CellBodies,
-    trimmed: npt.NDArray[np.int32],
+    trimmed_box: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
     share: int,
@@ -230,17 +230,17 @@ def _count_share(
         Order of the axes.
     bodies
         Bodies of all cells.
-    trimmed, seconds
+    trimmed_box, seconds
         (boxes,) int32 and (boxes,) float32 of `BoxTables`.
     pieces
         (boxes,) int16, filled in.
     share
-        Number of the share: its boxes begin along the outermost axis at this cell, and at every `SHARES`-th
-        one after it.
+        Number of the share: its boxes begin along the outermost axis at this cell, and at every
+        `SHARE_COUNT`-th one after it.
     """
     na, nb, nc = order.sizes
     parent = np.zeros(bodies.first_body[-1], np.int32)
-    for a0 in range(share, na, SHARES):
+    for a0 in range(share, na, SHARE_COUNT):
         for a1 in range(a0 + 1, na + 1):
             for b0 in range(nb):
                 for b1 in range(b0 + 1, nb + 1):
@@ -248,17 +248,19 @@ def _count_share(
                     row += index_interval(b0, b1, nb) * order.box_strides[1]
                     for bottom in range(nc):
                         k = 0
-                        for layer in range(bottom, _find_last_top((row, bottom), order, trimmed, seconds)):
+                        for layer in range(
+                            bottom, _find_highest_top((row, bottom), order, trimmed_box, seconds)
+                        ):
                             k += _add_layer((a0, a1, b0, b1), bottom, layer, order, bodies, parent)
                             box = row + index_interval(bottom, layer + 1, nc) * order.box_strides[2]
-                            if trimmed[box] == box and seconds[box] < np.inf:
+                            if trimmed_box[box] == box and seconds[box] < np.inf:
                                 pieces[box] = max(1, k)
 
 
 def count_pieces(
     shape: tuple[int, int, int],
     bodies: CellBodies,
-    trimmed: npt.NDArray[np.int32],
+    trimmed_box: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
     executor: Executor | None = None,
@@ -274,7 +276,7 @@ def count_pieces(
         Cells of the grid along each axis.
     bodies
         Bodies of all cells.
-    trimmed, seconds
+    trimmed_box, seconds
         (boxes,) int32 and (boxes,) float32 of `BoxTables`.
     pieces
         (boxes,) int16, filled in.
@@ -291,4 +293,4 @@ def count_pieces(
         (cell_strides[a], cell_strides[b], cell_strides[c]),
         (box_strides[a], box_strides[b], box_strides[c]),
     )
-    run_shares(executor, partial(_count_share, order, bodies, trimmed, seconds, pieces))
+    run_shares(executor, partial(_count_share, order, bodies, trimmed_box, seconds, pieces))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 
-SHARES = 2  # number of shares into which work is divided
+SHARE_COUNT = 2  # number of shares into which work is divided
 
 
 def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
-    """Call a function for each share; an executor runs the second one unless it is slow to start it.
+    """Call a function for each share; an executor runs the second share if it starts in time.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
         Function that is called with the number of a share.
     """
     if executor is None:
-        for share in range(SHARES):
+        for share in range(SHARE_COUNT):
             work(share)
         return
     future = executor.submit(work, 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decompose.pieces.assignment import assign_bottleneck, assign_printers
+from decompose.pieces.assignment import assign_printers, solve_bottleneck_assignment
 from decompose.pieces.joints import (
     SLIVER_MM,
     CutSolid,
@@ -34,7 +34,6 @@ __all__ = [
     "JointFace",
     "Piece",
     "Seam",
-    "assign_bottleneck",
     "assign_printers",
     "cut_box",
     "cut_cells",
@@ -46,5 +45,6 @@ __all__ = [
     "list_polygons",
     "measure_seams",
     "rotate_planes",
+    "solve_bottleneck_assignment",
     "sort_pieces",
 ]

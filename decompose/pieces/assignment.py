@@ -36,11 +36,11 @@ def assign_printers(poses: Sequence[Pose], printers: Sequence[TargetPrinter]) ->
         [pose.price_s * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
         for pose in poses
     ]
-    assignment = assign_bottleneck(np.array(seconds))
+    assignment = solve_bottleneck_assignment(np.array(seconds))
     return None if assignment is None else [printers[i] for i in assignment]
 
 
-def assign_bottleneck(seconds: Floats) -> list[int] | None:
+def solve_bottleneck_assignment(seconds: Floats) -> list[int] | None:
     """Assign parts to printers with the lowest maximum time and, for this maximum, with the lowest sum.
 
     Bisection finds the lowest maximum time for which a matching exists.

@@ -21,7 +21,7 @@ from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 # Minimum thickness of a piece next to a cut: a thinner one gets lost or bent, or is glued at an angle.
 SLIVER_MM = 8.0
 TWO_WALLS_MM = 0.8  # two walls of a 0.4 mm nozzle: a thinner piece has no interior
-FLAKE_SHARE = 0.25  # minimum cut share of a flake's surface
+MIN_FLAKE_CUT_SHARE = 0.25  # minimum share of cut faces in the surface of a flake
 # Maximum difference between the area of triangles and that of their union, as a share.
 AREA_TOLERANCE_SHARE = 1e-9
 PLANE_DECIMALS = 6  # decimal places to which the normals and the offsets of two pieces' common plane agree
@@ -98,7 +98,7 @@ class Joint:
         return replace(self, faces=tuple(face.move(transform) for face in self.faces))
 
     def holds(self, min_glue_mm2: float) -> bool:
-        """Check whether the joint has the minimum area and is two walls wide; any joint holds if that is 0.
+        """Check whether the joint has the minimum area, and is two walls wide if the minimum is not 0.
 
         Parts could fold at a narrower joint, however long it is.
         """
@@ -181,7 +181,7 @@ def find_faults(
 def _find_loose_pieces(
     volumes_mm3: Sequence[float], joints: Sequence[Joint], min_glue_mm2: float
 ) -> list[Fault]:
-    """Find the smallest piece with a weak joint in each group of pieces that only weak joints connect."""
+    """Find the smallest piece with a weak joint in each group that only weak joints connect to its body."""
     body = _label_groups(len(volumes_mm3), joints)
     components = _label_groups(len(volumes_mm3), [j for j in joints if j.holds(min_glue_mm2)])
     group_volumes_mm3 = np.bincount(components, weights=volumes_mm3)
@@ -213,7 +213,7 @@ def _describe_sliver(piece: CutSolid) -> str:
     if thickness_mm < TWO_WALLS_MM:
         triangles = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        if np.linalg.norm(cross, axis=1).sum() / 2.0 > FLAKE_SHARE * piece.solid.area_mm2:
+        if np.linalg.norm(cross, axis=1).sum() / 2.0 > MIN_FLAKE_CUT_SHARE * piece.solid.area_mm2:
             return f"is a flake of {thickness_mm:.1f} mm"
     return ""
 

@@ -26,13 +26,13 @@ class Seam:
     ----------
     length_mm
         Length on the model's own surface; the rim of a hollow does not count.
-    thin_mm
+    thin_length_mm
         Length on which one of the parts is thinner than two walls behind the joint, over more than
         `THIN_REACH_MM`: such a rim breaks off, or is not printed.
     """
 
     length_mm: float = 0.0
-    thin_mm: float = 0.0
+    thin_length_mm: float = 0.0
 
 
 def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Sequence[Seam]) -> str:
@@ -45,13 +45,13 @@ def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Seq
     joints, seams
         Joints, and the seam of each.
     """
-    total_mm = sum(seam.thin_mm for seam in seams)
+    total_mm = sum(seam.thin_length_mm for seam in seams)
     if total_mm < MIN_REPORTED_MM:
         return ""
-    joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_mm)
+    joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_length_mm)
     return (
         f"the rim is thinner than two lines on {total_mm:.0f} mm of the seams, most between "
-        f"{names[joint.a]} and {names[joint.b]} ({seam.thin_mm:.0f} mm): it may break off"
+        f"{names[joint.a]} and {names[joint.b]} ({seam.thin_length_mm:.0f} mm): it may break off"
     )
 
 
@@ -85,13 +85,13 @@ class _Rims:
 
     def measure_seam(self, joint: Joint) -> Seam:
         """Measure the seam of a joint."""
-        length_mm = thin_mm = 0.0
+        length_mm = thin_length_mm = 0.0
         for face in joint.faces:
             near_area = face.outline.buffer(LINE_TOLERANCE_MM)
             both_rims = [self._find_rim(number, face) for number in (joint.a, joint.b)]
             length_mm += max(float(rim.intersection(near_area).length) for rim, _ in both_rims)
-            thin_mm += max(float(thin.intersection(near_area).length) for _, thin in both_rims)
-        return Seam(length_mm, thin_mm)
+            thin_length_mm += max(float(thin.intersection(near_area).length) for _, thin in both_rims)
+        return Seam(length_mm, thin_length_mm)
 
     def _find_rim(self, number: int, face: JointFace) -> tuple[shapely.Geometry, shapely.Geometry]:
         """Find the rim of a piece on the plane of a face, and the thin part of the rim."""
@@ -109,11 +109,11 @@ class _Rims:
         return self._rims[key]
 
 
-def _find_thin_area(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> shapely.Geometry:
+def _find_thin_area(solid: Solid, vertices: Floats, flat_faces: Ints, face: JointFace) -> shapely.Geometry:
     """Find the area where a solid is thinner than two walls behind faces (m, 3) on the plane of a joint."""
-    a, b, c = np.moveaxis(vertices[flat], 1, 0)
+    a, b, c = np.moveaxis(vertices[flat_faces], 1, 0)
     outside = np.sign(float((np.cross(b - a, c - a) @ face.normal).sum()))
-    rings = (vertices @ face.axes.T)[flat]
+    rings = (vertices @ face.axes.T)[flat_faces]
     cut_area = shapely.union_all(shapely.polygons(np.concatenate([rings, rings[:, :1]], axis=1)))
     frame = np.vstack([face.axes, face.normal])
     area_behind = solid.cut_section(frame, face.offset_mm - outside * TWO_WALLS_MM)
@@ -125,12 +125,12 @@ def _find_thin_area(solid: Solid, vertices: Floats, flat: Ints, face: JointFace)
 def _build_area(rings: Sequence[Floats]) -> shapely.Geometry:
     """Build the area inside rings (n, 2); rings around holes are clockwise."""
     outlines = [ring for ring in rings if len(ring) > 2]
-    filled_areas = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) > 0.0]
-    holes = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) < 0.0]
+    filled_areas = [_build_valid_area(ring) for ring in outlines if _measure_ring_mm2(ring) > 0.0]
+    holes = [_build_valid_area(ring) for ring in outlines if _measure_ring_mm2(ring) < 0.0]
     return shapely.union_all(filled_areas).difference(shapely.union_all(holes))
 
 
-def _make_valid(ring: Floats) -> shapely.Geometry:
+def _build_valid_area(ring: Floats) -> shapely.Geometry:
     """Build the valid area of a ring, without the parts of it that collapse to lines."""
     return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
 

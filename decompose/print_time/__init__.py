@@ -21,7 +21,7 @@ from decompose.print_time.time_settings import (
     ADDITIVE_FEATURES,
     FACTORS,
     FEATURES,
-    SUPPORT,
+    SUPPORT_TERMS,
     PrintTimeSettings,
     compute_time_terms,
 )
@@ -37,7 +37,7 @@ __all__ = [
     "MIN_VISIBLE_MM2",
     "POSE_ROTATIONS",
     "REFERENCE_SHRINKAGE",
-    "SUPPORT",
+    "SUPPORT_TERMS",
     "CostModel",
     "PartMesh",
     "Pose",

@@ -51,7 +51,7 @@ def measure_contours(mesh: PartMesh, up: Floats, skin_cos: float, ring_cos: floa
     mesh
         Mesh of the part; faces share the vertices of their common edges.
     up
-        (3,) unit vector.
+        (3,) unit vector that points up.
     skin_cos, ring_cos
         Limits of slopes with skin, and with denser infill below them; see `CostModel`.
     """
@@ -71,7 +71,7 @@ def _sum_slopes_mm2(surfaces: Surfaces, up: Floats, skin_cos: float, ring_cos: f
     surfaces
         Faces of the mesh.
     up
-        (3,) float64 unit vector.
+        (3,) float64 unit vector that points up.
     skin_cos, ring_cos
         As in `measure_contours`.
 
@@ -105,7 +105,7 @@ def _sum_rims_mm(
     normals
         (m, 3) float64 unit normals of the faces.
     up
-        (3,) float64 unit vector.
+        (3,) float64 unit vector that points up.
     edges
         (k, 2) int64 pairs of half-edges, by `pair_half_edges`.
     skin_cos

@@ -271,17 +271,19 @@ class CostModel:
         """Build a record of the coefficients for compiled code: a float64 for each field, by its name."""
         return _make_record(self)
 
-    def price_s(self, additive: Sequence[float] | Floats, extents_mm: Sequence[float] | Floats) -> float:
+    def price_s(
+        self, additive_features: Sequence[float] | Floats, extents_mm: Sequence[float] | Floats
+    ) -> float:
         """Price a part in one pose, in seconds.
 
         Parameters
         ----------
-        additive
+        additive_features
             (5,) `ADDITIVE_FEATURES`.
         extents_mm
             (3,) width, depth and height.
         """
-        volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3 = map(float, additive)
+        volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3 = map(float, additive_features)
         width_mm, depth_mm, height_mm = map(float, extents_mm)
         features = (volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3)
         return float(compute_price_s(self.build_prices(), features, (width_mm, depth_mm, height_mm)))
@@ -292,30 +294,30 @@ def _compute_saved_share(saved_s: float, price_s: float) -> float:
     return saved_s / price_s if price_s > 0.0 else 0.0
 
 
-_NAMES = tuple(item.name for item in fields(CostModel) if item.name != "fit_layer_mm")
+_PRICE_NAMES = tuple(item.name for item in fields(CostModel) if item.name != "fit_layer_mm")
 _SKIN_PRICE_NAMES = frozenset(("skin_s_mm2", "skin_rim_s_mm", "rim_s_mm", "rim_end_s_mm", "brim_s_mm2"))
-_LAYER_PRICE_NAMES = tuple(name for name in _NAMES if "_s_mm" in name and name not in _SKIN_PRICE_NAMES)
+_LAYER_PRICE_NAMES = tuple(name for name in _PRICE_NAMES if "_s_mm" in name and name not in _SKIN_PRICE_NAMES)
 """Coefficients in proportion to the number of layers; a skin or a brim has a given number of layers."""
-_PRICES_DTYPE = np.dtype([(name, np.float64) for name in _NAMES])
+_PRICES_DTYPE = np.dtype([(name, np.float64) for name in _PRICE_NAMES])
 
 
 @lru_cache(maxsize=64)
 def _make_record(cost: CostModel) -> Prices:
     """Make the record of a cost model; cached, because this takes much longer than computing a price."""
-    record: Prices = np.array([tuple(getattr(cost, name) for name in _NAMES)], dtype=_PRICES_DTYPE)[0]
+    record: Prices = np.array([tuple(getattr(cost, name) for name in _PRICE_NAMES)], dtype=_PRICES_DTYPE)[0]
     record.setflags(write=False)
     return record
 
 
 @jit
-def compute_price_s(prices: Prices, additive: AdditiveFeatures, extents_mm: Extents) -> float:
+def compute_price_s(prices: Prices, additive_features: AdditiveFeatures, extents_mm: Extents) -> float:
     """Compute the price of a part in one pose, by the same formula for tables and parts.
 
     Parameters
     ----------
     prices
         Record of `CostModel.build_prices`.
-    additive
+    additive_features
         `ADDITIVE_FEATURES`, in mm3, mm2, mm2, mm2 and mm3.
     extents_mm
         Width, depth and height.
@@ -325,7 +327,7 @@ def compute_price_s(prices: Prices, additive: AdditiveFeatures, extents_mm: Exte
     float
         Price in seconds.
     """
-    volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3 = additive
+    volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3 = additive_features
     width_mm, depth_mm, height_mm = extents_mm
     brim_mm2 = prices["brim_mm"] * (2.0 * (width_mm + depth_mm) + np.pi * prices["brim_mm"])
     max_inset_s = MAX_INSET_SHARE * prices["lateral_s_mm2"] * lateral_mm2

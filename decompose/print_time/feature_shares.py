@@ -40,22 +40,22 @@ def estimate_feature_shares(vertices: Floats, faces: Ints, settings: PrintTimeSe
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+        (n, 3) in mm and (m, 3) of a closed mesh that faces outward.
     settings
         Settings of the slicer.
     """
-    settings_per_unit = replace(settings, overhead_s=0.0, min_layer_s=0.0)
+    settings_without_overhead = replace(settings, overhead_s=0.0, min_layer_s=0.0)
     (features,), _ = sum_pose_features(
         vertices,
         faces,
         np.eye(3)[None],
-        CostModel.from_settings(settings_per_unit),
+        CostModel.from_settings(settings_without_overhead),
         is_cut=np.zeros(len(faces), np.bool_),
     )
     features[ADDITIVE_FEATURES.index("column_mm3")] = 0.0
     extents_mm = np.ptp(vertices, axis=0)
     seconds = {
-        group: max(0.0, build_group_cost(settings_per_unit, group).price_s(features, extents_mm))
+        group: max(0.0, build_group_cost(settings_without_overhead, group).price_s(features, extents_mm))
         for group in GROUPS
     }
     total_s = sum(seconds.values())

@@ -58,7 +58,7 @@ class HiddenFaces(NamedTuple):
         """True if all tops with skin are cut faces."""
         return self.cut_top_mm2 > 0.0 and self.visible_top_mm2 < MIN_VISIBLE_MM2
 
-    def compute_saved_mm(self, bed_mm: float, top_mm: float) -> float:
+    def compute_saved_height_mm(self, bed_mm: float, top_mm: float) -> float:
         """Compute the height of skin in mm that a thin flat part saves.
 
         Parameters
@@ -106,7 +106,7 @@ def measure_hidden_faces(
     is_cut
         (m,) bool, true for faces that are cuts.
     up
-        (3,) float64 unit vector.
+        (3,) float64 unit vector that points up.
     bed_mm
         Position of the bed along `up`.
     skin_cos
@@ -139,14 +139,14 @@ def measure_hidden_faces(
 
 
 def sum_side_ends_mm(mesh: PartMesh, up: Floats) -> float:
-    """Sum the heights of the edges at which hidden sides end, but for edges between two of them.
+    """Sum the heights of the edges at which hidden sides end, except edges between two of them.
 
     Parameters
     ----------
     mesh
         Mesh of the part; faces share the vertices of their common edges.
     up
-        (3,) float64 unit vector.
+        (3,) float64 unit vector that points up.
     """
     return _sum_side_ends_mm(mesh.vertices, mesh.faces, mesh.surfaces.normals, mesh.is_cut, up, mesh.edges)
 
@@ -166,7 +166,7 @@ def _sum_side_ends_mm(
     is_cut
         (m,) bool, true for faces that are cuts.
     up
-        (3,) float64 unit vector.
+        (3,) float64 unit vector that points up.
     edges
         (k, 2) int64 pairs of half-edges, by `pair_half_edges`.
 

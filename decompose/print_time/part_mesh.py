@@ -32,7 +32,7 @@ class PartMesh:
 
 
 @jit
-def pair_half_edges(faces: Ints, vertices: int) -> Ints:
+def pair_half_edges(faces: Ints, vertex_count: int) -> Ints:
     """Pair the two half-edges of each edge.
 
     Half-edges are stored in lists by the lower of their vertices until the other half of their edge follows.
@@ -41,7 +41,7 @@ def pair_half_edges(faces: Ints, vertices: int) -> Ints:
     ----------
     faces
         (m, 3) int64 vertices of the faces.
-    vertices
+    vertex_count
         Number of vertices.
 
     Returns
@@ -49,11 +49,11 @@ def pair_half_edges(faces: Ints, vertices: int) -> Ints:
     ndarray
         (k, 2) int64 half-edges of each edge, each as three times its face plus its corner.
     """
-    start = np.zeros(vertices + 1, np.int64)
+    start = np.zeros(vertex_count + 1, np.int64)
     for i in range(len(faces)):
         for corner in range(3):
             start[min(faces[i, corner], faces[i, (corner + 1) % 3]) + 1] += 1
-    for vertex in range(vertices):
+    for vertex in range(vertex_count):
         start[vertex + 1] += start[vertex]
     ends = start[:-1].copy()
     stored, pairs = np.zeros((start[-1], 2), np.int64), np.zeros((start[-1], 2), np.int64)

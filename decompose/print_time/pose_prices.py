@@ -15,13 +15,13 @@ from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.surfaces import Surfaces, measure_surfaces, sum_volume_mm3
 from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
-LATERAL = ADDITIVE_FEATURES.index("lateral_mm2")
-SKIN = ADDITIVE_FEATURES.index("skin_mm2")
+LATERAL_INDEX = ADDITIVE_FEATURES.index("lateral_mm2")
+SKIN_INDEX = ADDITIVE_FEATURES.index("skin_mm2")
 
 # The number of a pose stands for the direction of the model that points up: +x, -x, +y, -y, +z, -z.
 POSE_COUNT = 6
 
-SLABS = 32  # number of slabs into which the height is divided; the layers of a slab are treated as equal
+SLAB_COUNT = 32  # number of slabs into which the height is divided; the layers of a slab are treated as equal
 MAX_SLOWDOWN = 4.0  # maximum factor: walls of 40 to 50 mm/s are not printed at less than 10
 
 
@@ -54,7 +54,7 @@ def _sum_face_features(
     surfaces
         Normals, areas and centres of the faces.
     up
-        (3,) unit vector.
+        (3,) unit vector that points up.
     bed_mm
         Position of the bed along `up`.
     cosines
@@ -96,7 +96,7 @@ def sum_pose_features(
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3), outward by the right-hand rule, closed.
+        (n, 3) in mm and (m, 3) of a closed mesh that faces outward by the right-hand rule.
     rotations
         (k, 3, 3), whose rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
     cost
@@ -125,8 +125,8 @@ def sum_pose_features(
         if has_savings and is_cut is not None:
             hidden_faces = find_hidden_faces(surfaces, is_cut, up, bed_mm, cost.skin_cos)
             saved_mm2 = hidden_faces.compute_saved_skin_mm2(cost.hidden_bed_share, cost.hidden_top_share)
-            features[i, SKIN] = max(0.0, features[i, SKIN] - saved_mm2)
-            features[i, LATERAL] -= cost.hidden_side_share * hidden_faces.cut_side_mm2
+            features[i, SKIN_INDEX] = max(0.0, features[i, SKIN_INDEX] - saved_mm2)
+            features[i, LATERAL_INDEX] -= cost.hidden_side_share * hidden_faces.cut_side_mm2
     return features, extents
 
 
@@ -158,7 +158,7 @@ def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+        (n, 3) in mm and (m, 3) of a closed mesh that faces outward.
     cost
         Cost model of the print time.
     """
@@ -174,13 +174,13 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm of a closed mesh, outward, standing on z = 0.
+        (m, 3, 3) in mm of a closed mesh that faces outward, standing on z = 0.
     cost
         Cost model of the print time.
     """
     height_mm = float(triangles[:, :, 2].max())
-    slab_mm = height_mm / SLABS
-    lateral_mm2, section_mm2 = _sum_by_slab(np.ascontiguousarray(triangles), height_mm)
+    slab_mm = height_mm / SLAB_COUNT
+    lateral_mm2, section_mm2 = _sum_slabs(np.ascontiguousarray(triangles), height_mm)
     walls_s = cost.lateral_s_mm2 * lateral_mm2
     inset_s = np.minimum(cost.inset_s_mm * slab_mm, MAX_INSET_SHARE * walls_s)
     lines_s = cost.volume_s_mm3 * slab_mm * section_mm2 + walls_s - inset_s
@@ -190,7 +190,7 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
 
 
 @jit
-def _sum_by_slab(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
+def _sum_slabs(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
     """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean section of the solid in it.
 
     n is the upward component of a face's unit normal. The section at a height is the sum of A n over all
@@ -199,16 +199,17 @@ def _sum_by_slab(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
     Parameters
     ----------
     triangles
-        (m, 3, 3) float64 in mm, outward, standing on z = 0.
+        (m, 3, 3) float64 in mm, facing outward, standing on z = 0.
     height_mm
         Height of the mesh in mm.
 
     Returns
     -------
     tuple
-        (SLABS,) float64 sums, and (SLABS,) float64 sections, in mm2.
+        (SLAB_COUNT,) float64 sums, and (SLAB_COUNT,) float64 sections, in mm2.
     """
-    lateral, section_sums = np.zeros(SLABS + 1), np.zeros(SLABS + 1)  # sums below and above each plane
+    # Sums below and above each plane.
+    lateral, section_sums = np.zeros(SLAB_COUNT + 1), np.zeros(SLAB_COUNT + 1)
     for t in range(len(triangles)):
         ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
         ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
@@ -217,8 +218,8 @@ def _sum_by_slab(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
         upright = np.sqrt(nx * nx + ny * ny)
         low, high = min(az, az + uz, az + vz), max(az, az + uz, az + vz)
         middle = 3.0 * az + uz + vz - low - high
-        for plane in range(SLABS + 1):
-            z = height_mm * plane / SLABS
+        for plane in range(SLAB_COUNT + 1):
+            z = height_mm * plane / SLAB_COUNT
             if z >= high:
                 share_below = 1.0
             elif z <= low:

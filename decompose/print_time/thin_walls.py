@@ -24,8 +24,8 @@ class WallWidths(NamedTuple):
     """Widths in mm: of a line, of the outer wall on both sides, and of all walls on both sides."""
 
     line_mm: float
-    outer_mm: float
-    all_mm: float
+    outer_walls_mm: float
+    walls_mm: float
 
 
 class Sheets(NamedTuple):
@@ -75,7 +75,7 @@ def measure_thin_walls(
     Parameters
     ----------
     triangles
-        (m, 3, 3) float64 in mm, outward, standing on z = 0.
+        (m, 3, 3) float64 in mm, facing outward, standing on z = 0.
     widths
         Widths of lines and walls.
     sheets
@@ -85,11 +85,11 @@ def measure_thin_walls(
     """
     sums = np.zeros(3)
     mesh = _Mesh(np.ascontiguousarray(triangles), *find_bounds(triangles), compute_unit_normals(triangles))
-    # First x, then y, becomes the last axis; `upright` is the index of z in the new order.
-    for upright, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):
+    # First x, then y, becomes the last axis; `upright_axis` is the index of z in the new order.
+    for upright_axis, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):
         turned_mesh = mesh.permute_axes(order)
         crossings, ray_mm2 = _send_rays(turned_mesh, count)
-        sums += ray_mm2 * _sum_thin_walls(crossings, turned_mesh.normals, upright, widths)
+        sums += ray_mm2 * _sum_thin_walls(crossings, turned_mesh.normals, upright_axis, widths)
     crossings, ray_mm2 = _send_rays(mesh, count)
     bare_mm2, gap_mm2, full_mm2 = sums.tolist()
     overlap_mm3 = ray_mm2 * _sum_overlap_mm(crossings, mesh.normals, sheets)
@@ -119,7 +119,7 @@ def _send_rays(mesh: _Mesh, count: int) -> tuple[Crossings, float]:
 
 
 @jit
-def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths: WallWidths) -> Floats:
+def _sum_thin_walls(crossings: Crossings, normals: Floats, upright_axis: int, widths: WallWidths) -> Floats:
     """Sum the areas of thin walls, as multiples of the area that a ray stands for.
 
     Only faces whose normal is closer to the rays than to the horizontal across them are counted.
@@ -130,7 +130,7 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths:
         Crossings of the rays with the faces.
     normals
         (m, 3) unit normals of the faces; the rays run along the last axis.
-    upright
+    upright_axis
         Index of the axis that points up on the bed: 0 or 1.
     widths
         Widths of the walls.
@@ -141,7 +141,7 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths:
         (3,) float64 sums for `bare_mm2`, `gap_mm2` and `full_mm2` of `ThinWalls`.
     """
     sums = np.zeros(3)
-    line_mm, outer_mm, walls_mm = widths
+    line_mm, outer_walls_mm, walls_mm = widths
     for ray in range(len(crossings.start) - 1):
         depth, entry = 0, 0
         for k in range(crossings.start[ray], crossings.start[ray + 1]):
@@ -156,15 +156,15 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths:
             chord_mm = crossings.z_mm[k] - crossings.z_mm[entry]
             for crossing in (entry, k):
                 face = crossings.face[crossing]
-                along, across = abs(normals[face, 2]), abs(normals[face, 1 - upright])
+                along, across = abs(normals[face, 2]), abs(normals[face, 1 - upright_axis])
                 if along < across:
                     continue
                 level_cos = np.sqrt(along * along + across * across)
                 thickness_mm, area_share = chord_mm * along / level_cos, level_cos / along
-                if thickness_mm < outer_mm + line_mm:
+                if thickness_mm < outer_walls_mm + line_mm:
                     sums[0] += area_share
                 if (
-                    outer_mm + MIN_GAP_MM < thickness_mm < outer_mm + line_mm
+                    outer_walls_mm + MIN_GAP_MM < thickness_mm < outer_walls_mm + line_mm
                     or walls_mm + MIN_GAP_MM < thickness_mm < walls_mm + line_mm
                 ):
                     sums[1] += area_share

@@ -63,13 +63,13 @@ FACTORS: Mapping[str, float] = {
 }
 """Factors of the seconds of each term of `compute_time_terms`, the same for all settings.
 
-``columns`` replaces all of `SUPPORT` if only tables are available. The factors of travel, of supports and
-of the terms that need a pose were fitted to the features of sliced parts (`bench/prices/features.py`), the
-others to five settings (`bench/prices/model.py`).
+``columns`` replaces all of `SUPPORT_TERMS` if only tables are available. The factors of travel, of supports
+and of the terms that need a pose were fitted to the features of sliced parts (`bench/prices/features.py`),
+the others to five settings (`bench/prices/model.py`).
 """
 
 
-SUPPORT = ("support", "support sides", "islands", "island paths")
+SUPPORT_TERMS = ("support", "support sides", "islands", "island paths")
 TOWER_LAYER_S = 2.7
 """Time per layer of a support tower, in addition to the time to print it, before it is multiplied by the
 factor of "islands"."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from decompose.problem.effort import WORK_NS, Effort, Work
-from decompose.problem.granularity import MAX_CELLS, choose_granularity
+from decompose.problem.granularity import MAX_GRANULARITY, choose_granularity
 from decompose.problem.problem import GridFigures, Partition, Problem, validate_problem
 
 __all__ = [
-    "MAX_CELLS",
+    "MAX_GRANULARITY",
     "WORK_NS",
     "Effort",
     "GridFigures",

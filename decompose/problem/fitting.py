@@ -92,7 +92,7 @@ def place_plane_clear_of_faces(
     return at_mm + float(offsets_mm[clear_gaps[0] if len(clear_gaps) else int(np.argmax(gaps_mm))])
 
 
-def split_connected(piece: Piece) -> list[Piece]:
+def split_connected_pieces(piece: Piece) -> list[Piece]:
     """Split a piece into connected pieces, and remove the films that rounding leaves on a cut."""
     solids = [solid for solid in piece.solid.list_pieces() if solid.volume_mm3 > ROUNDING_MM3]
     return [Piece(solid, piece.planes, piece.boxes_mm) for solid in solids]

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 
 from decompose.errors import DecomposeError
-from decompose.grid import GRANULARITY
+from decompose.grid import GRANULARITIES
 
 AUTO_GRANULARITY = 15
-MAX_VOLUME_CELLS = 24  # maximum granularity due to the build volumes: a finer grid takes gigabytes
-MAX_CELLS = 60  # maximum that a person may request
+MAX_VOLUME_GRANULARITY = 24  # maximum granularity due to the build volumes: a finer grid takes gigabytes
+MAX_GRANULARITY = 60  # maximum granularity that a person may request
 # Minimum number of cells of a part: with fewer cells, a layer of them is too large a share of the part.
 CELLS_PER_PART = 400
 
 
-def choose_granularity(granularity: str | int, printers: int, size_ratio: float = 1.0) -> int:
+def choose_granularity(granularity: str | int, printer_count: int, size_ratio: float = 1.0) -> int:
     """Choose the cube root of the number of cells from a name, a number, or ``auto``.
 
     With ``auto``, a cell is not much larger than half a build volume.
@@ -22,8 +22,8 @@ def choose_granularity(granularity: str | int, printers: int, size_ratio: float 
     Parameters
     ----------
     granularity
-        A name of `grid.GRANULARITY`, a number, or ``auto``.
-    printers
+        A name of `grid.GRANULARITIES`, a number, or ``auto``.
+    printer_count
         Number of printers.
     size_ratio
         Longest side of the model over the narrowest side of a build volume.
@@ -34,18 +34,19 @@ def choose_granularity(granularity: str | int, printers: int, size_ratio: float 
         The granularity is not valid.
     """
     if granularity == "auto":
-        part_cells = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
-        volume_cells = min(MAX_VOLUME_CELLS, math.ceil(2.0 * size_ratio))
+        part_cells = math.ceil(math.pow(CELLS_PER_PART * printer_count, 1.0 / 3.0))
+        volume_cells = min(MAX_VOLUME_GRANULARITY, math.ceil(2.0 * size_ratio))
         return max(AUTO_GRANULARITY, part_cells, volume_cells)
-    if granularity in GRANULARITY:
-        return GRANULARITY[str(granularity)]
+    if granularity in GRANULARITIES:
+        return GRANULARITIES[str(granularity)]
     try:
         number = int(granularity)
     except ValueError:
         number = 0
-    if not 1 <= number <= MAX_CELLS:
-        allowed = ", ".join(GRANULARITY)
+    if not 1 <= number <= MAX_GRANULARITY:
+        allowed = ", ".join(GRANULARITIES)
         raise DecomposeError(
-            f"--granularity {granularity}: give auto, one of {allowed}, or a number from 1 to {MAX_CELLS}"
+            f"--granularity {granularity}: give auto, one of {allowed}, or a number from 1 to "
+            f"{MAX_GRANULARITY}"
         )
     return number

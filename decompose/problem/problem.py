@@ -138,7 +138,7 @@ class Problem:
     def build_grid(
         self,
         model: Model,
-        plane_at: tuple[int, float] | None = None,
+        target_plane: tuple[int, float] | None = None,
         overhang_cos: float | None = None,
     ) -> Grid:
         """Build the grid over a model in the frame of the cut.
@@ -147,7 +147,7 @@ class Problem:
         ----------
         model
             Model in that frame.
-        plane_at
+        target_plane
             Axis and coordinate in mm of a plane that the grid must have; None if there is none.
         overhang_cos
             Cosine above which a face overhangs; None for that of the cost model.
@@ -158,7 +158,7 @@ class Problem:
         self.effort.record(Work.FACE_GRIDDED, 2 * len(faces))
         overhang_cos = cost.overhang_cos if overhang_cos is None else overhang_cos
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
-        return build_grid(vertices[faces], self.choose_granularity(model), rules, plane_at)
+        return build_grid(vertices[faces], self.choose_granularity(model), rules, target_plane)
 
     def price_boxes(self, grid: Grid, printers: Sequence[TargetPrinter] = ()) -> BoxTables:
         """Price every box of a grid; a box fits if it fits all of some printers, by default of the problem's.
@@ -276,7 +276,7 @@ class Problem:
             if self._make_pose_key(piece) not in self._poses
         }
         self.effort.record(Work.PIECE_POSED, len(unposed_keys))
-        self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in unposed_keys.values()))
+        self.effort.record(Work.FACE_POSED, sum(piece.solid.face_count for piece in unposed_keys.values()))
         self._poses.update(zip(unposed_keys, self.map(self.find_pose, unposed_keys.values()), strict=True))
         return [self._poses[self._make_pose_key(piece)] for piece in pieces]
 
@@ -297,14 +297,14 @@ class Partition:
         Model in the frame of the pieces.
     rotation
         (3, 3) rotation into that frame: ``v_cut = rotation @ v_model``.
-    grid
+    grid_figures
         Figures of the engine's grid; None without a grid.
     """
 
     pieces: tuple[Piece, ...]
     model: Model
     rotation: Floats
-    grid: GridFigures | None = None
+    grid_figures: GridFigures | None = None
 
 
 def validate_problem(

@@ -69,7 +69,7 @@ def check_result(
             raise GeometryError(Rule.OWN_PRINTER, part.id, f"{part.printer} has another part already")
     overlap_mm3 = check_overlap(parts)
     surface_error = check_surface(parts, model)
-    check_missing(parts, boxes_mm, model, min_wall_mm)
+    check_missing_volume(parts, boxes_mm, model, min_wall_mm)
     return Coverage(surface_error, overlap_mm3)
 
 
@@ -144,7 +144,7 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
     return surface_error
 
 
-def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
+def check_missing_volume(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
     """Check that only hollows outside the boxes are missing, far enough from the surface.
 
     Parameters

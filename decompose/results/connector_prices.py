@@ -70,7 +70,7 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
         float(np.ptp(hole.points_mm @ pin.rod_axis)) - pin.length_mm
         for pin in connectors.pins
         for hole in pin.holes
-        if hole.part == part and hole.exit is not None
+        if hole.part == part and hole.exit_direction is not None
     )
     return amounts + Counter({"gutter mm": round(length_mm), "sliding mm": round(sliding_mm)})
 

@@ -33,7 +33,7 @@ RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of t
 FILM_MM = 0.06  # depth below a face that is not checked, because of rounding
 # Maximum angles of ceilings from the vertical; the slicer supports those of 50 degrees or more.
 MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0
-MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
+MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 ENLARGEMENT_MM = 0.005  # enlargement of the tools in the check that nothing else was removed
 # Minimum thickness of a real difference; thinner ones are errors at nearly coincident faces.
 MIN_THICKNESS_MM = 0.05
@@ -152,9 +152,9 @@ class DrilledParts:
         for hole in pin.holes:
             if rod.intersect(self.drilled_solids[hole.part]).volume_mm3 > EPS_MM3:
                 yield Rule.PINNED, f"a pin of step {pin.step + 1} does not go into its hole"
-            if hole.exit is None:
+            if hole.exit_direction is None:
                 continue
-            path = _build_rod(pin, hole.exit)
+            path = _build_rod(pin, hole.exit_direction)
             body = step.moved_parts if hole is moved else step.fixed_parts
             if any(path.intersect(self.drilled_solids[part]).volume_mm3 > EPS_MM3 for part in body):
                 yield Rule.ORDER, f"a key of step {pin.step + 1} does not slide into its groove"
@@ -172,7 +172,10 @@ def _inserts_pin(pin: Pin, step: AssemblyStep) -> bool:
         or float(-moved.inward_normal @ fixed.inward_normal) < COAXIAL_COS
     ):
         return False
-    exits = [None if hole.exit is None else float(hole.exit @ step.direction) for hole in pin.holes]
+    exits = [
+        None if hole.exit_direction is None else float(hole.exit_direction @ step.direction)
+        for hole in pin.holes
+    ]
     if not pin.slides:
         return exits == [None, None] and float(moved.inward_normal @ step.direction) >= COAXIAL_COS
     return abs(float(moved.inward_normal @ step.direction)) < LEVEL_SIN and (
@@ -289,7 +292,7 @@ class _Group:
         """Build the tools with the wall around them, from just below the face."""
         first = self.tools[0]
         if self.kind == "groove":
-            enlarged_points_mm = (first.points_mm[:, None] + self.rim_mm * _SPHERE).reshape(-1, 3)
+            enlarged_points_mm = (first.points_mm[:, None] + self.rim_mm * _SPHERE_POINTS).reshape(-1, 3)
             end_mm = float((enlarged_points_mm @ first.inward_normal).max())
             below = _extrude_outline(
                 self._draw_outline(), first.inward_normal, first.face_mm + FILM_MM, end_mm
@@ -303,15 +306,15 @@ class _Group:
     @property
     def has_exit(self) -> bool:
         """True if it is a groove that leaves its part through a second face."""
-        return self.tools[0].exit is not None
+        return self.tools[0].exit_direction is not None
 
-    def is_hidden(self, undrilled: Solid) -> bool:
+    def is_hidden(self, undrilled_solid: Solid) -> bool:
         """Check whether the mouths, with the rim that is inside the part, lie in a face of the joint."""
         inward_normal = self.tools[0].inward_normal
         across = choose_plane_axes(inward_normal)
         outline = self._draw_outline()
         if self.has_exit:
-            wall = self.build_sleeve().intersect(undrilled)
+            wall = self.build_sleeve().intersect(undrilled_solid)
             outline = build_polygons(wall.project(np.vstack([across, inward_normal])))
         for face in self.joint.faces:
             along = float(face.normal @ inward_normal)
@@ -325,13 +328,15 @@ class _Group:
                 return True
         return False
 
-    def measure_ceiling_mm2(self, up: Floats) -> float:
+    def measure_ceiling_mm2(self, up_direction: Floats) -> float:
         """Measure the area of a layer over the tools that needs support."""
         first = self.tools[0]
         tools = [tool.points_mm for tool in self.tools]
-        return measure_ceiling_mm2(tools, first.inward_normal, first.face_mm, up, first.exit)
+        return measure_ceiling_mm2(
+            tools, first.inward_normal, first.face_mm, up_direction, first.exit_direction
+        )
 
-    def compute_overhang_rad(self, up: Floats) -> float:
+    def compute_overhang_rad(self, up_direction: Floats) -> float:
         """Compute the angle of the flattest ceiling from the vertical, from the triangles of the tools."""
         overhang_rad = -1.0
         for tool in self.tools:
@@ -340,16 +345,18 @@ class _Group:
             normals = np.cross(b - a, c - a)
             sizes = np.linalg.norm(normals, axis=1)
             normals = normals[sizes > 1e-6] / sizes[sizes > 1e-6, None]
-            is_open = normals @ tool.inward_normal <= MOUTH_COS
-            if tool.exit is not None:
-                is_open |= normals @ tool.exit > COAXIAL_COS
+            is_open = normals @ tool.inward_normal <= MAX_MOUTH_COS
+            if tool.exit_direction is not None:
+                is_open |= normals @ tool.exit_direction > COAXIAL_COS
             sides = normals[~is_open]
-            overhang_rad = max(overhang_rad, float((sides @ up).max()))
+            overhang_rad = max(overhang_rad, float((sides @ up_direction).max()))
         return math.asin(min(1.0, overhang_rad))
 
 
 _CORNERS = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
-_SPHERE = _CORNERS[_CORNERS.any(axis=1)] / np.linalg.norm(_CORNERS[_CORNERS.any(axis=1)], axis=1)[:, None]
+_SPHERE_POINTS = (
+    _CORNERS[_CORNERS.any(axis=1)] / np.linalg.norm(_CORNERS[_CORNERS.any(axis=1)], axis=1)[:, None]
+)
 """Points (26, 3) on the unit sphere."""
 
 

@@ -16,7 +16,7 @@ from decompose.assembly import Assembly, AssemblyStep, find_order_faults, plan_a
 from decompose.connectors import Connectors, describe_connectors
 from decompose.engines.guillotine import CurvePoint
 from decompose.errors import DecomposeError, GeometryError, Rule
-from decompose.geometry import Solid, round_triangles, separate_touching
+from decompose.geometry import Solid, round_triangles, separate_touching_surfaces
 from decompose.options import Engine, Options
 from decompose.pieces import Fault, Joint, Seam, describe_thin_rims, measure_seams
 from decompose.printers import TargetPrinter
@@ -123,7 +123,7 @@ class Part:
         for gap_mm, tolerance_mm in product((0.0, STL_GAP_MM), STL_TOLERANCES_MM):
             vertices, faces = self.build_printing_mesh(tolerance_mm)
             if gap_mm:
-                vertices = separate_touching(vertices, faces, gap_mm)
+                vertices = separate_touching_surfaces(vertices, faces, gap_mm)
             corners = round_triangles(vertices, faces)
             if corners is not None:
                 return corners
@@ -176,8 +176,8 @@ class Decomposition:
         hold for these printers, and assume that all of them are as fast as the fastest one.
     any_boxes_bound_s
         Proven bound: no partition into boxes along these axes, on any grid or none, has a lower makespan, if
-        boxes are priced as in `grid_makespan_s`. Only for the engine `guillotine`, alone or in `best`; None
-        if no bound was requested.
+        boxes are priced as in `grid_makespan_s`. It is computed only for the engine `guillotine`, alone or in
+        `best`, and if a bound was requested; otherwise None.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
     parts
@@ -196,8 +196,8 @@ class Decomposition:
     connectors
         Pins and marks on the joints, from `connect_parts`.
     faults
-        Slivers, and parts without joints of sufficient area. A result with faults is rejected, except that
-        baselines and `--faithful` report them.
+        Slivers, and parts without joints of sufficient area. Baselines and `--faithful` report them; any
+        other result with faults is rejected.
     cutting
         Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
@@ -334,7 +334,7 @@ class Decomposition:
             "width_mm": joint.width_mm,
             "glued": joint.holds(self.options.min_glue_mm2),
             "seam_mm": seam.length_mm,
-            "thin_rim_mm": seam.thin_mm,
+            "thin_rim_mm": seam.thin_length_mm,
         }
 
     def _describe_step(self, number: int, step: AssemblyStep) -> dict[str, Any]:

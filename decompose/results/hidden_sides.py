@@ -13,7 +13,7 @@ from decompose.pieces import find_cut_faces
 from decompose.results.decomposition import Part
 
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright side
-ONE_WAY_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
+MAX_REVERSED_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
 MIN_SIDE_MM2 = 100.0  # minimum area of a side; smaller sides save no time
 BESIDE_TOLERANCE_MM = 1e-3
 
@@ -53,7 +53,7 @@ def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
     areas_mm2 = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ plane[:3] / 2.0
     outward_mm2, inward_mm2 = areas_mm2[areas_mm2 > 0.0].sum(), -areas_mm2[areas_mm2 < 0.0].sum()
     area_mm2 = outward_mm2 + inward_mm2
-    faces_both_ways = min(outward_mm2, inward_mm2) > ONE_WAY_SHARE * area_mm2
+    faces_both_ways = min(outward_mm2, inward_mm2) > MAX_REVERSED_SHARE * area_mm2
     if area_mm2 < MIN_SIDE_MM2 or faces_both_ways or surface.is_beside(plane, corners.reshape(-1, 3)):
         return None
     offset_mm = plane[3] - plane[:3] @ part.to_model[:3, 3]

@@ -31,7 +31,7 @@ def measure_ceiling_mm2(
     tools: Sequence[Floats],
     inward_normal: Floats,
     face_mm: float,
-    up: Floats,
+    up_direction: Floats,
     exit_direction: Floats | None = None,
 ) -> float:
     """Measure the largest area of a layer over a hollow that needs support.
@@ -44,28 +44,28 @@ def measure_ceiling_mm2(
         (3,) unit vector from the tools' face into the part.
     face_mm
         Coordinate of the face along `inward_normal`.
-    up
+    up_direction
         (3,) upward direction of the bed in the pose of the part, in the same frame.
     exit_direction
         (3,) unit vector along which the tools leave the part through another face, above which nothing is
         printed; None if they do not.
     """
-    rise = float(inward_normal @ up)
+    rise = float(inward_normal @ up_direction)
     if rise < -LEVEL_COS:
         return 0.0  # a hollow that opens upwards only gets wider
     corners_mm = np.concatenate(tools)
-    high_mm = float((corners_mm @ up).max()) + 2.0 * LAYER_HEIGHT_MM
+    high_mm = float((corners_mm @ up_direction).max()) + 2.0 * LAYER_HEIGHT_MM
     if exit_direction is not None:
         tools = [_lengthen_body(tool, exit_direction) for tool in tools]
-        high_mm -= 3.0 * LAYER_HEIGHT_MM * float(exit_direction @ up > 0.0)
+        high_mm -= 3.0 * LAYER_HEIGHT_MM * float(exit_direction @ up_direction > 0.0)
     bodies = [Solid.hull(tool) for tool in tools]
     if rise <= LEVEL_COS:
-        bodies.append(_build_air(corners_mm, inward_normal, face_mm, up))
+        bodies.append(_build_air(corners_mm, inward_normal, face_mm, up_direction))
     hollow = Solid.union(bodies)
-    frame = np.vstack([choose_plane_axes(up), up])
-    low_mm = float((corners_mm @ up).min())
-    layers = np.arange(low_mm + LAYER_HEIGHT_MM / 2.0, high_mm, LAYER_HEIGHT_MM)
-    areas = _cut_layers(hollow, frame, layers)
+    frame = np.vstack([choose_plane_axes(up_direction), up_direction])
+    low_mm = float((corners_mm @ up_direction).min())
+    layer_heights_mm = np.arange(low_mm + LAYER_HEIGHT_MM / 2.0, high_mm, LAYER_HEIGHT_MM)
+    areas = _cut_layers(hollow, frame, layer_heights_mm)
     lower_layers = [n for n in areas if n + 1 in areas]
     open_below = shapely.buffer(
         [areas[n] for n in lower_layers], -MAX_OVERHANG_MM - ROUNDING_MARGIN_MM, quad_segs=4
@@ -74,7 +74,7 @@ def measure_ceiling_mm2(
     return float(shapely.area(ceilings).max(initial=0.0))
 
 
-def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shapely.Geometry]:
+def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[int, shapely.Geometry]:
     """Cut a hollow at heights (n,); in a run of layers without corners, cut only two at each end.
 
     The run is cut at all layers if a ring at one end is so short that the slicer drops it.
@@ -85,13 +85,13 @@ def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shape
         Area of each layer that is cut, by its number.
     """
     corners = np.sort(hollow.arrays()[0] @ frame[2])
-    is_corner = np.searchsorted(corners, layers[:-1] - CORNER_TOLERANCE_MM) < np.searchsorted(
-        corners, layers[1:] + CORNER_TOLERANCE_MM
+    is_corner = np.searchsorted(corners, layer_heights_mm[:-1] - CORNER_TOLERANCE_MM) < np.searchsorted(
+        corners, layer_heights_mm[1:] + CORNER_TOLERANCE_MM
     )
     breaks = 1 + np.flatnonzero(is_corner)
-    runs = [run.tolist() for run in np.split(np.arange(len(layers)), breaks) if len(run)]
+    runs = [run.tolist() for run in np.split(np.arange(len(layer_heights_mm)), breaks) if len(run)]
     ends = sorted({n for run in runs for n in _list_end_layers(run)})
-    outlines = dict(zip(ends, _cut_outlines(hollow, frame, layers[ends]), strict=True))
+    outlines = dict(zip(ends, _cut_outlines(hollow, frame, layer_heights_mm[ends]), strict=True))
     others = [
         n
         for run in runs
@@ -99,7 +99,7 @@ def _cut_layers(hollow: Solid, frame: Floats, layers: Floats) -> dict[int, shape
         for n in run
         if n not in outlines
     ]
-    outlines |= dict(zip(others, _cut_outlines(hollow, frame, layers[others]), strict=True))
+    outlines |= dict(zip(others, _cut_outlines(hollow, frame, layer_heights_mm[others]), strict=True))
     return {n: _build_area(outlines[n]) for n in sorted(outlines)}
 
 
@@ -115,9 +115,9 @@ def _lengthen_body(corners_mm: Floats, direction: Floats) -> Floats:
     return np.concatenate([corners_mm, end + AIR_MM * direction])
 
 
-def _build_air(corners_mm: Floats, inward_normal: Floats, face_mm: float, up: Floats) -> Solid:
+def _build_air(corners_mm: Floats, inward_normal: Floats, face_mm: float, up_direction: Floats) -> Solid:
     """Build the air in front of an upright face, so that a ceiling at the mouth does not end at a wall."""
-    upwards = up - (up @ inward_normal) * inward_normal
+    upwards = up_direction - (up_direction @ inward_normal) * inward_normal
     upwards = upwards / np.linalg.norm(upwards)
     frame = np.stack([np.cross(upwards, inward_normal), upwards, inward_normal])
     low, high = (

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from numba.core.dispatcher import Dispatcher
 
-from decompose.compilation import compile_all
+from decompose.compilation import compile_functions
 from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
 from decompose.geometry import load_model
@@ -33,7 +33,7 @@ def list_signatures():
                 )
 
 
-compile_all()
+compile_functions()
 old_signatures = set(list_signatures())
 assert len(old_signatures) > 15
 folder = Path(sys.argv[1])

@@ -85,7 +85,7 @@ def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
     assert simplify_solid_for_pricing(solid) is solid
     monkeypatch.setattr("decompose.decompose.MAX_PRICED_FACES", 22_000)
     simple_solid = simplify_solid_for_pricing(solid)
-    assert simple_solid.faces <= 22_000 < solid.faces
+    assert simple_solid.face_count <= 22_000 < solid.face_count
     exact_s = estimate_serial_s(*solid.arrays(), cost, fit_first_layer=True)
     assert estimate_serial_s(*simple_solid.arrays(), cost, fit_first_layer=True) == pytest.approx(
         exact_s, rel=0.01

@@ -47,15 +47,15 @@ def test_attempts_in_any_order_give_the_result_of_one_process(
 ) -> None:
     """Make the attempts of each round in reverse order, each as if in a separate process."""
     search, rounds = paused_search, 0
-    while search.best.open_printers:
+    while search.best_result.open_printers:
         numbers = range(len(search.plan_round()))
         assert len(numbers) > 1
         outcomes = {number: pickle.dumps(search.make_attempt(number)) for number in reversed(numbers)}
         best_result = search.resume([pickle.loads(outcomes[number]) for number in numbers])
-        search, rounds = replace(search, best=pickle.loads(pickle.dumps(best_result))), rounds + 1
+        search, rounds = replace(search, best_result=pickle.loads(pickle.dumps(best_result))), rounds + 1
     assert rounds == 1
-    assert search.best.yaw_deg
-    result = search.best
+    assert search.best_result.yaw_deg
+    result = search.best_result
     assert drop_times(result) == drop_times(unpaused_result)
     assert (result.makespan_s, result.sum_s, result.yaw_deg) == (
         unpaused_result.makespan_s,
@@ -74,7 +74,7 @@ def test_attempts_in_any_order_give_the_result_of_one_process(
 
 
 def test_search_pauses_once_it_has_a_result(paused_search: PausedSearch) -> None:
-    best_result = paused_search.best
+    best_result = paused_search.best_result
     assert best_result.open_printers == tuple(PRINTERS)
     assert len(best_result.attempts) == 1
     assert paused_search.spent_share == pytest.approx(
@@ -85,19 +85,21 @@ def test_search_pauses_once_it_has_a_result(paused_search: PausedSearch) -> None
 def test_failed_attempt_keeps_the_best_result(paused_search: PausedSearch) -> None:
     count = len(paused_search.plan_round())
     outcomes = [paused_search.fail_attempt(number, "its worker had no memory") for number in range(count)]
-    search = replace(paused_search, best=paused_search.resume(outcomes))
-    attempts = search.best.attempts[1 : 1 + count]
+    search = replace(paused_search, best_result=paused_search.resume(outcomes))
+    attempts = search.best_result.attempts[1 : 1 + count]
     assert {attempt.reason for attempt in attempts} == {"its worker had no memory"}
     assert not any(attempt.finished for attempt in attempts)
-    assert search.best.makespan_s == paused_search.best.makespan_s
-    assert sum(attempt.effort_s for attempt in search.best.attempts) <= BEST_OPTIONS.budget_s * (1.0 + 1e-9)
+    assert search.best_result.makespan_s == paused_search.best_result.makespan_s
+    assert sum(attempt.effort_s for attempt in search.best_result.attempts) <= BEST_OPTIONS.budget_s * (
+        1.0 + 1e-9
+    )
 
 
 def test_search_ends_early_with_the_best_result_of_the_round(paused_search: PausedSearch) -> None:
     outcomes = [paused_search.make_attempt(number) for number in range(len(paused_search.plan_round()))]
     ended_search, best_result = (
         paused_search.resume(outcomes, "not started: out of memory"),
-        paused_search.best,
+        paused_search.best_result,
     )
     assert not ended_search.open_printers and not ended_search.options.best.pauses
     results = [outcome.result.makespan_s for outcome in outcomes if outcome.result is not None]

@@ -86,21 +86,25 @@ class KeyPlacer:
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
-            far_mm = find_far_glue(self.glue_mm, self.pins)
-            places = self._list_places(SHORT_KEY_MM) if len(far_mm) else []
+            far_glue_mm = find_far_glue(self.glue_mm, self.pins)
+            places = self._list_places(SHORT_KEY_MM) if len(far_glue_mm) else []
             if places:
-                self._place_key(sort_places_by_gain(_list_points(places), far_mm, self._weigh_places(places)))
+                self._place_key(
+                    sort_places_by_gain(_list_points(places), far_glue_mm, self._weigh_places(places))
+                )
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
         """Place short keys on faces that slide, where they reach as much far glue as possible."""
         count = -1
         while len(self.pins) > count:
             count = len(self.pins)
-            far_mm = find_far_glue(self.glue_mm, self.pins)
-            places = self.maker.find_sliding_places(sites, self.sites, SHORT_KEY_MM) if len(far_mm) else []
+            far_glue_mm = find_far_glue(self.glue_mm, self.pins)
+            places = (
+                self.maker.find_sliding_places(sites, self.sites, SHORT_KEY_MM) if len(far_glue_mm) else []
+            )
             places = self._list_free_places(places)
             if places:
-                numbers = sort_places_by_gain(_list_points(places), far_mm, self._weigh_places(places))
+                numbers = sort_places_by_gain(_list_points(places), far_glue_mm, self._weigh_places(places))
                 self._add_printable_key([places[number] for number in numbers])
 
     def _place_key(self, numbers: Sequence[int]) -> None:

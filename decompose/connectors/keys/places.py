@@ -3,8 +3,8 @@
 A key serves joints whose rims have no space for a hole. Its groove is shallow and tapers, so that it stays
 inside a sloping thin wall. The sides of the key hold the parts across its length, and its ends hold them
 along it. Where faces slide over each other, keys lie along the direction of the step. The groove of one part
-is closed at both ends; that of the other part has an exit through a face that closes, by which the key
-enters.
+is closed at both ends; that of the other part has an exit through a face that
+closes, and the key enters through this exit.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class KeySlide:
 
 @dataclass(frozen=True, slots=True)
 class KeyMaker:
-    """Maker of keys of one diameter for a step with a direction (3,), which also finds their places."""
+    """Maker of keys of one diameter for a step with a direction (3,); it also finds their places."""
 
     workpieces: Workpieces
     step: int

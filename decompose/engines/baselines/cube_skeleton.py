@@ -27,7 +27,7 @@ from decompose.engines.baselines.hollow import (
     find_largest_cube,
     hollow_model,
     list_cubes_around,
-    move_planes_to,
+    move_planes_to_cube,
     refine_cube,
 )
 from decompose.errors import NoFit
@@ -41,7 +41,7 @@ from decompose.problem.fitting import (
     count_blocks,
     place_plane_clear_of_faces,
     refuse_misfits,
-    split_connected,
+    split_connected_pieces,
 )
 
 GRANULARITY = 24  # granularity of the grid on which the model is hollowed
@@ -71,7 +71,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     if cube is not None and is_hollow and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
         cube_mm = refine_cube(model.solid, np.array(grid.find_bounds_mm(cube)), cell_mm, options.min_wall_mm)
-        planes, cube = move_planes_to(model.solid, grid, cube_mm)
+        planes, cube = move_planes_to_cube(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, rules)
         refined_pieces = _cut_shell(problem, grid, hollow_model(model.solid, grid, cube), cube)
         best_pieces = min(
@@ -222,20 +222,22 @@ class _PieceMerger:
             if self.merge_groups(number, neighbour):
                 unpaired -= {number, neighbour}
 
-    def merge_to_count(self, printers: int) -> None:
+    def merge_to_count(self, printer_count: int) -> None:
         """Merge the neighbours that print fastest until there are no more groups than printers.
 
         If too many groups remain, the groups with the smallest common bounding box are merged instead.
         """
         groups, neighbours = dict(self.groups), {i: set(others) for i, others in self.touching_groups.items()}
-        self._merge_cheapest_neighbours(printers, lambda a, b: a.seconds + b.seconds)
-        if len(self.groups) > printers:
+        self._merge_cheapest_neighbours(printer_count, lambda a, b: a.seconds + b.seconds)
+        if len(self.groups) > printer_count:
             self.groups, self.touching_groups = groups, defaultdict(set, neighbours)
-            self._merge_cheapest_neighbours(printers, lambda a, b: float(a.measure_common_size_mm(b).prod()))
+            self._merge_cheapest_neighbours(
+                printer_count, lambda a, b: float(a.measure_common_size_mm(b).prod())
+            )
 
-    def _merge_cheapest_neighbours(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
+    def _merge_cheapest_neighbours(self, printer_count: int, key: Callable[[_Group, _Group], float]) -> None:
         """Merge the neighbours with the lowest key until there are no more groups than printers."""
-        while len(self.groups) > printers:
+        while len(self.groups) > printer_count:
             pairs = [
                 (a, b) for a in self.groups for b in self.touching_groups[a] if a < b and self.can_merge(a, b)
             ]
@@ -249,16 +251,16 @@ class _PieceMerger:
         for group in self.groups.values():
             members = [self.pieces[i] for i in group.members]
             planes = np.unique(np.concatenate([piece.planes for piece in members]), axis=0)
-            pieces += split_connected(Piece(group.solid, planes, members[0].boxes_mm))
+            pieces += split_connected_pieces(Piece(group.solid, planes, members[0].boxes_mm))
         return pieces
 
 
-def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> list[Piece]:
+def _merge_regions(regions: list[Piece], printer_count: int, problem: Problem) -> list[Piece]:
     """Split regions into connected pieces, join islands to neighbours, and merge neighbours."""
     pieces: list[Piece] = []
     islands: list[int] = []
     for region in regions:
-        parts = sorted(split_connected(region), key=lambda piece: -piece.solid.volume_mm3)
+        parts = sorted(split_connected_pieces(region), key=lambda piece: -piece.solid.volume_mm3)
         islands += range(len(pieces) + 1, len(pieces) + len(parts))
         pieces += parts
     merger = _PieceMerger(pieces, problem)
@@ -266,5 +268,5 @@ def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> lis
     if problem.options.faithful:
         merger.pair_neighbours()
     else:
-        merger.merge_to_count(printers)
+        merger.merge_to_count(printer_count)
     return merger.list_merged_pieces()

@@ -17,7 +17,7 @@ Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, 
 MAX_GROWTH_CELLS = 2.0  # maximum growth of a cube on each side, as a multiple of a cell's longest side
 ACCURACY_MM = 0.2  # accuracy of the cube's size
 MARGIN_MM = 0.01  # margin above the minimum wall, because distances are rounded
-ROUNDS = 2  # number of rounds of growth in every direction
+ROUND_COUNT = 2  # number of rounds of growth in every direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +148,7 @@ def find_largest_cube(cells: Bools) -> Block | None:
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
     """Grow the largest cube within a cuboid until it reaches the minimum wall.
 
-    It grows about its middle and towards each corner, by bisection against the mesh itself, in `ROUNDS`
+    It grows about its middle and towards each corner, by bisection against the mesh itself, in `ROUND_COUNT`
     rounds and by at most `MAX_GROWTH_CELLS` cells. Afterwards hardly any larger cube around it keeps the
     wall.
 
@@ -180,7 +180,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     def keeps_wall(box: Floats) -> bool:
         return outer_solid.is_empty or outer_solid.measure_gap_mm(Solid.box(*box), wall_mm) >= wall_mm
 
-    for _ in range(ROUNDS):
+    for _ in range(ROUND_COUNT):
         before_mm = float(cube[1, 0] - cube[0, 0])
         for direction in directions:
             shares = np.array([direction, 1.0 - direction])
@@ -204,7 +204,7 @@ def _grow_cube(
     max_mm
         Maximum growth.
     keeps_wall
-        Returns whether a cube keeps the wall.
+        Function that returns whether a cube keeps the wall.
     """
 
     def grow(distance_mm: float) -> Floats:
@@ -217,7 +217,9 @@ def _grow_cube(
     return grow(low_mm)
 
 
-def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
+def move_planes_to_cube(
+    solid: Solid, grid: Grid, cube_mm: Floats
+) -> tuple[tuple[Floats, Floats, Floats], Block]:
     """Move the nearest planes of a grid to the sides of a cube.
 
     A side next to a flat face of the solid, where a plane would cut slivers off, is moved inwards.

@@ -28,7 +28,7 @@ from decompose.problem.fitting import (
     count_parts,
     place_plane_clear_of_faces,
     refuse_misfits,
-    split_connected,
+    split_connected_pieces,
 )
 
 TREE_DEPTH = 3  # depth of the tree of cuts
@@ -71,7 +71,7 @@ class _Method(ABC):
         """Yield the parts that each plane cuts a part into, the best plane first."""
 
     @abstractmethod
-    def cut_further(self, parts: list[_Part]) -> list[_Part]:
+    def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
         """Cut the parts further as long as printers remain."""
 
     def price_model(self) -> _Part:
@@ -88,34 +88,36 @@ def cut_by_symmetry(problem: Problem) -> Partition:
         A part fits no printer, or the parts are in more pieces than there are printers.
     """
     method = _PublishedMethod(problem) if problem.options.faithful else _CorrectedMethod(problem)
-    printers = len(problem.printers)
+    printer_count = len(problem.printers)
     uncut_part = method.price_model()
-    if uncut_part.printers_needed > printers:
+    if uncut_part.printers_needed > printer_count:
         raise NoFit(
             f"the printers' build volumes need at least {uncut_part.printers_needed} parts, but there are "
-            f"{printers} printers",
+            f"{printer_count} printers",
             uncut_part.printers_needed,
         )
-    parts = list(_find_best_leaves(method, uncut_part, printers, TREE_DEPTH)[printers][1])
+    parts = list(_find_best_leaves(method, uncut_part, printer_count, TREE_DEPTH)[printer_count][1])
     problem.on_stage("tree")
-    parts = method.cut_further(parts)
+    parts = method.cut_parts_further(parts)
     problem.on_stage("greedy")
-    pieces = tuple(piece for part in parts for piece in split_connected(part.piece))
+    pieces = tuple(piece for part in parts for piece in split_connected_pieces(part.piece))
     # With more printers, the engine would make more parts, so no number is known to be enough.
     refuse_misfits("symmetry", pieces, problem, sufficient_printers=None)
     return Partition(pieces, problem.model, np.eye(3))
 
 
-def _find_best_leaves(method: _Method, part: _Part, printers: int, depth: int) -> list[Leaves]:
+def _find_best_leaves(method: _Method, part: _Part, printer_count: int, depth: int) -> list[Leaves]:
     """Find the leaves of the tree of cuts with the lowest maximum price, for 0, 1, ... printers."""
-    best = [NO_LEAVES if k < part.printers_needed else (part.price, (part,)) for k in range(printers + 1)]
-    if depth == 0 or printers < 2:
+    best = [
+        NO_LEAVES if k < part.printers_needed else (part.price, (part,)) for k in range(printer_count + 1)
+    ]
+    if depth == 0 or printer_count < 2:
         return best
     for children in method.list_cuts(part):
-        combinations: list[Leaves] = [(0.0, ())] * (printers + 1)
+        combinations: list[Leaves] = [(0.0, ())] * (printer_count + 1)
         for child in children:
-            child_leaves = _find_best_leaves(method, child, printers, depth - 1)
-            combinations = [_join_leaves(combinations, child_leaves, k) for k in range(printers + 1)]
+            child_leaves = _find_best_leaves(method, child, printer_count, depth - 1)
+            combinations = [_join_leaves(combinations, child_leaves, k) for k in range(printer_count + 1)]
         best = [
             min(a, b, key=lambda leaves: (leaves[0], len(leaves[1])))
             for a, b in zip(best, combinations, strict=True)
@@ -123,9 +125,9 @@ def _find_best_leaves(method: _Method, part: _Part, printers: int, depth: int) -
     return best
 
 
-def _join_leaves(first: list[Leaves], second: list[Leaves], printers: int) -> Leaves:
+def _join_leaves(first_leaves: list[Leaves], second_leaves: list[Leaves], printer_count: int) -> Leaves:
     """Find the best leaves of two sides together for a number of printers."""
-    shares = [(first[k], second[printers - k]) for k in range(printers + 1)]
+    shares = [(first_leaves[k], second_leaves[printer_count - k]) for k in range(printer_count + 1)]
     a, b = min(shares, key=lambda pair: (max(pair[0][0], pair[1][0]), len(pair[0][1]) + len(pair[1][1])))
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
 
@@ -149,9 +151,9 @@ class _PublishedMethod(_Method):
         """Price a piece by its volume."""
         return _Part(piece, piece.solid.volume_mm3)
 
-    def draw_planes(self, part: _Part, limit: int) -> list[Mirror]:
+    def draw_planes(self, part: _Part, max_count: int) -> list[Mirror]:
         """Draw random planes through a part, and return the most symmetric ones."""
-        return draw_mirrors(part.piece.solid.arrays()[0], self.rng, limit)
+        return draw_mirrors(part.piece.solid.arrays()[0], self.rng, max_count)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         """Yield the halves at random planes, the most symmetric one first, unless a half is too small."""
@@ -168,7 +170,7 @@ class _PublishedMethod(_Method):
         is_even = len(halves) == 2 and all(half.price >= MIN_HALF_SHARE * self.mean_mm3 for half in halves)
         return halves if is_even else []
 
-    def cut_further(self, parts: list[_Part]) -> list[_Part]:
+    def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
         """Cut the least symmetric parts in halves as long as printers remain."""
         has_cut = True
         while has_cut and len(parts) < len(self.problem.printers):
@@ -215,7 +217,7 @@ class _CorrectedMethod(_Method):
     def split_at_plane(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """Yield the connected pieces on both sides of a plane near `at_mm`, unless a piece is too small."""
         at_mm = place_plane_clear_of_faces(piece.solid, normal, at_mm)
-        pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected(half)]
+        pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected_pieces(half)]
         min_mm3 = MIN_VOLUME_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):
             yield [self.price_part(fragment) for fragment in pieces]
@@ -240,7 +242,7 @@ class _CorrectedMethod(_Method):
         )
         return np.eye(3)[axis], (lo[axis] + shares * (hi - lo)[axis]).tolist()
 
-    def cut_further(self, parts: list[_Part]) -> list[_Part]:
+    def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
         """Cut the costliest part as long as printers remain and no part becomes costlier."""
         while True:
             costliest_part = max(parts, key=lambda part: (part.printers_needed > 1, part.price))

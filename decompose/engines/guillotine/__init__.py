@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from decompose.engines.guillotine.class_search import cut_by_guillotine, make_class_tables
 from decompose.engines.guillotine.curve import (
-    ASSEMBLE_S,
-    CLEAR_S,
+    ASSEMBLY_S,
+    CLEARING_S,
     CurvePoint,
     compute_makespan_curve,
     find_fewest_in_time,
@@ -16,8 +16,8 @@ from decompose.engines.guillotine.plane_shift import shift_box_planes
 from decompose.engines.guillotine.printer_classes import classify_printers
 
 __all__ = [
-    "ASSEMBLE_S",
-    "CLEAR_S",
+    "ASSEMBLY_S",
+    "CLEARING_S",
     "CurvePoint",
     "Partitioner",
     "classify_printers",

@@ -23,7 +23,7 @@ from decompose.engines.guillotine.printer_classes import PrinterClass, classify_
 from decompose.engines.guillotine.recursion import UNREACHABLE
 from decompose.errors import NoFit, format_size
 from decompose.grid import Box, BoxTables, Grid, index_box
-from decompose.pieces import Piece, assign_bottleneck
+from decompose.pieces import Piece, solve_bottleneck_assignment
 from decompose.printers import TargetPrinter
 from decompose.problem import GridFigures, Partition, Problem, Work
 
@@ -115,20 +115,20 @@ class _ClassSearch(ExactSearch):
             self.tables[0], [OtherClass(table, printer_class.count) for table, printer_class in other_classes]
         )
 
-    def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
-        """Find a partition that ends before a time by true prices.
+    def run(self, known_s: float) -> list[Cut]:  # type: ignore[override]
+        """Find a partition that ends before a known makespan, by true prices.
 
         The list is empty if there is no such partition, or only one class.
         """
         cuts: list[Cut] = []
-        tolerance_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.min_s)
-        if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * below_s, tolerance_s):
+        tolerance_s = TOLERANCE * (known_s if math.isfinite(known_s) else self.min_s)
+        if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * known_s, tolerance_s):
             return cuts
         rounds = 0
         while rounds < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
-            if math.isfinite(below_s) and self.problem.effort.is_spent():
+            if math.isfinite(known_s) and self.problem.effort.is_spent():
                 break
-            limit_s = self._solve(self.classes[0].count, tolerance_s, WORTHWHILE_SHARE * below_s)
+            limit_s = self._solve(self.classes[0].count, tolerance_s, WORTHWHILE_SHARE * known_s)
             if limit_s is None:
                 break
             self.min_s = max(self.min_s, limit_s - tolerance_s)
@@ -138,8 +138,8 @@ class _ClassSearch(ExactSearch):
             rounds += 1
             cut = self._assign_printers_by_tables(boxes)
             end_s = _compute_end_s(self.problem, cut)
-            if end_s < below_s:
-                cuts, below_s = [cut], end_s
+            if end_s < known_s:
+                cuts, known_s = [cut], end_s
             if end_s <= RETRY_RATIO * limit_s:
                 break
             self._record_prices(cut)
@@ -151,7 +151,7 @@ class _ClassSearch(ExactSearch):
         count = sum(printer_class.count for printer_class in self.classes)
         solver = Partitioner(best_tables)
         min_s = solver.find_min_makespan(count, self.min_s, tolerance_s, max_s)
-        self.problem.effort.record(Work.SUM, solver.sums)
+        self.problem.effort.record(Work.SUM, solver.sum_count)
         if min_s is not None:
             self.min_s = max(self.min_s, min_s - tolerance_s)
         return min_s is not None
@@ -164,7 +164,7 @@ class _ClassSearch(ExactSearch):
     def _assign_printers_by_tables(self, boxes: Sequence[Box]) -> Cut:
         """Assign printers to the pieces of boxes, by the times of the tables."""
         cut = {box: self.cut[box] for box in boxes}
-        assigned_printers = assign_bottleneck(self._look_up_seconds(boxes))
+        assigned_printers = solve_bottleneck_assignment(self._look_up_seconds(boxes))
         assert assigned_printers is not None  # the search has found an assignment
         printers = [printer for printer_class in self.classes for printer in printer_class.printers]
         return _set_printers(cut, [printers[i] for i in assigned_printers])
@@ -205,7 +205,7 @@ class _ClassSearch(ExactSearch):
         """
         problem = self.problem
         times_s = self._look_up_seconds(list(cut))
-        assigned_printers = assign_bottleneck(times_s)
+        assigned_printers = solve_bottleneck_assignment(times_s)
         if assigned_printers is None:  # the cut for all printers may use boxes that this search has excluded
             makespan_s = _compute_end_s(problem, cut)
         else:
@@ -252,8 +252,10 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
         for count, printer_class in zip(shortage, classes, strict=True)
         if count
     ]
-    printers = len(problem.printers)
-    return NoFit.from_shortage(problem.model.extents_mm, printers + total, printers, " and ".join(requests))
+    printer_count = len(problem.printers)
+    return NoFit.from_shortage(
+        problem.model.extents_mm, printer_count + total, printer_count, " and ".join(requests)
+    )
 
 
 def _grow_counts(available_counts: Sequence[int], grown_class: int, max_sums: float) -> list[int]:

@@ -20,10 +20,12 @@ from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.grid import BoxTables
 
 TOLERANCE = 0.005  # accuracy of a makespan, as a share of it
-PARALLEL_SOLVES = 2  # number of parallel solves; fixed, so that the result does not depend on the machine
-CLEAR_S = 120.0
+PARALLEL_SOLVE_COUNT = (
+    2  # number of parallel solves; fixed, so that the result does not depend on the machine
+)
+CLEARING_S = 120.0
 """A person's time to take a part off a bed and to clear the bed, an estimate."""
-ASSEMBLE_S = 216.0
+ASSEMBLY_S = 216.0
 """A person's time to clean and glue a part: 3.6 min in the literature on such models."""
 
 
@@ -80,7 +82,7 @@ class _MakespanBounds:
         ):
             if high_s - low_s > TOLERANCE * high_s:
                 gaps[low_s, high_s] = (high_s - low_s) / high_s
-        widest_gaps = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:PARALLEL_SOLVES]
+        widest_gaps = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:PARALLEL_SOLVE_COUNT]
         return [(low_s + high_s) / 2.0 for low_s, high_s in widest_gaps]
 
 
@@ -115,7 +117,7 @@ def compute_makespan_curve(
 
 
 def find_knee(
-    points: Sequence[CurvePoint], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S
+    points: Sequence[CurvePoint], clearing_s: float = CLEARING_S, assembly_s: float = ASSEMBLY_S
 ) -> CurvePoint:
     """Find the point with the least time for printing plus a person's handling of every part.
 
@@ -123,10 +125,10 @@ def find_knee(
     ----------
     points
         Points of `compute_makespan_curve`, at least one.
-    clear_s, assemble_s
+    clearing_s, assembly_s
         A person's time in seconds for each part: to clear its bed, and to glue it.
     """
-    return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
+    return min(points, key=lambda p: (p.makespan_s + p.printers * (clearing_s + assembly_s), p.printers))
 
 
 def find_fewest_in_time(

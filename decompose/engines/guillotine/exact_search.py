@@ -31,10 +31,12 @@ RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of
 TOLERANCE_S = 1.0  # minimum accuracy of the minimum makespan by the tables
 TOLERANCE = 5e-4  # the same as a share of the makespan; the errors of the tables' prices are larger
 SEARCH_SHARE = 0.75  # share of the unreserved budget for the exact search; the rest is for windows
-LATE_STEP = 0.02  # growth of the makespan's limit, as a share, when the budget is spent without a result
+LATE_GROWTH_SHARE = (
+    0.02  # growth of the makespan's limit, as a share, when the budget is spent without a result
+)
 # Limits of looser partitions, between the minimum makespan with all printers (0) and with one fewer (1).
 LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
-MAX_LATER_RATIO = 1.06  # maximum ratio of a limit to the minimum makespan if one printer fewer is not enough
+MAX_LIMIT_RATIO = 1.06  # maximum ratio of a limit to the minimum makespan if one printer fewer is not enough
 CLOSE_RATIO = 1.03  # a result is improved only if it is below this multiple of the makespan to beat
 
 
@@ -112,7 +114,7 @@ class ExactSearch:
                 effort.is_cut_short = True  # from here on any partition is accepted
                 if best:
                     break
-            tolerance_s = max(TOLERANCE_S, (LATE_STEP if is_late else TOLERANCE) * self.min_s)
+            tolerance_s = max(TOLERANCE_S, (LATE_GROWTH_SHARE if is_late else TOLERANCE) * self.min_s)
             makespan_s = self._solve(len(self.problem.printers), tolerance_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
@@ -146,27 +148,30 @@ class ExactSearch:
             self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.min_s
         )
         search.cut, search.true_times_s, search.is_near = self.cut, self.true_times_s, True
-        printers = len(self.problem.printers)
+        printer_count = len(self.problem.printers)
         tolerance_s = max(TOLERANCE_S, TOLERANCE * self.min_s)
-        min_s, fewer_s = search._solve(printers, tolerance_s), search._solve(printers - 1, tolerance_s)
+        min_s, fewer_s = (
+            search._solve(printer_count, tolerance_s),
+            search._solve(printer_count - 1, tolerance_s),
+        )
         if min_s is None:
             return
         known_partitions = {frozenset(best)}
         for share in LOOSER_LIMIT_SHARES:
-            boxes = search._solve_within(min_s + share * ((fewer_s or MAX_LATER_RATIO * min_s) - min_s))
+            boxes = search._solve_limit(min_s + share * ((fewer_s or MAX_LIMIT_RATIO * min_s) - min_s))
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
                 yield {box: self.cut[box] for box in boxes}
 
-    def _solve_within(self, limit_s: float) -> list[Box]:
+    def _solve_limit(self, limit_s: float) -> list[Box]:
         """Find a partition with about the least work whose true times meet a limit; [] if there is none."""
         best: list[Box] = []
         for _ in range(MAX_ROUNDS):
             if self.problem.effort.is_spent():
                 break
-            previous_sums = self.solver.sums
+            previous_sums = self.solver.sum_count
             parts = self.solver.solve(limit_s, break_ties=self.solver.can_break_ties)
-            self.problem.effort.record(Work.SUM, self.solver.sums - previous_sums)
+            self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sums)
             if parts > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
             boxes = self.solver.list_chosen_boxes()
@@ -178,12 +183,14 @@ class ExactSearch:
                 break
         return best
 
-    def _solve(self, printers: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
+    def _solve(self, printer_count: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
         """Find the least makespan by the tables (`Partitioner.find_min_makespan`), and record the work."""
-        previous_sums = self.solver.sums
-        min_s = self.solver.find_min_makespan(printers, self.min_s, tolerance_s, max_s, is_near=self.is_near)
+        previous_sums = self.solver.sum_count
+        min_s = self.solver.find_min_makespan(
+            printer_count, self.min_s, tolerance_s, max_s, is_near=self.is_near
+        )
         self.is_near = min_s is not None
-        self.problem.effort.record(Work.SUM, self.solver.sums - previous_sums)
+        self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sums)
         return min_s
 
     def _improve_partition(self, best: list[Box]) -> list[Box]:
@@ -206,7 +213,7 @@ class ExactSearch:
         has_more = False
         for box in boxes:
             if box not in self.cut:
-                self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.faces)
+                self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.face_count)
                 self.cut[box] = cut_cells(self.problem.model.solid, self.grid, box)
             index = index_box(box, self.boxes.shape)
             has_more = has_more or len(self.cut[box]) > int(self.boxes.pieces[index])

@@ -35,7 +35,7 @@ TOLERANCE = 0.002  # accuracy of the minimum makespan, as a share of it
 
 
 @jit
-def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
+def _split_box(box: Box, shape: Shape) -> tuple[int, int]:
     """Find the indices of the two parts of a box of several cells: all but its last layer, and that layer.
 
     Parameters
@@ -61,7 +61,7 @@ def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
 
 @jit
 def _join_ends(
-    trimmed: npt.NDArray[np.int32],
+    trimmed_box: npt.NDArray[np.int32],
     ends: npt.NDArray[np.int16],
     parts: tuple[int, int],
     box: int,
@@ -70,7 +70,7 @@ def _join_ends(
 
     Parameters
     ----------
-    trimmed
+    trimmed_box
         (boxes,) int32, -1 for a box without cells to be covered.
     ends
         (boxes, 6) int16 ends of the smallest box around the cells to be covered; the row `box` is filled in.
@@ -80,11 +80,11 @@ def _join_ends(
         Index of the box.
     """
     lower, upper = parts
-    if trimmed[lower] < 0 and trimmed[upper] < 0:
+    if trimmed_box[lower] < 0 and trimmed_box[upper] < 0:
         return False
-    if trimmed[lower] < 0:
+    if trimmed_box[lower] < 0:
         lower = upper
-    elif trimmed[upper] < 0:
+    elif trimmed_box[upper] < 0:
         upper = lower
     for k in range(3):
         ends[box, k] = min(ends[lower, k], ends[upper, k])
@@ -118,7 +118,7 @@ def _fill_tables(
     """
     (x, y, z), grid_shape = place
     grid_seconds, grid_pieces = grid_tables
-    seconds, trimmed, pieces = tables
+    seconds, trimmed_box, pieces = tables
     wx, wy, wz = shape = own_cells.shape
     ends = np.zeros((len(seconds), 6), np.int16)
     box = -1
@@ -135,13 +135,13 @@ def _fill_tables(
                             continue
                         for k in range(6):
                             ends[box, k] = sides[k]
-                    elif not _join_ends(trimmed, ends, _cut_in_two(sides, shape), box):
+                    elif not _join_ends(trimmed_box, ends, _split_box(sides, shape), box):
                         continue
-                    trimmed[box] = compute_index(
+                    trimmed_box[box] = compute_index(
                         (ends[box, 0], ends[box, 1], ends[box, 2], ends[box, 3], ends[box, 4], ends[box, 5]),
                         shape,
                     )
-                    if trimmed[box] == box and sum_box(other_sums, sides) == 0:
+                    if trimmed_box[box] == box and sum_box(other_sums, sides) == 0:
                         grid_index = compute_index(
                             (x + x0, y + y0, z + z0, x + x1, y + y1, z + z0 + dz), grid_shape
                         )
@@ -180,23 +180,23 @@ class Window:
         sums = np.pad(is_occupied, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
         total = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
         seconds = np.full(total, np.inf, np.float32)
-        trimmed = np.full(total, -1, np.int32)
+        trimmed_box = np.full(total, -1, np.int32)
         pieces = np.ones(total, np.int16)
         grid_tables = (boxes.seconds, boxes.pieces)
         place = ((x_offset, y_offset, z_offset), boxes.shape)
-        _fill_tables(is_covered, sums, place, grid_tables, (seconds, trimmed, pieces))
-        self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed, pieces))
+        _fill_tables(is_covered, sums, place, grid_tables, (seconds, trimmed_box, pieces))
+        self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed_box, pieces))
         self._pinwheel: Pinwheel | None = None
 
     @property
-    def boxes(self) -> int:
+    def box_count(self) -> int:
         """Number of boxes in the window's tables."""
         return len(self._solver.boxes.seconds)
 
     @property
-    def sums(self) -> int:
-        """Number of sums in all of its solves."""
-        return self._solver.sums
+    def sum_count(self) -> int:
+        """Number of sums in all solves of the window."""
+        return self._solver.sum_count
 
     def _mark_cells(self, boxes: Ints) -> Bools:
         """Mark the cells (wx, wy, wz) of the window that lie in any of the boxes (n, 6)."""
@@ -224,25 +224,25 @@ class Window:
         x, y, z = self._lo.tolist()
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in boxes]
 
-    def solve(self, parts: int, below_s: float, min_s: float) -> list[Box] | None:
+    def solve(self, max_parts: int, time_limit_s: float, min_s: float) -> list[Box] | None:
         """Cut the window into parts with about the least makespan; None if there is no cut.
 
         Parameters
         ----------
-        parts
+        max_parts
             Maximum number of parts.
-        below_s
+        time_limit_s
             Limit that the time of each part must stay below.
         min_s
             Time below which the search does not look for a makespan.
         """
-        high_s = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
-        if self.count_fewest_parts(high_s) > parts:
+        high_s = float(np.nextafter(np.float32(time_limit_s), np.float32(0.0)))
+        if self.count_fewest_parts(high_s) > max_parts:
             return None
         best, low_s = self.list_chosen_boxes(), min_s
         while high_s - low_s > TOLERANCE * high_s:
             middle_s = (low_s + high_s) / 2.0
-            if self.count_fewest_parts(middle_s) <= parts:
+            if self.count_fewest_parts(middle_s) <= max_parts:
                 best, high_s = self.list_chosen_boxes(), middle_s
             else:
                 low_s = middle_s
@@ -252,7 +252,7 @@ class Window:
 def improve_locally(
     boxes: BoxTables,
     partition: Sequence[Box],
-    printers: int,
+    printer_count: int,
     max_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
 ) -> list[Box]:
@@ -264,7 +264,7 @@ def improve_locally(
         The tables.
     partition
         A partition: trimmed boxes that do not overlap and cover every needed cell.
-    printers
+    printer_count
         Maximum number of pieces, at least that of the partition.
     max_windows
         Maximum number of windows to solve.
@@ -279,7 +279,7 @@ def improve_locally(
         group = next((g for g in groups if g not in failed_windows), None)
         if group is None or effort.is_spent():
             break
-        spare_printers = printers - _count_pieces(boxes, parts)
+        spare_printers = printer_count - _count_pieces(boxes, parts)
         other_boxes = [box for box in parts if box not in group]
         times_s = [_find_seconds(boxes, box) for box in group]
         window = Window(boxes, group, other_boxes)
@@ -288,8 +288,8 @@ def improve_locally(
             MAX_TIME_RATIO * max(times_s),
             0.5 * float(np.mean(times_s)),
         )
-        effort.record(Work.BOX_PRICED, window.boxes)
-        effort.record(Work.SUM, window.sums)
+        effort.record(Work.BOX_PRICED, window.box_count)
+        effort.record(Work.SUM, window.sum_count)
         if replacement is None:
             failed_windows.add(group)
         else:

@@ -37,7 +37,16 @@ from decompose.engines.guillotine.recursion import (
     lower_box_values,
 )
 from decompose.engines.guillotine.ties import find_tied_keys
-from decompose.grid import SHARES, Box, BoxTables, count_cuts, find_box, index_box, index_interval, run_shares
+from decompose.grid import (
+    SHARE_COUNT,
+    Box,
+    BoxTables,
+    count_cuts,
+    find_box,
+    index_box,
+    index_interval,
+    run_shares,
+)
 
 WIDE_RATIO = 2.0  # ratio of a range's limits above which it is bisected at their geometric mean
 LIMIT_GROWTH = 4.0  # growth of the steps by which a limit is raised until there is a solution
@@ -90,7 +99,7 @@ class Partitioner:
         self._keys: dict[int, int] | None = None  # keys of the boxes that may be chosen, if ties are broken
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
-        self.sums = 0  # number of sums in all solves so far
+        self.sum_count = 0  # number of sums in all solves so far
 
     def solve(self, limit_s: float, break_ties: bool = False) -> int:
         """Find the minimum number of printers of the first class with which no part exceeds a time limit.
@@ -115,17 +124,17 @@ class Partitioner:
         self._value = np.empty(total, np.int64) if has_all_keys else np.empty(total, np.int16)
         for length in range(1, self.boxes.shape[0] + 1):
             count = self.boxes.shape[0] - length + 1
-            if count < SHARES:
+            if count < SHARE_COUNT:
                 self._solve_length(length, 0, count)
             else:
                 run_shares(self._executor, partial(self._solve_half, length, count))
-        self.sums += len(self._sums) * count_cuts(self.boxes.shape)
+        self.sum_count += len(self._sums) * count_cuts(self.boxes.shape)
         self._has_ties = break_ties and not has_all_keys
         return min(int(self.list_class_counts()[1][-1]), UNREACHABLE)
 
     def _solve_half(self, length: int, count: int, half: int) -> None:
         """Solve the first or the second half of `count` boxes of one length along x."""
-        self._solve_length(length, half * count // SHARES, (half + 1) * count // SHARES)
+        self._solve_length(length, half * count // SHARE_COUNT, (half + 1) * count // SHARE_COUNT)
 
     def _solve_length(self, length: int, first: int, end: int) -> None:
         """Solve the boxes of one length along x that begin at cells `first` to `end`, half-open."""
@@ -135,7 +144,7 @@ class Partitioner:
         indices = slice((start + first) * layer, (start + end) * layer)
         for state in range(len(self._states)):
             value = self._value[state * size : (state + 1) * size]
-            self._fill_uncut(state, indices, value[indices])
+            self._fill_uncut_values(state, indices, value[indices])
         lower_box_values(self._value, self._sums, self.boxes.shape, length, first, end)
 
     @property
@@ -143,7 +152,7 @@ class Partitioner:
         """True if the memory is sufficient to choose among partitions with equally few parts."""
         return not self.other_classes or len(self._states) * len(self.boxes.seconds) <= MAX_TIE_VALUES
 
-    def _fill_uncut(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
+    def _fill_uncut_values(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
         """Fill in the values (boxes,) of the uncut boxes at these indices in a state."""
         seconds, pieces = self.boxes.seconds[indices], self.boxes.pieces[indices]
         for other, count in zip(self.other_classes, self._states[state].tolist(), strict=True):
@@ -221,7 +230,7 @@ class Partitioner:
         """Compute the value of a box as one part."""
         index = index_box(box, self.boxes.shape)
         value = np.empty(1, self._value.dtype if self._keys is None else np.int64)
-        self._fill_uncut(state, slice(index, index + 1), value)
+        self._fill_uncut_values(state, slice(index, index + 1), value)
         return int(value[0])
 
     def _find_cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
@@ -245,18 +254,18 @@ class Partitioner:
 
     def find_min_makespan(
         self,
-        printers: int,
+        printer_count: int,
         min_s: float,
         tolerance_s: float = 1.0,
         max_s: float = math.inf,
         *,
         is_near: bool = False,
     ) -> float | None:
-        """Find the lowest limit at which `printers` of the first class are enough, and keep its solution.
+        """Find the lowest limit for which the printers of the first class are enough; keep its solution.
 
         Parameters
         ----------
-        printers
+        printer_count
             Number of printers of the first class.
         min_s, max_s
             Limits between which to search.
@@ -275,19 +284,19 @@ class Partitioner:
         low_s, step_s = max(0.0, min_s), tolerance_s
         is_reached = False
         while is_near and not is_reached and low_s + step_s < high_s:
-            is_reached = self.solve(low_s + step_s) <= printers
+            is_reached = self.solve(low_s + step_s) <= printer_count
             if is_reached:
                 high_s = self._find_reached_limit_s(low_s + step_s)
             else:
                 low_s, step_s = low_s + step_s, LIMIT_GROWTH * step_s
-        if high_s < 0.0 or (not is_reached and self.solve(high_s) > printers):
+        if high_s < 0.0 or (not is_reached and self.solve(high_s) > printer_count):
             return None
         while high_s - low_s > tolerance_s:
             # In a range over several orders of magnitude, the result is more likely to be in the lower part.
             middle_s = (
                 math.sqrt(low_s * high_s) if high_s > WIDE_RATIO * low_s > 0.0 else (low_s + high_s) / 2.0
             )
-            if self.solve(middle_s) <= printers:
+            if self.solve(middle_s) <= printer_count:
                 high_s = self._find_reached_limit_s(middle_s)
             else:
                 low_s = middle_s

@@ -242,7 +242,7 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
     return is_free
 
 
-def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
+def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clearance_mm: float) -> float:
     """Find the position closest to a plane's target that is clear of all flat faces.
 
     It lies between the current and the target position. The current position is returned if no other one is
@@ -254,15 +254,15 @@ def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm
         (k,) coordinates of flat faces along the axis.
     old_mm, new_mm
         Current and target position of the plane.
-    clear_mm
+    clearance_mm
         Distance to keep from flat faces.
     """
     low_mm, high_mm = sorted((old_mm, new_mm))
-    positions = [new_mm, *(flats_mm - clear_mm), *(flats_mm + clear_mm)]
+    positions = [new_mm, *(flats_mm - clearance_mm), *(flats_mm + clearance_mm)]
     for position_mm in sorted(
         (p for p in positions if low_mm <= p <= high_mm), key=lambda p: abs(p - new_mm)
     ):
-        if np.abs(flats_mm - position_mm).min(initial=np.inf) >= clear_mm - SAME_PLANE_MM:
+        if np.abs(flats_mm - position_mm).min(initial=np.inf) >= clearance_mm - SAME_PLANE_MM:
             return float(position_mm)
     return old_mm
 

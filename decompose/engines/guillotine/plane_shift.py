@@ -54,7 +54,9 @@ MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one start
 PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
-MEAN_PRICINGS = 10  # mean number of times that a search prices each part: for its slopes, and after its moves
+MEAN_PRICING_COUNT = (
+    10  # mean number of times that a search prices each part: for its slopes, and after its moves
+)
 
 
 def shift_planes(
@@ -83,11 +85,11 @@ def shift_planes(
     )
 
 
-def estimate_shift_s(problem: Problem, parts: int) -> float:
+def estimate_shift_s(problem: Problem, part_count: int) -> float:
     """Estimate the effort in s of the one search that is always made, for a number of parts."""
-    faces = problem.model.solid.faces
-    measured_ns = WORK_NS[Work.PIECE_MEASURED] * parts + WORK_NS[Work.FACE_MEASURED] * 2.0 * faces
-    return (MEAN_PRICINGS * measured_ns + WORK_NS[Work.FACE_GRIDDED] * faces) / 1e9
+    faces = problem.model.solid.face_count
+    measured_ns = WORK_NS[Work.PIECE_MEASURED] * part_count + WORK_NS[Work.FACE_MEASURED] * 2.0 * faces
+    return (MEAN_PRICING_COUNT * measured_ns + WORK_NS[Work.FACE_GRIDDED] * faces) / 1e9
 
 
 def shift_box_planes(
@@ -118,7 +120,7 @@ def shift_box_planes(
     list[Piece]
         As in `shift_planes`.
     """
-    problem.effort.record(Work.FACE_GRIDDED, problem.model.solid.faces)
+    problem.effort.record(Work.FACE_GRIDDED, problem.model.solid.face_count)
     cells = refine_needed_cells(problem, grid) if cells is None else cells
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
@@ -195,7 +197,7 @@ class _PlaneShift:
     def _record_effort(self, parts: Sequence[int]) -> None:
         """Record the work of cutting parts, by number, and of pricing them in their poses."""
         self.problem.effort.record(Work.PIECE_MEASURED, len(parts))
-        self.problem.effort.record(Work.FACE_MEASURED, sum(self.nearby_solids[i].faces for i in parts))
+        self.problem.effort.record(Work.FACE_MEASURED, sum(self.nearby_solids[i].face_count for i in parts))
 
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
         """Check whether a piece cannot be glued well."""
@@ -252,7 +254,7 @@ class _PlaneShift:
         self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats
     ) -> list[Face]:
         """Find the faces that break a part into pieces or make it too thin even if they move alone."""
-        self.problem.effort.record(Work.FACE_CUT, len(faces) * self.nearby_solids[i].faces)
+        self.problem.effort.record(Work.FACE_CUT, len(faces) * self.nearby_solids[i].face_count)
         breaking_faces = []
         for face in faces:
             box = part.box_mm.copy()
@@ -344,7 +346,7 @@ class _PlaneShift:
         moved_numbers = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._record_effort(moved_numbers)
         arguments = moved_numbers, [parts[i] for i in moved_numbers], boxes_mm[moved_numbers]
-        recut_parts = list(self.problem.map(self._cut_in_old_poses, *arguments))
+        recut_parts = list(self.problem.map(self._cut_part_in_old_poses, *arguments))
         unposed_pieces = [
             piece
             for part, poses in recut_parts
@@ -358,7 +360,9 @@ class _PlaneShift:
             new_parts[i] = part.with_poses(all_poses) if all_poses else part
         return new_parts
 
-    def _cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
+    def _cut_part_in_old_poses(
+        self, i: int, part: BoxPart, box_mm: Floats
+    ) -> tuple[BoxPart, list[Pose | None]]:
         """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
 
         The list is empty if the part breaks into pieces.

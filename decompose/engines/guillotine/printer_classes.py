@@ -38,7 +38,7 @@ class PrinterClass:
 
     @property
     def smallest_printer(self) -> TargetPrinter:
-        """Printer with the build volume and the speed that all printers of the class have at least."""
+        """Printer whose build volume and speed all printers of the class have or exceed."""
         return TargetPrinter("", self.boxes, self.time_factor)
 
     @property

@@ -13,13 +13,13 @@ UNREACHABLE = 16_000  # more parts than any fleet has printers; twice this numbe
 PART_WEIGHT = 1 << 46  # weight of a part in a key
 SECOND_WEIGHT = 1 << 20  # weight of a rounded second in a key; the lowest digit is the area of the cuts
 AREA_UNIT_MM2 = 64.0  # unit of the area of cuts
-MAX_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
+MAX_KEY_TIME_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
 
 Table = npt.NDArray[np.int16] | Ints
 
 
 @jit
-def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int, sums: Ints) -> None:
+def _lower_values(value: Table, size: int, start: tuple[int, int, int], count: int, sums: Ints) -> None:
     """Lower the values of `count` consecutive boxes to those of a cut into a near and a far side.
 
     Parameters
@@ -79,14 +79,14 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
         start = index_interval(x0, x0 + length, nx) * layer
         for x in range(x0 + 1, x0 + length):
             a, b = index_interval(x0, x, nx) * layer, index_interval(x, x0 + length, nx) * layer
-            _update_min(value, size, (start, a, b), layer, sums)
+            _lower_values(value, size, (start, a, b), layer, sums)
         for dy in range(1, ny + 1):
             rows = ny - dy + 1
             block = rows * tz
             row = start + index_interval(0, dy, ny) * tz
             for cut in range(1, dy):
                 a, b = start + index_interval(0, cut, ny) * tz, start + index_interval(cut, dy, ny) * tz
-                _update_min(value, size, (row, a, b), block, sums)
+                _lower_values(value, size, (row, a, b), block, sums)
             for state in range(states):
                 source, target = state * size + row, state * block
                 _transpose_table(
@@ -97,7 +97,7 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
                 column = index_interval(0, dz, nz) * rows
                 for cut in range(1, dz):
                     a, b = index_interval(0, cut, nz) * rows, index_interval(cut, dz, nz) * rows
-                    _update_min(transposed_value, block, (column, a, b), positions, sums)
+                    _lower_values(transposed_value, block, (column, a, b), positions, sums)
             for state in range(states):
                 source, target = state * block, state * size + row
                 _transpose_table(
@@ -127,7 +127,7 @@ def _transpose_table(rows: Table, columns: Table, m: int, n: int) -> None:
 def fill_counts(
     limit_s: float,
     seconds: npt.NDArray[np.float32],
-    trimmed: npt.NDArray[np.int32],
+    trimmed_box: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
     value: npt.NDArray[np.int16],
 ) -> None:
@@ -137,13 +137,13 @@ def fill_counts(
     ----------
     limit_s
         Maximum time of a part; a box that takes longer gets `UNREACHABLE`.
-    seconds, trimmed, pieces
+    seconds, trimmed_box, pieces
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     value
         (boxes,) int16, filled in.
     """
     for box in range(len(value)):
-        if trimmed[box] < 0:
+        if trimmed_box[box] < 0:
             value[box] = 0
         else:
             value[box] = pieces[box] if seconds[box] <= limit_s else UNREACHABLE
@@ -163,7 +163,9 @@ def make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
         Area of its cut faces.
     """
     key: int = (
-        pieces * PART_WEIGHT + round(min(seconds, MAX_S)) * SECOND_WEIGHT + round(cut_mm2 / AREA_UNIT_MM2)
+        pieces * PART_WEIGHT
+        + round(min(seconds, MAX_KEY_TIME_S)) * SECOND_WEIGHT
+        + round(cut_mm2 / AREA_UNIT_MM2)
     )
     return key
 
@@ -172,7 +174,7 @@ def make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
 def fill_keys(
     limit_s: float,
     seconds: npt.NDArray[np.float32],
-    trimmed: npt.NDArray[np.int32],
+    trimmed_box: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
     cut_mm2: npt.NDArray[np.float32],
     value: Ints,
@@ -183,7 +185,7 @@ def fill_keys(
     ----------
     limit_s
         Maximum time of a part; a box that takes longer gets the key of `UNREACHABLE` parts.
-    seconds, trimmed, pieces
+    seconds, trimmed_box, pieces
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     cut_mm2
         (boxes,) float32 in mm2 of `BoxTables`; (0,) to ignore the area.
@@ -191,7 +193,7 @@ def fill_keys(
         (boxes,) int64, filled in.
     """
     for box in range(len(value)):
-        if trimmed[box] < 0:
+        if trimmed_box[box] < 0:
             value[box] = 0
         elif seconds[box] <= limit_s:
             value[box] = make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)

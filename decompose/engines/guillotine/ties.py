@@ -45,7 +45,7 @@ def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
 
 @jit
 def _list_tied_boxes(
-    counts: npt.NDArray[np.int16], trimmed: npt.NDArray[np.int32], shape: Shape, root: int
+    counts: npt.NDArray[np.int16], trimmed_box: npt.NDArray[np.int32], shape: Shape, root: int
 ) -> Ints:
     """List the boxes that occur in any partition of a box into the fewest parts.
 
@@ -53,7 +53,7 @@ def _list_tied_boxes(
     ----------
     counts
         (boxes,) int16 fewest parts of each box.
-    trimmed
+    trimmed_box
         (boxes,) int32 of `BoxTables`.
     shape
         Shape of the grid, in cells.
@@ -74,7 +74,7 @@ def _list_tied_boxes(
         for cut in range(_fill_sides(box, shape, sides)):
             near, far = sides[cut]
             if counts[near] + counts[far] == counts[box]:
-                for side in (int(trimmed[near]), int(trimmed[far])):
+                for side in (int(trimmed_box[near]), int(trimmed_box[far])):
                     if side not in indices:
                         indices.add(side)
                         stack.append(side)
@@ -111,7 +111,7 @@ def _compute_least_keys(
     ndarray
         (k,) int64 keys.
     """
-    seconds, trimmed, pieces, cut_mm2 = tables
+    seconds, trimmed_box, pieces, cut_mm2 = tables
     sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
     keys = np.full(len(tied_boxes), UNREACHABLE * PART_WEIGHT)
     for i in range(len(tied_boxes)):
@@ -123,8 +123,8 @@ def _compute_least_keys(
         for cut in range(_fill_sides(box, shape, sides)):
             near, far = sides[cut]
             if counts[near] + counts[far] == counts[box]:
-                key = keys[np.searchsorted(tied_boxes, trimmed[near])]
-                keys[i] = min(keys[i], key + keys[np.searchsorted(tied_boxes, trimmed[far])])
+                key = keys[np.searchsorted(tied_boxes, trimmed_box[near])]
+                keys[i] = min(keys[i], key + keys[np.searchsorted(tied_boxes, trimmed_box[far])])
     return keys
 
 

@@ -90,7 +90,7 @@ def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm, outward.
+        (m, 3, 3) in mm, facing outward.
     overhang_cos
         Cosine of the angle between normal and downward direction above which a face counts as an overhang.
     """

@@ -41,13 +41,13 @@ class BlockPartition:
         Blocks in cells.
     max_price
         Highest price of a block, the paper's P.
-    parts
+    part_count
         Number of pieces in all blocks, by the grid.
     """
 
     blocks: tuple[Box, ...]
     max_price: float
-    parts: int
+    part_count: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class SeedSource:
 
     Attributes
     ----------
-    points
+    points_mm
         (n, 3) distinct vertices in mm. If there are fewer vertices than seeds, the centres of the boundary
         cells are clustered instead.
     grid
@@ -65,38 +65,42 @@ class SeedSource:
         (nx, ny, nz) bool, true for cells that may not be seeds.
     """
 
-    points: Floats
+    points_mm: Floats
     grid: Grid
     is_barred: Bools
 
 
 def draw_seed_sets(
-    source: SeedSource, printers: int, tries: int, seed: int, run: MapFunction = map
+    source: SeedSource, printer_count: int, tries: int, seed: int, map_function: MapFunction = map
 ) -> list[Seeds]:
-    """Draw the seeds from which blocks grow: `tries` draws of each number from `printers` down to 1.
+    """Draw the seeds from which blocks grow: `tries` draws of each number from `printer_count` down to 1.
 
     Parameters
     ----------
     source
         Points to cluster, and cells that may be seeds.
-    printers, tries
+    printer_count, tries
         Maximum number of seeds, and draws of each number.
     seed
         Seed of the random numbers.
-    run
+    map_function
         `map`, or that of an executor, for the draws.
     """
-    draws = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
+    draws = [(count, number) for count in range(printer_count, 0, -1) for number in range(tries)]
 
     def draw_set(draw: tuple[int, int]) -> Seeds:
         return draw_seeds(source, draw[0], np.random.default_rng([seed, *draw]))
 
     with threadpool_limits(1):  # with threads, k-means would sum in varying order
-        return list(run(draw_set, draws))
+        return list(map_function(draw_set, draws))
 
 
 def run_attempts(
-    seed_sets: Sequence[Seeds], tables: GrowthTables, printers: int, score: Score, run: MapFunction = map
+    seed_sets: Sequence[Seeds],
+    tables: GrowthTables,
+    printer_count: int,
+    score: Score,
+    map_function: MapFunction = map,
 ) -> list[BlockPartition]:
     """Run attempts and return those that cover the model, the lowest P first, then the fewest parts.
 
@@ -106,30 +110,32 @@ def run_attempts(
         Seeds of `draw_seed_sets`.
     tables
         Cells of the grid, and prices that decide how blocks grow.
-    printers
+    printer_count
         Maximum number of parts.
     score
         Whether low or high scores are better.
-    run
+    map_function
         `map`, or that of an executor, for the attempts.
     """
 
     def make_attempt(seeds: Seeds) -> BlockPartition | None:
-        return _run_attempt(seeds, tables, printers, score)
+        return _run_attempt(seeds, tables, printer_count, score)
 
-    results = [result for result in run(make_attempt, seed_sets) if result is not None]
-    return sorted(results, key=lambda a: (a.max_price, a.parts))
+    results = [result for result in map_function(make_attempt, seed_sets) if result is not None]
+    return sorted(results, key=lambda a: (a.max_price, a.part_count))
 
 
-def _run_attempt(seeds: Seeds, tables: GrowthTables, printers: int, score: Score) -> BlockPartition | None:
+def _run_attempt(
+    seeds: Seeds, tables: GrowthTables, printer_count: int, score: Score
+) -> BlockPartition | None:
     """Make one attempt; None if it needs more parts than there are printers."""
     blocks, owner = grow_blocks(seeds, tables, score)
-    all_blocks = fill_voids(blocks, owner, tables, printers - _count_parts(blocks, tables))
-    if all_blocks is None or _count_parts(all_blocks, tables) > printers:
+    all_blocks = fill_voids(blocks, owner, tables, printer_count - _count_parts(blocks, tables))
+    if all_blocks is None or _count_parts(all_blocks, tables) > printer_count:
         return None
     boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in all_blocks.tolist()]
     shape = tables.shape
-    max_price = max(float(tables.printing[index_box(box, shape)]) for box in boxes)
+    max_price = max(float(tables.printing_prices[index_box(box, shape)]) for box in boxes)
     return BlockPartition(tuple(boxes), max_price, _count_parts(all_blocks, tables))
 
 
@@ -164,7 +170,7 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     rng
         Random numbers.
     """
-    points, grid = source.points, source.grid
+    points, grid = source.points_mm, source.grid
     boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~source.is_barred)
     count = min(count, len(boundary))
     middles_mm = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]

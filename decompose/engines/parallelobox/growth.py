@@ -42,7 +42,7 @@ def find_grown_index(
     block: Ints,
     direction: int,
     owner: Ints,
-    needed: Bools,
+    is_needed: Bools,
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
 ) -> int:
@@ -56,7 +56,7 @@ def find_grown_index(
         0 to 5: -x, -y, -z, +x, +y, +z.
     owner
         (nx, ny, nz) int64 number of the block that has a cell, `FREE_CELL` or `BARRED_CELL`.
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells that must be covered.
     seconds, pieces
         (boxes,) float32 in s and (boxes,) int16 of `GrowthTables`.
@@ -72,14 +72,14 @@ def find_grown_index(
         layer[axis], layer[axis + 3] = block[direction], grown_block[direction]
     if grown_block[axis] < 0 or grown_block[axis + 3] > owner.shape[axis]:
         return -1
-    is_needed = False
+    gains_needed_cell = False
     for x in range(layer[0], layer[3]):
         for y in range(layer[1], layer[4]):
             for z in range(layer[2], layer[5]):
                 if owner[x, y, z] != -1:
                     return -1
-                is_needed = is_needed or needed[x, y, z]
-    if not is_needed:
+                gains_needed_cell = gains_needed_cell or is_needed[x, y, z]
+    if not gains_needed_cell:
         return -1
     grown_index = _find_block_index(grown_block, owner.shape)
     current_index = _find_block_index(block, owner.shape)
@@ -140,7 +140,7 @@ def _compute_proximity(blocks: Ints, number: int, direction: int, grid_length: i
 def _grow_all_blocks(
     blocks: Ints,
     owner: Ints,
-    needed: Bools,
+    is_needed: Bools,
     tables: tuple[Float32s, npt.NDArray[np.int16], Float32s, Float32s],
     is_high_best: bool,
 ) -> None:
@@ -153,10 +153,10 @@ def _grow_all_blocks(
     owner
         (nx, ny, nz) int64 number of the block that has a cell, `FREE_CELL` or `BARRED_CELL`; updated in
         place.
-    needed
+    is_needed
         (nx, ny, nz) bool, true for cells that must be covered.
     tables
-        (boxes,) `seconds`, `pieces`, `printing` and `overhang` of `GrowthTables`.
+        (boxes,) `seconds`, `pieces`, `printing_prices` and `overhang_prices` of `GrowthTables`.
     is_high_best
         Whether the highest score is the best one; otherwise the lowest one is.
     """
@@ -173,7 +173,7 @@ def _grow_all_blocks(
             return
         best_direction, best_score, best_price = -1, 0.0, 0.0
         for direction in range(6):
-            index = find_grown_index(blocks[cheapest], direction, owner, needed, seconds, pieces)
+            index = find_grown_index(blocks[cheapest], direction, owner, is_needed, seconds, pieces)
             if index < 0:
                 continue
             score = abs(printing[index] + overhang[index])
@@ -209,7 +209,7 @@ def grow_blocks(seeds: list[Box], tables: GrowthTables, score: Score) -> tuple[I
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
     owner = np.where(tables.is_barred, BARRED_CELL, FREE_CELL).astype(np.int64)
-    prices = (tables.seconds, tables.pieces, tables.printing, tables.overhang)
+    prices = (tables.seconds, tables.pieces, tables.printing_prices, tables.overhang_prices)
     _grow_all_blocks(blocks, owner, tables.is_needed, prices, score is Score.HIGH)
     return blocks, owner
 
@@ -217,7 +217,7 @@ def grow_blocks(seeds: list[Box], tables: GrowthTables, score: Score) -> tuple[I
 @jit
 def _cover_voids(
     owner: Ints,
-    needed: Bools,
+    is_needed: Bools,
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
     number: int,
@@ -227,7 +227,7 @@ def _cover_voids(
 
     Parameters
     ----------
-    owner, needed
+    owner, is_needed
         As in `_grow_all_blocks`; the owners are updated in place.
     seconds, pieces
         (boxes,) float32 in s and (boxes,) int16 of `GrowthTables`.
@@ -247,7 +247,7 @@ def _cover_voids(
     for z in range(nz):
         for y in range(ny):
             for x in range(nx):
-                if owner[x, y, z] != -1 or not needed[x, y, z]:
+                if owner[x, y, z] != -1 or not is_needed[x, y, z]:
                     continue
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
                 index = compute_index((x, y, z, x + 1, y + 1, z + 1), owner.shape)
@@ -258,7 +258,7 @@ def _cover_voids(
                 while can_grow:
                     can_grow = False
                     for direction in (3, 0, 4, 1, 5, 2):
-                        if find_grown_index(block, direction, owner, needed, seconds, pieces) >= 0:
+                        if find_grown_index(block, direction, owner, is_needed, seconds, pieces) >= 0:
                             block[direction] += 1 if direction >= 3 else -1
                             can_grow = True
                 claim_cells(block, number + block_count, owner)

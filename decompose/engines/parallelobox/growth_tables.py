@@ -29,9 +29,9 @@ class GrowthTables:
         (boxes,) float32 of `BoxTables`: +inf if a box does not fit.
     pieces
         (boxes,) int16 of `BoxTables`.
-    printing
+    printing_prices
         (boxes,) float32 P, the price of printing a box that ends at needed cells on all sides.
-    overhang
+    overhang_prices
         (boxes,) float32 O, the least overhang of its six poses, in units of P.
     """
 
@@ -39,8 +39,8 @@ class GrowthTables:
     is_barred: Bools
     seconds: npt.NDArray[np.float32]
     pieces: npt.NDArray[np.int16]
-    printing: npt.NDArray[np.float32]
-    overhang: npt.NDArray[np.float32]
+    printing_prices: npt.NDArray[np.float32]
+    overhang_prices: npt.NDArray[np.float32]
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -59,14 +59,14 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     candidates: list[_Candidate] = []
     for space in spaces:
         if not candidates or not problem.effort.is_spent():
-            candidates += _search_space(space, problem)
+            candidates += _find_candidates(space, problem)
     problem.on_stage("search")
     if not candidates:
         raise NoFit(
             f"no attempt of parallelobox covers the model with {len(problem.printers)} parts that fit: "
             f"free more printers, or choose --engine guillotine, which finds a partition if there is one"
         )
-    best = min(candidates, key=_Candidate.rank)
+    best = min(candidates, key=_Candidate.make_sort_key)
     if best.fault and not problem.options.faithful:
         raise NoFit(
             f"every attempt of parallelobox that was examined has a part that cannot be glued well; in "
@@ -117,8 +117,8 @@ class _Candidate:
     end_s: float
     fault: str
 
-    def rank(self) -> tuple[bool, float]:
-        """Return the sort key; a lower one is better."""
+    def make_sort_key(self) -> tuple[bool, float]:
+        """Make the sort key; a lower one is better."""
         return bool(self.fault), self.end_s
 
     @property
@@ -161,7 +161,7 @@ def _is_same_space(aligned_model: AlignedModel, grid: Grid, space: _SearchSpace)
     return (aligned_model.rotation == space.aligned_model.rotation).all() and grid.shape == space.grid.shape
 
 
-def _search_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
+def _find_candidates(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     """Find the best partitions in one space: the paper's choice and, unless faithful, the fastest one."""
     points = np.unique(space.aligned_model.model.solid.arrays()[0], axis=0)
     candidates: list[_Candidate] = []
@@ -190,9 +190,9 @@ GrownHalf = dict[tuple[int, Score], list[BlockPartition]]
 RankedPartitions = list[tuple[float, list[Box]]]
 
 
-def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator[list[Half]]:
-    """Yield the halves of a symmetric model, the larger one with an odd printer, and then the uncut model."""
-    if space.aligned_model.mirror is not None and printers > 1:
+def _list_halves(space: _SearchSpace, points: Floats, printer_count: int) -> Iterator[list[Half]]:
+    """Yield the halves of a symmetric model, then the uncut model. The larger half gets an odd printer."""
+    if space.aligned_model.mirror is not None and printer_count > 1:
         axis, at_mm = space.aligned_model.mirror
         for plane in np.flatnonzero(space.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
             sides = [
@@ -200,34 +200,34 @@ def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator
                 for upper in (False, True)
             ]
             volumes_mm3 = [float(space.grid.sums[side[0].is_needed][:, VOLUME].sum()) for side in sides]
-            odd_printer = printers % 2
+            odd_printer = printer_count % 2
             shares = [
-                printers // 2 + odd_printer * (volumes_mm3[0] >= volumes_mm3[1]),
-                printers // 2 + odd_printer * (volumes_mm3[0] < volumes_mm3[1]),
+                printer_count // 2 + odd_printer * (volumes_mm3[0] >= volumes_mm3[1]),
+                printer_count // 2 + odd_printer * (volumes_mm3[0] < volumes_mm3[1]),
             ]
             is_on_side = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
             yield [
                 (side, points[mask], share)
                 for side, mask, share in zip(sides, is_on_side, shares, strict=True)
             ]
-    yield [(space.table_sets, points, printers)]
+    yield [(space.table_sets, points, printer_count)]
 
 
 def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
     """Make the attempts on one half, all from the same seeds; none if the budget is too small for them."""
-    table_sets, points, printers = half
+    table_sets, points, printer_count = half
     options = problem.options
-    clustered_count = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
+    clustered_count = len(points) * options.parallelobox.tries * printer_count * (printer_count + 1) // 2
     if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered_count):
         return {}
     run = map if problem.executor is None else problem.executor.map
     source = SeedSource(points, space.grid, table_sets[0].is_barred)
-    seed_sets = draw_seed_sets(source, printers, options.parallelobox.tries, options.seed, run)
+    seed_sets = draw_seed_sets(source, printer_count, options.parallelobox.tries, options.seed, run)
     problem.effort.record(Work.POINT_CLUSTERED, clustered_count)
     attempts = len(seed_sets) * len(table_sets) * len(options.parallelobox.score.interpretations)
     problem.effort.record(Work.CELL_GROWN, attempts * space.grid.is_needed.size)
     return {
-        (number, interpretation): run_attempts(seed_sets, tables, printers, interpretation, run)
+        (number, interpretation): run_attempts(seed_sets, tables, printer_count, interpretation, run)
         for number, tables in enumerate(table_sets)
         for interpretation in options.parallelobox.score.interpretations
     }
@@ -237,7 +237,7 @@ def _rank_partitions(
     groups: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]
 ) -> RankedPartitions:
     """Combine the attempts on the halves into partitions, the best first."""
-    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_HALF_ATTEMPTS] for half in groups]
+    best = [sorted((key(a), a.part_count, a.blocks) for a in half)[:MAX_HALF_ATTEMPTS] for half in groups]
     combined_partitions = [
         (max(max_price for max_price, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
         for picks in product(*best)
@@ -270,14 +270,14 @@ def _find_soonest_candidate(
             break
         candidate = _cut_candidate(boxes, space, problem)
         if candidate is not None and candidate.end_s < math.inf:
-            best = sorted([*best, candidate], key=_Candidate.rank)[:1]
+            best = sorted([*best, candidate], key=_Candidate.make_sort_key)[:1]
     return best
 
 
 def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _Candidate | None:
     """Cut and pose a partition; None if it has more pieces than there are printers."""
     new_boxes = sum(box not in space.cut for box in boxes)
-    problem.effort.record(Work.FACE_CUT, new_boxes * space.aligned_model.model.solid.faces)
+    problem.effort.record(Work.FACE_CUT, new_boxes * space.aligned_model.model.solid.face_count)
     cut = {box: space.cut_box(box) for box in boxes}
     pieces = [piece for box_pieces in cut.values() for piece in box_pieces]
     if len(pieces) > len(problem.printers):

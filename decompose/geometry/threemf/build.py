@@ -22,7 +22,7 @@ MAX_DEPTH = 64  # maximum depth of nested components
 MAX_INSTANCES = 10_000
 MAX_TRIANGLES = 20_000_000  # maximum number if no memory limit is given
 
-_SOLID = "model"  # the only type of object that is printed; others are supports and surfaces
+_SOLID_TYPE = "model"  # the only type of object that is printed; others are supports and surfaces
 
 
 def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[Floats, tuple[str, ...]]:
@@ -59,14 +59,14 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
         raise ModelEmpty(f"{name}: its build places no object; place one and export it again")
     unit = build.unit
     size = build.measure_references(root, part.items)
-    if size.triangles > build.max_triangles:
+    if size.triangle_count > build.max_triangles:
         raise ModelTooDetailed(
-            f"{name}: has {size.triangles / 1e6:.1f} million triangles, but the memory suffices only for "
-            f"{build.max_triangles / 1e6:.1f} million: simplify its mesh"
+            f"{name}: has {size.triangle_count / 1e6:.1f} million triangles, but the memory suffices only "
+            f"for {build.max_triangles / 1e6:.1f} million: simplify its mesh"
         )
-    if size.instances > MAX_INSTANCES:
+    if size.instance_count > MAX_INSTANCES:
         raise ModelTooDetailed(f"{name}: places more than {MAX_INSTANCES} objects; export fewer")
-    if not size.triangles:
+    if not size.triangle_count:
         raise ModelEmpty(f"{name}: its build places no triangles; export the model again")
     with np.errstate(over="ignore", invalid="ignore"):  # checked by the caller
         placed_triangles = list(build.place_references(root, part.items, np.vstack((np.eye(3), np.zeros(3)))))
@@ -74,17 +74,17 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     return triangles, tuple(_list_notes(build, part, len(placed_triangles), unit))
 
 
-def _list_notes(build: _Build, root: ModelPart, instances: int, unit: str) -> Iterator[str]:
+def _list_notes(build: _Build, root: ModelPart, instance_count: int, unit: str) -> Iterator[str]:
     """Yield sentences on what was read and left out."""
-    if instances > 1:
-        yield f"Read {instances} objects as one model, placed as in the file."
+    if instance_count > 1:
+        yield f"Read {instance_count} objects as one model, placed as in the file."
     if unit != "millimeter":
         yield f"Converted from the unit {unit}."
-    if root.unprinted_items:
-        yield f"Left out {root.unprinted_items} of its objects, marked as not to be printed."
+    if root.unprinted_count:
+        yield f"Left out {root.unprinted_count} of its objects, marked as not to be printed."
     if build.other_kinds:
         yield f"Left out objects of the type {', '.join(sorted(build.other_kinds))}."
-    unplaced_count = build.count_unplaced()
+    unplaced_count = build.count_unplaced_objects()
     if unplaced_count:
         yield f"Left out {unplaced_count} of its objects, which its build does not place."
     if build.package.has_modifiers():
@@ -98,8 +98,8 @@ def _list_notes(build: _Build, root: ModelPart, instances: int, unit: str) -> It
 class _Size:
     """Number of triangles of an object with its components, and number of its placed meshes."""
 
-    triangles: int = 0
-    instances: int = 0
+    triangle_count: int = 0
+    instance_count: int = 0
 
 
 @dataclass(slots=True)
@@ -133,7 +133,7 @@ class _Build:
         if depth > MAX_DEPTH:
             raise ModelUnreadable(f"{self.name}: nests objects more than {MAX_DEPTH} deep; export it again")
         sizes = [self._measure_object(*self._find_object(path, reference), depth) for reference in references]
-        return _Size(sum(size.triangles for size in sizes), sum(size.instances for size in sizes))
+        return _Size(sum(size.triangle_count for size in sizes), sum(size.instance_count for size in sizes))
 
     def _measure_object(self, key: tuple[str, str], record: ObjectRecord, depth: int) -> _Size:
         """Count the meshes and triangles of an object; refuse one that contains itself."""
@@ -145,13 +145,15 @@ class _Build:
                 )
             return size
         self._sizes[key] = None
-        if record.kind != _SOLID:
+        if record.kind != _SOLID_TYPE:
             self.other_kinds.add(record.kind[:20])
             size = _Size()
         else:
             component_size = self.measure_references(key[0], record.components, depth + 1)
             own_meshes = 1 if record.face_count else 0
-            size = _Size(component_size.triangles + record.face_count, component_size.instances + own_meshes)
+            size = _Size(
+                component_size.triangle_count + record.face_count, component_size.instance_count + own_meshes
+            )
         self._sizes[key] = size
         return size
 
@@ -181,7 +183,7 @@ class _Build:
         """
         for reference in references:
             key, record = self._find_object(path, reference)
-            if not (self._sizes[key] or _Size()).triangles:
+            if not (self._sizes[key] or _Size()).triangle_count:
                 continue
             own_transform = reference.transform
             transform = np.vstack(
@@ -206,10 +208,10 @@ class _Build:
         is_mirrored = np.linalg.det(transform[:3]) < 0  # its triangles would face inwards
         return np.asarray(triangles[:, ::-1] if is_mirrored else triangles)
 
-    def count_unplaced(self) -> int:
+    def count_unplaced_objects(self) -> int:
         """Count the solid objects with a mesh that are not placed."""
         return sum(
-            record.kind == _SOLID and record.face_count > 0 and (path, number) not in self._sizes
+            record.kind == _SOLID_TYPE and record.face_count > 0 and (path, number) not in self._sizes
             for path, part in self._parts.items()
             for number, record in part.objects.items()
         )

@@ -27,11 +27,11 @@ UNITS_MM = {
 }
 
 _SCHEMA = "http://schemas.microsoft.com/3dmanufacturing/"
-_CORE = (f"{_SCHEMA}core/2015/02", f"{_SCHEMA}2013/01/3dmodel")
-_PRODUCTION = f"{_SCHEMA}production/2015/06"
-_PLAIN_EXTENSIONS = (_PRODUCTION, f"{_SCHEMA}material/2015/02", f"{_SCHEMA}trianglesets/2021/07")
+_CORE_NAMESPACES = (f"{_SCHEMA}core/2015/02", f"{_SCHEMA}2013/01/3dmodel")
+_PRODUCTION_NAMESPACE = f"{_SCHEMA}production/2015/06"
+_PLAIN_EXTENSIONS = (_PRODUCTION_NAMESPACE, f"{_SCHEMA}material/2015/02", f"{_SCHEMA}trianglesets/2021/07")
 """The production extension, which is read, and extensions without effect on the shape."""
-_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+_IDENTITY_TRANSFORM = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class ModelPart:
     unit: str | None = None
     objects: dict[str, ObjectRecord] = field(default_factory=dict)
     items: list[Reference] = field(default_factory=list)
-    unprinted_items: int = 0
+    unprinted_count: int = 0
 
 
 def read_model_part(name: str, part: str, chunks: Iterator[bytes], max_triangles: int) -> ModelPart:
@@ -131,11 +131,11 @@ class _Reader:
         self._name, self._max_triangles = name, max_triangles
         self._namespaces: dict[str, str] = {}
         self._object = ObjectRecord("")
-        self._in_object = False
+        self._is_in_object = False
         self._other_tags = self._triangles = 0
         self._handlers = {
             f"{core} {tag}": handler
-            for core in _CORE
+            for core in _CORE_NAMESPACES
             for tag, handler in (
                 ("vertex", self._add_vertex),
                 ("triangle", self._add_triangle),
@@ -145,7 +145,7 @@ class _Reader:
                 ("model", self._begin_model),
             )
         }
-        self._object_tags = {f"{core} object" for core in _CORE}
+        self._object_tags = {f"{core} object" for core in _CORE_NAMESPACES}
 
     def declare_namespace(self, prefix: str | None, uri: str) -> None:
         """Record the URI of a namespace."""
@@ -166,7 +166,7 @@ class _Reader:
     def end_tag(self, tag: str) -> None:
         """Handle the end of a tag."""
         if tag in self._object_tags:
-            self._in_object = False
+            self._is_in_object = False
 
     def _begin_model(self, attributes: Mapping[str, str]) -> None:
         """Record the unit; refuse a model that needs other extensions."""
@@ -183,7 +183,7 @@ class _Reader:
     def _begin_object(self, attributes: Mapping[str, str]) -> None:
         """Add an object, to which the next vertices, triangles and components belong."""
         self._object = ObjectRecord(attributes.get("type", "model"))
-        self._in_object = True
+        self._is_in_object = True
         number = attributes["id"]
         if number in self.part.objects:
             raise ValueError(f"repeats the object {number[:20]}")
@@ -217,13 +217,13 @@ class _Reader:
 
     def _add_component(self, attributes: Mapping[str, str]) -> None:
         """Add a component to the object."""
-        if self._in_object:
+        if self._is_in_object:
             self._object.components.append(_read_reference(attributes))
 
     def _add_item(self, attributes: Mapping[str, str]) -> None:
         """Add a build item, or count it if it is not to be printed."""
         if attributes.get("printable", "1") in ("0", "false"):  # written by slicers
-            self.part.unprinted_items += 1
+            self.part.unprinted_count += 1
         else:
             self.part.items.append(_read_reference(attributes))
 
@@ -231,8 +231,8 @@ class _Reader:
 def _read_reference(attributes: Mapping[str, str]) -> Reference:
     """Read the reference of a component or a build item."""
     text = attributes.get("transform")
-    numbers = _IDENTITY if text is None else tuple(map(float, text.split()))
+    numbers = _IDENTITY_TRANSFORM if text is None else tuple(map(float, text.split()))
     if len(numbers) != 12 or not all(map(math.isfinite, numbers)):
         raise ValueError("has a transform that is not 12 numbers")
-    path = attributes.get(f"{_PRODUCTION} path", "")
+    path = attributes.get(f"{_PRODUCTION_NAMESPACE} path", "")
     return Reference(attributes["objectid"], np.array(numbers).reshape(4, 3), path)

@@ -17,17 +17,17 @@ from decompose.errors import ModelUnreadable
 
 MAX_ENTRIES = 10_000
 MAX_UNCHECKED_BYTES = 64 * 2**20  # unpacked size up to which any compression ratio is allowed
-MAX_RATIO = 100  # maximum ratio of unpacked to packed bytes; for meshes in XML it is 4 to 40
-MAX_BYTES = 2 * 2**30  # maximum unpacked size of all parts that are read
+MAX_COMPRESSION_RATIO = 100  # maximum ratio of unpacked to packed bytes; for meshes in XML it is 4 to 40
+MAX_UNPACKED_BYTES = 2 * 2**30  # maximum unpacked size of all parts that are read
 MAX_RELATIONSHIPS_BYTES = 2**20
 CHUNK_BYTES = 2**18
 
-_ENTRY = b"PK\x01\x02"
-_RELATIONSHIPS = "_rels/.rels"
+_ENTRY_SIGNATURE = b"PK\x01\x02"
+_RELATIONSHIPS_PART = "_rels/.rels"
 _MODEL_TYPE = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
-_RELATIONSHIP = "http://schemas.openxmlformats.org/package/2006/relationships Relationship"
-_SETTINGS = ("metadata/model_settings.config", "metadata/slic3r_pe_model.config")
-_MODIFIER = re.compile(
+_RELATIONSHIP_TAG = "http://schemas.openxmlformats.org/package/2006/relationships Relationship"
+_SETTINGS_PARTS = ("metadata/model_settings.config", "metadata/slic3r_pe_model.config")
+_MODIFIER_PATTERN = re.compile(
     rb'subtype="(?!normal_part)\w+"|key="modifier"\s+value="1"|key="volume_type"\s+value="(?!ModelPart)\w+"'
 )
 
@@ -51,7 +51,7 @@ class Package:
     def __init__(self, name: str, data: bytes) -> None:
         self._name = name
         self._unpacked_bytes = 0
-        if data.count(_ENTRY) > MAX_ENTRIES:
+        if data.count(_ENTRY_SIGNATURE) > MAX_ENTRIES:
             raise ModelUnreadable(f"{name}: has more than {MAX_ENTRIES} entries; export it again")
         try:
             self._zip = zipfile.ZipFile(io.BytesIO(data))
@@ -66,17 +66,19 @@ class Package:
         targets: list[str] = []
 
         def add_target(tag: str, attributes: dict[str, str]) -> None:
-            if tag == _RELATIONSHIP and attributes.get("Type") == _MODEL_TYPE:
+            if tag == _RELATIONSHIP_TAG and attributes.get("Type") == _MODEL_TYPE:
                 targets.append(attributes.get("Target", ""))
 
         parser = make_parser(self._name)
         parser.StartElementHandler = add_target
-        parse_chunks(parser, self._name, _RELATIONSHIPS, self.unpack(_RELATIONSHIPS, MAX_RELATIONSHIPS_BYTES))
+        parse_chunks(
+            parser, self._name, _RELATIONSHIPS_PART, self.unpack(_RELATIONSHIPS_PART, MAX_RELATIONSHIPS_BYTES)
+        )
         if not targets:
             raise ModelUnreadable(f"{self._name}: its relationships name no 3D model; export it again")
         return targets[0]
 
-    def unpack(self, part: str, max_bytes: int = MAX_BYTES) -> Iterator[bytes]:
+    def unpack(self, part: str, max_bytes: int = MAX_UNPACKED_BYTES) -> Iterator[bytes]:
         """Yield the bytes of a part in chunks.
 
         Parameters
@@ -98,8 +100,8 @@ class Package:
         self._unpacked_bytes += size
         if (
             size > max_bytes
-            or self._unpacked_bytes > MAX_BYTES
-            or (size > MAX_UNCHECKED_BYTES and size > packed_size * MAX_RATIO)
+            or self._unpacked_bytes > MAX_UNPACKED_BYTES
+            or (size > MAX_UNCHECKED_BYTES and size > packed_size * MAX_COMPRESSION_RATIO)
         ):
             raise ModelUnreadable(
                 f"{self._name}: its part {_quote_part(part)} unpacks from {packed_size / 1e6:.1f} MB to "
@@ -123,8 +125,8 @@ class Package:
     def has_modifiers(self) -> bool:
         """Check whether a slicer has marked some volumes as modifiers."""
         return any(
-            _MODIFIER.search(b"".join(self.unpack(part)))
-            for part in _SETTINGS
+            _MODIFIER_PATTERN.search(b"".join(self.unpack(part)))
+            for part in _SETTINGS_PARTS
             if part in self._entries and self._entries[part].file_size <= MAX_RELATIONSHIPS_BYTES
         )
 

@@ -21,14 +21,14 @@ def count_brim_columns(is_standing: Bools, width_mm: float, step_mm: float) -> i
     width_mm, step_mm
         Width of the brim, and distance between columns.
     """
-    kind = _mark_outside(is_standing)
+    kind = _mark_outer_columns(is_standing)
     # The outline lies half a column beyond the middle of the last column inside.
     reach = int(np.ceil(width_mm / step_mm + 0.5))
     count = 0
     for i in range(1, len(kind) - 1):
         for j in range(1, kind.shape[1] - 1):
             if kind[i, j] == 0 and _is_at_rim(kind, i, j):
-                count += _cover_around(kind, i, j, reach, width_mm / step_mm + 0.5)
+                count += _cover_nearby_columns(kind, i, j, reach, width_mm / step_mm + 0.5)
     return count
 
 
@@ -39,13 +39,13 @@ def _is_at_rim(kind: Bytes, i: int, j: int) -> bool:
 
 
 @jit
-def _cover_around(kind: Bytes, i: int, j: int, reach: int, radius: float) -> int:
+def _cover_nearby_columns(kind: Bytes, i: int, j: int, reach: int, radius: float) -> int:
     """Cover the columns outside that are close to a column; return the number of newly covered ones.
 
     Parameters
     ----------
     kind
-        (nx, ny) int8 of `_mark_outside`, updated in place.
+        (nx, ny) int8 of `_mark_outer_columns`, updated in place.
     i, j
         Column.
     reach, radius
@@ -61,7 +61,7 @@ def _cover_around(kind: Bytes, i: int, j: int, reach: int, radius: float) -> int
 
 
 @jit
-def _mark_outside(is_standing: Bools) -> Bytes:
+def _mark_outer_columns(is_standing: Bools) -> Bytes:
     """Mark the columns that are connected to the first one through empty neighbours.
 
     Parameters

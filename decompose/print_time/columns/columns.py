@@ -50,8 +50,8 @@ class Columns:
     touched_mm2
         Area, as seen from above, of the marked faces that support touches, above or below it.
     volumes_mm3, centres_mm
-        (LEVELS,) volume and (LEVELS, 3) centre of mass of the part below each of LEVELS evenly spaced
-        heights; the last row is for the whole part.
+        (LEVEL_COUNT,) volume and (LEVEL_COUNT, 3) centre of mass of the part below each of LEVEL_COUNT evenly
+        spaced heights; the last row is for the whole part.
     """
 
     support_mm3: float
@@ -86,7 +86,7 @@ def measure_columns(
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm, outward, standing on z = 0.
+        (m, 3, 3) in mm, facing outward, standing on z = 0.
     is_marked
         (m,) bool, true for faces to which no support should stick.
     overhang_cos

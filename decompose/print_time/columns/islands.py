@@ -9,7 +9,7 @@ import numpy as np
 from decompose.arrays import Bytes, Floats, Ints
 from decompose.jit import jit
 
-ISLAND_LEVELS = 16  # number of heights at which islands are counted
+ISLAND_LEVEL_COUNT = 16  # number of heights at which islands are counted
 ISLAND_STRIDE = 2  # islands are counted in every second column along x and y
 
 
@@ -37,7 +37,8 @@ def sum_islands_mm(
     """Count the islands, the bodies of solid and the holes of each layer, and sum them over the height.
 
     The mean distance between islands is estimated by the side of a square whose area is the layer's rectangle
-    divided by the number of islands. For holes, it is the solid divided by the number of bodies and holes.
+    divided by the number of islands. For holes, the area is that of the solid divided by the number of bodies
+    and holes.
 
     Parameters
     ----------
@@ -61,9 +62,9 @@ def sum_islands_mm(
     rows, row_length = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
     kinds = _fill_levels(runs, ny, height_mm, (rows, row_length))
     parent = np.zeros(rows * row_length, np.int64)
-    for level in range(ISLAND_LEVELS):
+    for level in range(ISLAND_LEVEL_COUNT):
         kind = kinds[level]
-        rectangle = _count_rectangle(kind, rows, row_length)
+        rectangle = _count_rectangle_cells(kind, rows, row_length)
         islands, bodies, cells = _count_islands(kind, parent, rows, row_length)
         if islands > 1:
             other_islands += islands - 1
@@ -76,7 +77,7 @@ def sum_islands_mm(
             if hole_count
             else 0.0
         )
-    level_mm = height_mm / ISLAND_LEVELS
+    level_mm = height_mm / ISLAND_LEVEL_COUNT
     return (
         other_islands * level_mm,
         other_bodies * level_mm,
@@ -104,17 +105,17 @@ def _fill_levels(runs: Runs, ny: int, height_mm: float, shape: tuple[int, int]) 
     Returns
     -------
     ndarray
-        (ISLAND_LEVELS, rows * row_length) int8: 1 for solid, 2 for support, else 0.
+        (ISLAND_LEVEL_COUNT, rows * row_length) int8: 1 for solid, 2 for support, else 0.
     """
     rows, row_length = shape
-    kinds = np.zeros((ISLAND_LEVELS, rows * row_length), np.int8)
+    kinds = np.zeros((ISLAND_LEVEL_COUNT, rows * row_length), np.int8)
     for index in range(rows * row_length):
         column = index // row_length * ISLAND_STRIDE * ny + index % row_length * ISLAND_STRIDE
         for k in range(runs.start[column], runs.start[column] + runs.counts[column]):
             bottom_mm, top_mm = runs.ends[k, 0], runs.ends[k, 1]
             support_bottom_mm = bottom_mm - runs.ends[k, 3]
-            for level in range(ISLAND_LEVELS):
-                z_mm = height_mm * (level + 0.5) / ISLAND_LEVELS
+            for level in range(ISLAND_LEVEL_COUNT):
+                z_mm = height_mm * (level + 0.5) / ISLAND_LEVEL_COUNT
                 if bottom_mm < z_mm < top_mm:
                     kinds[level, index] = 1
                 elif support_bottom_mm < z_mm <= bottom_mm:
@@ -123,7 +124,7 @@ def _fill_levels(runs: Runs, ny: int, height_mm: float, shape: tuple[int, int]) 
 
 
 @jit
-def _count_rectangle(kind: Bytes, rows: int, row_length: int) -> int:
+def _count_rectangle_cells(kind: Bytes, rows: int, row_length: int) -> int:
     """Count the cells of the smallest rectangle around the cells of a raster that are not empty.
 
     Parameters

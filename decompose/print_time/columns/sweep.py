@@ -12,7 +12,7 @@ from decompose.jit import jit, jit_inline
 from decompose.print_time.columns.islands import Runs, sum_islands_mm
 
 MIN_STEP_MM = 0.4  # minimum distance between columns
-LEVELS = 8  # number of heights at which the growing part is measured
+LEVEL_COUNT = 8  # number of heights at which the growing part is measured
 SAME_HEIGHT_MM = 0.01  # maximum difference between heights that count as equal
 MAX_LEAN_TAN = 20.0  # maximum tangent of the lean of a face; a face that leans more counts as upright
 MAX_BED_GAP_MM = 0.15  # maximum height at which a run begins in the first layer
@@ -27,7 +27,8 @@ class Sweep(NamedTuple):
     touched_count
         Number of marked faces that columns of support touch, with their upper or their lower end.
     levels
-        (LEVELS, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a column.
+        (LEVEL_COUNT, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a
+        column.
     is_bed_support, is_standing
         (nx, ny) bool, true where support carries the part from the bed, and where the part stands on the bed.
     supports_mm
@@ -59,7 +60,7 @@ def sweep_columns(
     Parameters
     ----------
     triangles
-        (m, 3, 3) float64 in mm, outward, standing on z = 0.
+        (m, 3, 3) float64 in mm, facing outward, standing on z = 0.
     is_marked
         (m,) float64: 1 for a face to which no support should stick, else 0.
     rays
@@ -76,8 +77,8 @@ def sweep_columns(
     touched_count = 0.0
     supports_mm = np.zeros((nx, ny))
     is_bed_support = np.zeros((nx, ny), np.bool_)
-    passing_sums = np.zeros((LEVELS, 4))  # runs up to each level that continue above it
-    ending_sums = np.zeros((LEVELS, 4))  # runs that end below a level, but not below the previous one
+    passing_sums = np.zeros((LEVEL_COUNT, 4))  # runs up to each level that continue above it
+    ending_sums = np.zeros((LEVEL_COUNT, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny
         count = _follow_ray(crossings, column, normals, is_marked, overhang_cos, runs.ends)
@@ -86,11 +87,11 @@ def sweep_columns(
         x, y = origin[0] + i * step_mm, origin[1] + j * step_mm
         for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
             _add_run(passing_sums, ending_sums, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height_mm)
-    for level in range(LEVELS):
-        for upper_level in range(level, LEVELS):
+    for level in range(LEVEL_COUNT):
+        for upper_level in range(level, LEVEL_COUNT):
             passing_sums[upper_level] += ending_sums[level]
-    carried_mm = step_mm * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
-    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports_mm, carried_mm, step_mm)
+    min_carrier_drop_mm = step_mm * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
+    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports_mm, min_carrier_drop_mm, step_mm)
     paths = sum_islands_mm(runs, rays.shape, height_mm, step_mm)
     is_standing = _find_standing_columns(runs, rays.shape)
     return Sweep(
@@ -172,7 +173,7 @@ def _add_run(
     Parameters
     ----------
     passing_sums, ending_sums
-        (LEVELS, 4) float64 sums of the runs that continue above a level, and of those that end below it.
+        (LEVEL_COUNT, 4) float64 sums of the runs that continue above a level, and of those that end below it.
     position
         x and y of the column in mm.
     run
@@ -181,11 +182,11 @@ def _add_run(
         Height of the mesh in mm.
     """
     bottom_mm, top_mm = run
-    level = int(bottom_mm / height_mm * LEVELS)
-    while level < LEVELS - 1 and height_mm * (level + 1) / LEVELS < top_mm:
-        _add_moments(passing_sums, level, position, bottom_mm, height_mm * (level + 1) / LEVELS)
+    level = int(bottom_mm / height_mm * LEVEL_COUNT)
+    while level < LEVEL_COUNT - 1 and height_mm * (level + 1) / LEVEL_COUNT < top_mm:
+        _add_moments(passing_sums, level, position, bottom_mm, height_mm * (level + 1) / LEVEL_COUNT)
         level += 1
-    _add_moments(ending_sums, min(level, LEVELS - 1), position, bottom_mm, top_mm)
+    _add_moments(ending_sums, min(level, LEVEL_COUNT - 1), position, bottom_mm, top_mm)
 
 
 @jit_inline
@@ -197,7 +198,7 @@ def _add_moments(
     Parameters
     ----------
     sums
-        (LEVELS, 4) float64 moments in x, y, z and mass, updated in place.
+        (LEVEL_COUNT, 4) float64 moments in x, y, z and mass, updated in place.
     level
         Index of the level.
     position
@@ -213,7 +214,9 @@ def _add_moments(
 
 
 @jit
-def _sum_towers_mm(runs: Runs, supports_mm: Floats, carried_mm: float, step_mm: float) -> tuple[float, float]:
+def _sum_towers_mm(
+    runs: Runs, supports_mm: Floats, min_carrier_drop_mm: float, step_mm: float
+) -> tuple[float, float]:
     """Sum the height of air under runs of solid that no neighbouring run or support carries.
 
     If neighbouring runs begin at about the same height, as along an edge, the first one counts as a tower.
@@ -225,7 +228,7 @@ def _sum_towers_mm(runs: Runs, supports_mm: Floats, carried_mm: float, step_mm: 
         Runs of all columns.
     supports_mm
         (nx, ny) float64 height of support in each column.
-    carried_mm, step_mm
+    min_carrier_drop_mm, step_mm
         Minimum height by which a neighbouring run must begin lower to carry a run, and distance between
         columns.
 
@@ -255,7 +258,7 @@ def _sum_towers_mm(runs: Runs, supports_mm: Floats, carried_mm: float, step_mm: 
                             continue
                         is_diagonal = abs(i - column // ny) + abs(j - column % ny) == 2
                         drop_mm = bottom_mm - ends[m, 0]
-                        min_drop_mm = carried_mm * (1.4142135623730951 if is_diagonal else 1.0)
+                        min_drop_mm = min_carrier_drop_mm * (1.4142135623730951 if is_diagonal else 1.0)
                         if drop_mm > min_drop_mm:
                             is_tower = False
                         elif drop_mm > SAME_HEIGHT_MM or (drop_mm > -SAME_HEIGHT_MM and neighbour < column):

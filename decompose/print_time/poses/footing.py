@@ -18,7 +18,7 @@ MAX_ROUNDING_MM = 1.0  # maximum size of a chamfer or a rounding that counts as 
 
 # [assumed] Limits that decide the width of a brim.
 MAX_STEADY_RATIO = 3.0  # maximum ratio of height to width of the walls in the first layer without a brim
-GOOD_CONTACT_MM2 = 400.0  # contact area from which adhesion needs no brim
+SUFFICIENT_CONTACT_MM2 = 400.0  # contact area from which adhesion needs no brim
 # Lengths of a base from which its corners lift, and from which they need the widest brim.
 WARP_LENGTHS_MM = (60.0, 120.0)
 REFERENCE_SHRINKAGE = 0.007
@@ -39,7 +39,7 @@ class Footing:
     ----------
     contact_mm2, wall_mm
         Area of the first layer, and the width of its walls: four times the area over the outline's length.
-    length_mm, sharp_corners
+    length_mm, sharp_corner_count
         Greatest extent of the convex outline of the first layer, and the number of its corners under
         `MAX_SHARP_DEG`.
     width_mm, edges
@@ -50,7 +50,7 @@ class Footing:
     contact_mm2: float
     wall_mm: float
     length_mm: float
-    sharp_corners: int
+    sharp_corner_count: int
     width_mm: float
     edges: Floats
 
@@ -61,7 +61,7 @@ class Footing:
         Parameters
         ----------
         triangles
-            (m, 3, 3) in mm, outward, standing on z = 0.
+            (m, 3, 3) in mm, facing outward, standing on z = 0.
         bed_support_border_mm
             (p, 2) points of the supports on the bed.
         """
@@ -83,7 +83,7 @@ class Footing:
             contact_mm2=contact_mm2,
             wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
             length_mm=float(pdist(rim).max(initial=0.0)),
-            sharp_corners=int((bend_deg > 180.0 - MAX_SHARP_DEG).sum()),
+            sharp_corner_count=int((bend_deg > 180.0 - MAX_SHARP_DEG).sum()),
             width_mm=float(np.ptp(outline @ edges[:, :2].T, axis=0).min()) if len(outline) else 0.0,
             edges=edges,
         )
@@ -95,9 +95,9 @@ class Footing:
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
 
     def choose_brim_width_mm(
-        self, height_mm: float, margin_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
+        self, height_mm: float, margin_mm: float, max_brim_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
     ) -> float:
-        """Choose the width of a part's brim, from 0 to the widest.
+        """Choose the width of a part's brim, from 0 to the maximum.
 
         A part that is tall for its base, or whose centre of mass is not above the base (`margin_mm`), gets a
         brim that widens the base. A small contact area needs a brim for adhesion. A long base curls up at its
@@ -109,19 +109,19 @@ class Footing:
             Height of the part.
         margin_mm
             Distance of its centre of mass inside the footing; negative outside.
-        widest_mm
+        max_brim_mm
             Maximum width of a brim.
         shrinkage
             Share of its length by which the material shrinks.
         """
         lever_mm = (height_mm / MAX_STEADY_RATIO - self.wall_mm) / 2.0
-        contact_mm = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
+        contact_mm = max_brim_mm * (1.0 - self.contact_mm2 / SUFFICIENT_CONTACT_MM2)
         length_ratio = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
         first_mm, full_mm = (length_ratio * length_mm for length_mm in WARP_LENGTHS_MM)
-        warp_mm = widest_mm * (self.length_mm - first_mm) / (full_mm - first_mm)
-        offset_mm = widest_mm if margin_mm < 0.0 else 0.0
-        width_mm = max(lever_mm, contact_mm, offset_mm, warp_mm if self.sharp_corners else warp_mm / 2.0)
-        return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, widest_mm)) / 10.0
+        warp_mm = max_brim_mm * (self.length_mm - first_mm) / (full_mm - first_mm)
+        offset_mm = max_brim_mm if margin_mm < 0.0 else 0.0
+        width_mm = max(lever_mm, contact_mm, offset_mm, warp_mm if self.sharp_corner_count else warp_mm / 2.0)
+        return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, max_brim_mm)) / 10.0
 
     def choose_expansion_mm(self, is_joined: bool) -> float:
         """Choose the horizontal expansion of the first layer so that it does not protrude from a joint."""
@@ -137,7 +137,7 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     Parameters
     ----------
     triangles
-        (m, 3, 3) float64 in mm, outward, standing on z = 0.
+        (m, 3, 3) float64 in mm, facing outward, standing on z = 0.
 
     Returns
     -------

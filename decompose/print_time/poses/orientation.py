@@ -22,7 +22,7 @@ from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import CostModel
 from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import POSE_ROTATIONS, sum_pose_features
-from decompose.print_time.poses.pose import COLUMN, Pose, measure_from_features
+from decompose.print_time.poses.pose import COLUMN_INDEX, Pose, measure_pose_from_features
 from decompose.print_time.surfaces import measure_surfaces
 from decompose.printers import TargetPrinter
 
@@ -30,7 +30,7 @@ MAX_HULL_FACETS, MAX_FLAT_FACES = 24, 12  # maximum number of candidates of each
 DIRECTION_STEPS = 1000  # coordinates of directions are compared after rounding to 1 / DIRECTION_STEPS
 MIN_DIFFERENCE_DEG = 2.0  # minimum angle between two candidates
 MAX_MEASURED_POSES = 24  # maximum number of measured candidates, in the order of their prices
-ESTIMATE_COLUMNS = 1_500  # approximate number of columns for an estimate
+ESTIMATE_COLUMN_COUNT = 1_500  # approximate number of columns for an estimate
 CERTAIN_SUPPORT_SHARE = 0.8  # share of an estimated support that is certainly needed
 YAWS_RAD: Floats = np.radians(np.arange(90.0))
 
@@ -48,7 +48,7 @@ def find_best_pose(
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+        (n, 3) in mm and (m, 3) of a closed mesh that faces outward.
     is_cut
         (m,) bool, true for cut faces, which no support should touch.
     printers
@@ -69,7 +69,9 @@ def find_best_pose(
         return None
     features, extents = sum_pose_features(vertices, faces, rotations, cost, hull.points, is_cut)
     cost_without_brim = replace(cost, brim_mm=0.0) if fit_first_layer else cost
-    min_s = [cost_without_brim.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
+    min_s = [
+        cost_without_brim.price_s([*f[:COLUMN_INDEX], 0.0], e) for f, e in zip(features, extents, strict=True)
+    ]
     max_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
     mesh = PartMesh(vertices, faces, is_cut)
     best: Pose | None = None
@@ -81,7 +83,7 @@ def find_best_pose(
             support_s = _estimate_support_s(vertices, faces, hull.points, rotations[i], cost)
             if min_s[i] + CERTAIN_SUPPORT_SHARE * support_s >= best.price_s:
                 continue
-        pose = measure_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
+        pose = measure_pose_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
         measured_count += 1
         if best is None or pose.rank < best.rank:
             best = pose
@@ -94,7 +96,7 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Tar
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+        (n, 3) in mm and (m, 3) of a closed mesh that faces outward.
     printers
         Printers to fit; empty for a printer without limits.
 
@@ -118,7 +120,9 @@ def _estimate_support_s(
 ) -> float:
     """Estimate the time of the support in a pose from a few columns, without the travel to its islands."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
-    columns = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, ESTIMATE_COLUMNS)
+    columns = measure_columns(
+        triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, ESTIMATE_COLUMN_COUNT
+    )
     return cost.price_support_s(columns.support_mm3, columns.support_side_mm2, columns.towers_mm)
 
 
@@ -153,7 +157,7 @@ def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+        (n, 3) in mm and (m, 3) of a closed mesh that faces outward.
     hull
         Convex hull of the vertices.
 
@@ -166,14 +170,14 @@ def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
     area_vectors = surfaces.areas_mm2[:, None] * surfaces.normals
     directions = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
     for normals, max_count in ((hull.facets, MAX_HULL_FACETS), (area_vectors, MAX_FLAT_FACES)):
-        directions = _append_distinct(
+        directions = _append_distinct_directions(
             directions, -_find_flat_directions(normals), max_count, math.cos(math.radians(MIN_DIFFERENCE_DEG))
         )
     return directions
 
 
 @jit
-def _append_distinct(
+def _append_distinct_directions(
     known_directions: Floats, candidates: Floats, max_count: int, min_same_cos: float
 ) -> Floats:
     """Append candidates to directions unless they are close to one in the list.
@@ -250,7 +254,7 @@ def _find_rotation(up: Floats, hull: Floats, printers: Sequence[TargetPrinter]) 
     angles_rad = find_smallest_rectangle(outline) + YAWS_RAD
     if len(axis):
         angles_rad = np.insert(angles_rad, 0, 0.0)
-    for some_angles_rad in (angles_rad[:1], angles_rad[1:]):  # the first one fits almost always
+    for some_angles_rad in (angles_rad[:1], angles_rad[1:]):  # the first one almost always fits
         sizes_mm = measure_rectangles(outline, some_angles_rad).tolist()
         for angle_rad, (width_mm, depth_mm) in zip(some_angles_rad, sizes_mm, strict=True):
             if all(printer.fits(width_mm, depth_mm, height_mm) for printer in printers):
@@ -265,7 +269,7 @@ def _choose_bed_axes(up: Floats) -> tuple[Floats, Floats]:
     Parameters
     ----------
     up
-        (3,) float64 unit vector.
+        (3,) float64 unit vector that points up.
 
     Returns
     -------

@@ -14,12 +14,17 @@ from decompose.print_time.contours import measure_contours
 from decompose.print_time.cost import CostModel
 from decompose.print_time.hidden_faces import find_hidden_faces, sum_side_ends_mm
 from decompose.print_time.part_mesh import PartMesh
-from decompose.print_time.pose_prices import LATERAL, SKIN, price_short_layers_s, sum_pose_features
+from decompose.print_time.pose_prices import (
+    LATERAL_INDEX,
+    SKIN_INDEX,
+    price_short_layers_s,
+    sum_pose_features,
+)
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
 from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
-COLUMN = ADDITIVE_FEATURES.index("column_mm3")
+COLUMN_INDEX = ADDITIVE_FEATURES.index("column_mm3")
 HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole, as a share of that of a square hole
 MIN_TOUCHED_MM2 = 1.0  # minimum area of a cut face that support touches; a smaller area is a rounding error
 
@@ -124,7 +129,7 @@ def measure_pose(
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+        (n, 3) in mm and (m, 3) of a closed mesh that faces outward.
     is_cut
         (m,) bool, true for cut faces, which no support should touch.
     rotation
@@ -135,10 +140,12 @@ def measure_pose(
         Whether the brim and the first layer's expansion are chosen too.
     """
     (features,), _ = sum_pose_features(vertices, faces, rotation[None], cost, is_cut=is_cut)
-    return measure_from_features(PartMesh(vertices, faces, is_cut), rotation, features, cost, fit_first_layer)
+    return measure_pose_from_features(
+        PartMesh(vertices, faces, is_cut), rotation, features, cost, fit_first_layer
+    )
 
 
-def measure_from_features(
+def measure_pose_from_features(
     mesh: PartMesh, rotation: Floats, features: Floats, cost: CostModel, fit_first_layer: bool
 ) -> Pose:
     """Measure a pose as `measure_pose` does, from known features.
@@ -146,7 +153,7 @@ def measure_from_features(
     Parameters
     ----------
     mesh
-        Closed mesh of the part, outward.
+        Closed mesh of the part, facing outward.
     rotation
         (3, 3), whose rows are the bed's x, y and z in the model's frame.
     features
@@ -166,7 +173,7 @@ def measure_from_features(
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
     up = np.ascontiguousarray(rotation[2])
     hidden_faces = find_hidden_faces(mesh.surfaces, mesh.is_cut, up, float(lo[2]), cost.skin_cos)
-    saved_mm = hidden_faces.compute_saved_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
+    saved_mm = hidden_faces.compute_saved_height_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
     sheets = Sheets(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
     columns = measure_columns(triangles, mesh.is_cut, cost.overhang_cos)
     thin_walls = measure_thin_walls(
@@ -190,7 +197,7 @@ def measure_from_features(
         size_mm=(width_mm, depth_mm, height_mm),
         price_s=_price_pose_s(features, hi - lo, columns, pose_cost)
         + cost.price_thin_walls_s(thin_walls)
-        + cost.price_contours_s(contours, float(features[SKIN]))
+        + cost.price_contours_s(contours, float(features[SKIN_INDEX]))
         + cost.price_side_ends_s(hidden_faces.cut_side_mm2, side_ends_mm)
         + price_short_layers_s(triangles, cost),
         footing=footing,
@@ -210,8 +217,8 @@ def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: 
     """Price a pose by its `ADDITIVE_FEATURES` (5,) and extents (3,), corrected by the part's columns."""
     bodies_mm = columns.bodies_mm - HOLE_INSET_SHARE * columns.holes_mm
     return (
-        cost.price_s([*features[:COLUMN], 0.0], extents_mm)
-        - cost.price_insets_s(float(features[LATERAL]), float(extents_mm[2]), bodies_mm)
+        cost.price_s([*features[:COLUMN_INDEX], 0.0], extents_mm)
+        - cost.price_insets_s(float(features[LATERAL_INDEX]), float(extents_mm[2]), bodies_mm)
         + cost.price_paths_s(columns.island_paths_mm2, columns.holes_mm, columns.hole_paths_mm2)
         + cost.price_brim_s(columns.measure_brim_mm2(cost.brim_mm), extents_mm)
         + cost.price_support_s(

@@ -18,7 +18,7 @@ from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MM
 from decompose.print_time.poses.orientation import find_fitting_rotations
-from decompose.print_time.poses.pose import COLUMN, Pose, measure_from_features
+from decompose.print_time.poses.pose import COLUMN_INDEX, Pose, measure_pose_from_features
 from decompose.printers import TargetPrinter
 
 MAX_STEADY_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
@@ -50,12 +50,12 @@ def compute_steady_limit_s(fastest_pose: Pose, spare_limit_s: float) -> float:
 def find_steady_pose(
     mesh: PartMesh, printers: Sequence[TargetPrinter], cost: CostModel, fastest_pose: Pose, limit_s: float
 ) -> Pose:
-    """Find a pose with a larger foot and less height than the fastest one, within a time.
+    """Find a pose with a larger foot and less height than the fastest one, within a time limit.
 
     Parameters
     ----------
     mesh
-        Closed mesh of the part, outward.
+        Closed mesh of the part, facing outward.
     printers
         Printers, all of which the part has to fit.
     cost
@@ -82,9 +82,9 @@ def find_steady_pose(
         (features,), (extents,) = sum_pose_features(
             mesh.vertices, mesh.faces, rotations[i : i + 1], cost, is_cut=mesh.is_cut
         )
-        if cost_without_brim.price_s([*features[:COLUMN], 0.0], extents) > limit_s:
+        if cost_without_brim.price_s([*features[:COLUMN_INDEX], 0.0], extents) > limit_s:
             continue
-        pose = measure_from_features(
+        pose = measure_pose_from_features(
             mesh, rotations[i], features, cost, fastest_pose.brim_width_mm is not None
         )
         if (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decompose.export import FindPlace
+from decompose.export import PlaceFinder
 from decompose.printers import BedPlace
 from decompose.results import Part
 from drivers.printers import PROFILES, UsableVolume, place_part
@@ -44,7 +44,7 @@ def find_beds(printers: Sequence[PrinterSection], quality: str, resources: Resou
     return beds
 
 
-def make_place_finder(beds: Mapping[str, Bed]) -> FindPlace:
+def make_place_finder(beds: Mapping[str, Bed]) -> PlaceFinder:
     """Make a function that finds the place of a part on its bed, or None if the bed is unknown."""
 
     def find_place(part: Part) -> BedPlace | None:

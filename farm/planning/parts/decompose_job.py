@@ -12,7 +12,7 @@ from pathlib import Path
 
 from decompose.auto import CountGoal, build_curve, decompose_auto
 from decompose.decompose import decompose_model
-from decompose.engines.guillotine import ASSEMBLE_S
+from decompose.engines.guillotine import ASSEMBLY_S
 from decompose.errors import NoFit
 from decompose.export import write_parts
 from decompose.geometry import Model, Solid
@@ -79,8 +79,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
             listen_to_progress(lambda share: progress.report(share, time.monotonic())),
             ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,  # they end with the worker
         ):
-            assemble_s = ASSEMBLE_S * task.assembly_ratio
-            goal = CountGoal(assemble_s=assemble_s, includes_gluing=task.options.assembled_by is not None)
+            assembly_s = ASSEMBLY_S * task.assembly_ratio
+            goal = CountGoal(assembly_s=assembly_s, includes_gluing=task.options.assembled_by is not None)
             decomposition = ModelCutter(model, printers, options, cost, threads, goal).cut(task)
             search = PausedSearch(decomposition, model, cost, threads)
         return finish_job(search, task)
@@ -98,7 +98,7 @@ def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | Pau
 
     The record is a pickle of the best result, for workers of the same version.
     """
-    best = search.best
+    best = search.best_result
     if best.open_printers:
         record = task.folder / f"search-{len(best.attempts)}.pickle"
         record.write_bytes(pickle.dumps(best))

@@ -85,7 +85,7 @@ def continue_job(
             ],
             end_reason,
         )
-        return finish_job(replace(search, best=best), task)
+        return finish_job(replace(search, best_result=best), task)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from decompose.assembly.schedule import StepWork, compute_critical_path_s, order
 
 def make_work(*bodies: set[int]) -> StepWork:
     a, b = bodies
-    return StepWork((frozenset(a), frozenset(b)), joints=1, glue_mm2=500.0, is_steady=True)
+    return StepWork((frozenset(a), frozenset(b)), joint_count=1, glue_mm2=500.0, is_steady=True)
 
 
 def test_person_glues_the_next_pair_while_the_first_dries() -> None:

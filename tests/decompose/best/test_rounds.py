@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.best import SearchState, Trial, find_best, make_attempt, plan_next_round
+from decompose.best import SearchState, Trial, find_best_result, make_attempt, plan_next_round
 from decompose.best.rounds import OTHER_YAWS_DEG, compute_remaining_s
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
@@ -87,12 +87,15 @@ def test_order_in_which_attempts_of_a_round_end_changes_nothing(
 ) -> None:
     problem, engines = make_problem(cost, budget_s), TableEngines(result, seed)
     state = run_rounds(problem, engines, lambda numbers: rng.sample(numbers, len(numbers)))[-1]
-    if state.best is None:
+    if state.best_result is None:
         with pytest.raises(NoFit):
-            find_best(problem, engines)
+            find_best_result(problem, engines)
         return
-    serial_result = find_best(problem, engines)
-    assert (serial_result.makespan_s, serial_result.yaw_deg) == (state.best.makespan_s, state.best.yaw_deg)
+    serial_result = find_best_result(problem, engines)
+    assert (serial_result.makespan_s, serial_result.yaw_deg) == (
+        state.best_result.makespan_s,
+        state.best_result.yaw_deg,
+    )
     started_attempts = serial_result.attempts[: len(state.attempts)]
     assert drop_times(started_attempts) == drop_times(state.attempts)
     assert all("not started" in attempt.reason for attempt in serial_result.attempts[len(started_attempts) :])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from decompose.best import choose_first_grid, find_best, rounds
+from decompose.best import choose_first_grid, find_best_result, rounds
 from decompose.best.rounds import OTHER_GRIDS, OTHER_YAWS_DEG
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit, Rule
@@ -86,7 +86,7 @@ FIRST_ATTEMPTS = [(Engine.GUILLOTINE, "auto")]
 
 def test_each_other_grid_is_tried_once(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, compute_far_makespan_s)
-    best_result = find_best(make_problem(cost), engines)
+    best_result = find_best_result(make_problem(cost), engines)
     grids = [cells for _, cells in engines.engine_grids[1:] if isinstance(cells, int)]
     rotated_attempts = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
     assert (
@@ -105,7 +105,7 @@ def test_each_other_grid_is_tried_once(cost: CostModel, result: Decomposition) -
 def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decomposition) -> None:
     shares: list[float] = []
     with listen_to_progress(shares.append):
-        find_best(make_problem(cost, best=BestOptions(4.0)), Engines(result, compute_far_makespan_s))
+        find_best_result(make_problem(cost, best=BestOptions(4.0)), Engines(result, compute_far_makespan_s))
     assert shares[:4] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=1e-3)
     assert max(shares) <= 1.0
 
@@ -113,7 +113,7 @@ def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decompos
 def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decomposition) -> None:
     """Expect the attempts of a round to beat the best result of the earlier rounds, not each other."""
     engines = Engines(result, compute_far_makespan_s)
-    find_best(make_problem(cost), engines)
+    find_best_result(make_problem(cost), engines)
     makespans_s = [compute_far_makespan_s(item.options) for item in engines.problems]
     other_grids = sum(cells != "auto" for _, cells in engines.engine_grids)
     best_known_s = [item.best_known_s for item in engines.problems]
@@ -124,7 +124,7 @@ def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decompos
 def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Decomposition) -> None:
     """Use a decomposition in which all printers are busy nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
-    best_result = find_best(make_problem(cost), engines)
+    best_result = find_best_result(make_problem(cost), engines)
     assert engines.engine_grids[:1] == FIRST_ATTEMPTS
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
     assert list_yaws_deg(best_result) == [0.0, *OTHER_YAWS_DEG]
@@ -135,7 +135,7 @@ def test_only_the_requested_grid_is_tried(
     printers: int, options: dict[str, object], cost: CostModel, result: Decomposition
 ) -> None:
     engines = Engines(result, compute_far_makespan_s)
-    find_best(make_problem(cost, printers, **options), engines)
+    find_best_result(make_problem(cost, printers, **options), engines)
     assert len(engines.engine_grids) == 1
     assert {cells for _, cells in engines.engine_grids} == {options.get("granularity", "auto")}
 
@@ -147,10 +147,10 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
 
     first_attempts: list[object] = []
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
-    find_best(make_problem(cost), engines)
+    find_best_result(make_problem(cost), engines)
     first_attempts += [cells for _, cells in engines.engine_grids if cells != "auto"]
     engines = Engines(result, compute_makespan_s)
-    best_result = find_best(make_problem(cost), engines)
+    best_result = find_best_result(make_problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
     later_attempts = best_result.attempts[1 + len(first_attempts) + len(OTHER_YAWS_DEG) :]
     assert best_result.makespan_s == 1.2 * BOUND_S
@@ -167,7 +167,7 @@ def test_rotated_cuts_need_a_minimum_gain(
 ) -> None:
     busy_result = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
     engines = Engines(busy_result, lambda _: BOUND_S * (share if len(engines.problems) > 1 else 1.0))
-    best_result = find_best(make_problem(cost), engines)
+    best_result = find_best_result(make_problem(cost), engines)
     assert best_result.makespan_s == BOUND_S * (share if is_chosen else 1.0)
     assert [a.makespan_s for a in best_result.attempts[1:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
 
@@ -199,12 +199,12 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
 
 def test_another_grid_may_have_the_better_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, lambda options: math.inf if options.granularity == "auto" else 1.5 * BOUND_S)
-    best_result = find_best(make_problem(cost), engines)
+    best_result = find_best_result(make_problem(cost), engines)
     assert best_result.makespan_s == 1.5 * BOUND_S
     assert [a.makespan_s for a in best_result.attempts[:2]] == [None, None]
     failing_engines = Engines(result, lambda options: math.inf)
     with pytest.raises(NoFit, match="nothing at auto"):
-        find_best(make_problem(cost), failing_engines)
+        find_best_result(make_problem(cost), failing_engines)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_result_is_kept_when_a_later_grid_fails(
             raise error
         return engines(task)
 
-    best_result = find_best(make_problem(cost), fail_after_first_attempt)
+    best_result = find_best_result(make_problem(cost), fail_after_first_attempt)
     assert best_result.makespan_s == 1.5 * BOUND_S
     assert {attempt.reason for attempt in best_result.attempts[1:]} == {str(error)}
 
@@ -230,7 +230,7 @@ def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition)
     """Use busy printers, ten of which are half as fast; with equal speeds, the gain would be a quarter."""
     printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(PRINTERS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
-    best_result = find_best(replace(make_problem(cost), printers=printers), engines)
+    best_result = find_best_result(replace(make_problem(cost), printers=printers), engines)
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
     assert best_result.compute_possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
     assert best_result.compute_possible_gain(PRINTERS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
@@ -241,7 +241,7 @@ def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decompos
         return BOUND_S * (1.5 if options.engine is Engine.GUILLOTINE else 1.6)
 
     engines = Engines(result, compute_makespan_s, faulty_engines=(Engine.GUILLOTINE,))
-    best_result = find_best(make_problem(cost, granularity=8), engines)
+    best_result = find_best_result(make_problem(cost, granularity=8), engines)
     assert best_result.engine is Engine.PARALLELOBOX
     assert [item.best_known_s for item in engines.problems] == [math.inf, math.inf]
 
@@ -265,7 +265,7 @@ def test_broken_rule_is_reported_after_the_budget_was_spent(
         assert task.effort.is_spent()
         raise error
 
-    second_attempt = find_best(make_problem(cost, granularity=8), fail_after_budget).attempts[1]
+    second_attempt = find_best_result(make_problem(cost, granularity=8), fail_after_budget).attempts[1]
     assert second_attempt.reason.startswith(message)
     assert not second_attempt.finished
 
@@ -281,7 +281,7 @@ def test_no_attempt_starts_with_too_little_budget(
     """Use attempts of 1 s; another one starts only if half a second of the budget is left."""
     monkeypatch.setattr(rounds, "GRID_SHARE", math.inf)
     engines = Engines(result, compute_far_makespan_s)
-    best_result = find_best(make_problem(cost, best=BestOptions(budget_s)), engines)
+    best_result = find_best_result(make_problem(cost, best=BestOptions(budget_s)), engines)
     assert len(engines.engine_grids) == attempt_count
     later_attempts = best_result.attempts[attempt_count:]
     assert later_attempts
@@ -291,7 +291,7 @@ def test_no_attempt_starts_with_too_little_budget(
 
 def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, compute_far_makespan_s)
-    find_best(make_problem(cost), engines)
+    find_best_result(make_problem(cost), engines)
     assert Engine.PARALLELOBOX not in {engine for engine, _ in engines.engine_grids}
 
 
@@ -309,7 +309,7 @@ def test_small_budget_refuses_no_model_that_a_finer_grid_can_cut(
             problem
         )
 
-    best_result = find_best(make_problem(cost, best=BestOptions(budget_s)), run_engine)
+    best_result = find_best_result(make_problem(cost, best=BestOptions(budget_s)), run_engine)
     assert not best_result.faults
     assert best_result.attempts[0].granularity != "auto"
     assert best_result.attempts[1].granularity == "auto"

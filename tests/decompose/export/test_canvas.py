@@ -15,24 +15,24 @@ from decompose.export.raster import Shape, draw_shapes, make_camera
 GREEN = np.array([0.2, 0.9, 0.3])
 
 
-def make_canvas(oversample: int = 2) -> Canvas:
+def make_canvas(oversampling: int = 2) -> Canvas:
     """Draw a plate of 40 x 20 mm from above."""
     plate = trimesh.creation.box((40.0, 20.0, 1.0)).triangles
-    return Canvas(draw_shapes([Shape(plate, GREEN)], make_camera(-90.0, 90.0), 200, oversample))
+    return Canvas(draw_shapes([Shape(plate, GREEN)], make_camera(-90.0, 90.0), 200, oversampling))
 
 
 def read_pixels(canvas: Canvas) -> np.ndarray:
     return np.asarray(Image.open(BytesIO(canvas.encode_png())).convert("RGB")).astype(int)
 
 
-@pytest.mark.parametrize("oversample", [1, 2, 3])
-def test_picture_has_the_size_of_the_drawing(oversample: int) -> None:
-    canvas = make_canvas(oversample)
+@pytest.mark.parametrize("oversampling", [1, 2, 3])
+def test_picture_has_the_size_of_the_drawing(oversampling: int) -> None:
+    canvas = make_canvas(oversampling)
     pixels = read_pixels(canvas)
     assert pixels.shape[:2] == canvas.drawing.front_shapes.shape
     fine = canvas.drawing.pixels[::-1].astype(float)
     height, width = pixels.shape[:2]
-    mean = fine.reshape(height, oversample, width, oversample, 3).mean(axis=(1, 3))
+    mean = fine.reshape(height, oversampling, width, oversampling, 3).mean(axis=(1, 3))
     assert np.abs(pixels - mean).max() <= 4  # a picture has a limited number of colours
 
 

@@ -192,8 +192,10 @@ def test_chosen_view_shows_pins_and_codes(drilled_table: Decomposition) -> None:
         pose = find_pose(step.direction)
         scene = build_both_bodies(number, drilled_table, 60.0 * step.direction)
         camera = make_camera(*choose_view(scene, pose, ELEVATIONS_DEG, None)) @ pose
-        visible_numbers = draw_shapes(scene.shapes, camera, 400, oversample=1).front_shapes
-        visible_counts = [(visible_numbers == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
+        visible_numbers = draw_shapes(scene.shapes, camera, 400, oversampling=1).front_shapes
+        visible_counts = [
+            (visible_numbers == 1 + scene.first_pin_shape + k).sum() for k in range(len(scene.pins))
+        ]
         assert len(visible_counts) >= 2 and min(visible_counts) > 0
         ink_numbers = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK_COLOUR).all()]
         assert ink_numbers and np.isin(visible_numbers, ink_numbers).sum() > 20
@@ -214,7 +216,7 @@ def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
 
 def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled_table: Decomposition) -> None:
     scene = build_moved_body(0, drilled_table)
-    for pin, shape in zip(scene.pins, scene.shapes[scene.first_pin :], strict=False):
+    for pin, shape in zip(scene.pins, scene.shapes[scene.first_pin_shape :], strict=False):
         assert np.abs(shape.triangles.mean(axis=(0, 1)) - pin.position_mm).max() < 2.0
         assert np.cross(*np.diff(shape.triangles[0], axis=0)) @ pin.axis < 0.0  # seen from below
 
@@ -252,10 +254,12 @@ def test_previous_view_is_kept_or_approached(drilled_table: Decomposition) -> No
     best_deg, _ = choose_view(scene, pose, ELEVATIONS_DEG, None)
     turn_angles = [
         (
-            compute_turn_deg(choose_view(scene, pose, ELEVATIONS_DEG, previous_deg)[0], previous_deg),
-            compute_turn_deg(best_deg, previous_deg),
+            compute_turn_deg(
+                choose_view(scene, pose, ELEVATIONS_DEG, previous_azimuth_deg)[0], previous_azimuth_deg
+            ),
+            compute_turn_deg(best_deg, previous_azimuth_deg),
         )
-        for previous_deg in (-58.0, 32.0, 122.0, 212.0)
+        for previous_azimuth_deg in (-58.0, 32.0, 122.0, 212.0)
     ]
     assert all(turn_deg <= default_turn_deg + 1e-9 for turn_deg, default_turn_deg in turn_angles)
     # The previous view has an effect.

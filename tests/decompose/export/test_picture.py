@@ -46,7 +46,7 @@ def test_glb_has_each_part_in_place_in_metres_with_y_up(parts: list[Part], tmp_p
 
 
 def test_picture_shows_visible_parts(parts: list[Part], tmp_path: Path) -> None:
-    draw_assembly(parts, tmp_path / "assembly.png", longest_px=300)
+    draw_assembly(parts, tmp_path / "assembly.png", long_side_px=300)
     picture = np.asarray(Image.open(tmp_path / "assembly.png").convert("RGB")).astype(int)
     height_px, width_px, _ = picture.shape
     assert abs(max(height_px, width_px) - 300) <= 1
@@ -65,5 +65,5 @@ def test_picture_names_hidden_parts(
 ) -> None:
     messages: list[str] = []
     monkeypatch.setattr("decompose.export.picture.fill", lambda text, width_px: messages.append(text) or text)
-    draw_assembly(parts, tmp_path / "assembly.png", longest_px=300)
+    draw_assembly(parts, tmp_path / "assembly.png", long_side_px=300)
     assert messages == ["behind: 4"]

@@ -7,7 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.errors import ModelTooDetailed, ModelUnreadable
-from decompose.files.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, compute_max_triangles
+from decompose.files.triangle_limit import (
+    BYTES_PER_TRIANGLE,
+    PROCESS_BYTES,
+    check_head,
+    compute_max_triangles,
+)
 from decompose.geometry.file_limits import (
     MAX_CORNERS,
     MAX_PLY_HEADER_BYTES,
@@ -65,7 +70,7 @@ def test_triangles_of_each_format_are_counted_and_limited_by_memory(kind: str) -
     suffix = f".{kind[:3]}"
     count = len(SPHERE.faces)
     assert count_triangles(data, suffix) == count
-    memory_bytes = OTHER_BYTES + count * BYTES_PER_TRIANGLE
+    memory_bytes = PROCESS_BYTES + count * BYTES_PER_TRIANGLE
     check_limits("a", data, suffix, memory_bytes)
     with pytest.raises(ModelTooDetailed, match=r"suffice only for 0.0 million: simplify its mesh"):
         check_limits("a", data, suffix, memory_bytes - 1)
@@ -75,7 +80,7 @@ def test_triangles_of_each_format_are_counted_and_limited_by_memory(kind: str) -
 def test_first_bytes_of_a_file_suffice_to_refuse_it(kind: str) -> None:
     content = SPHERE.export(file_type=kind)
     data = content if isinstance(content, bytes) else content.encode()
-    head, memory_bytes = data[:400], OTHER_BYTES + len(SPHERE.faces) * BYTES_PER_TRIANGLE
+    head, memory_bytes = data[:400], PROCESS_BYTES + len(SPHERE.faces) * BYTES_PER_TRIANGLE
     check_head("a", head, len(data), f".{kind}", memory_bytes)
     with pytest.raises(ModelTooDetailed, match=r"a: has 0.0 million triangles.*simplify its mesh"):
         check_head("a", head, len(data), f".{kind}", memory_bytes - 1)
@@ -84,13 +89,13 @@ def test_first_bytes_of_a_file_suffice_to_refuse_it(kind: str) -> None:
 @given(st.binary(max_size=200), st.integers(0, 2**40), st.sampled_from([".stl", ".ply", ".off", ".3mf", ""]))
 def test_any_first_bytes_pass_or_have_too_many_triangles(head: bytes, size_bytes: int, suffix: str) -> None:
     try:
-        check_head("a", head, size_bytes, suffix, OTHER_BYTES)
+        check_head("a", head, size_bytes, suffix, PROCESS_BYTES)
     except ModelTooDetailed as error:
         assert len(str(error).splitlines()) == 1
 
 
 def test_stl_with_missing_triangles_passes_the_limit_check() -> None:
-    check_head("a", b"\0" * 80 + b"\xff" * 4, 134, ".stl", OTHER_BYTES + BYTES_PER_TRIANGLE)
+    check_head("a", b"\0" * 80 + b"\xff" * 4, 134, ".stl", PROCESS_BYTES + BYTES_PER_TRIANGLE)
 
 
 def test_limit_without_memory_allows_no_triangle() -> None:

@@ -12,7 +12,7 @@ import trimesh
 
 from decompose.decompose import decompose_model
 from decompose.export import write_parts
-from decompose.geometry import Model, Solid, round_triangles, separate_touching, write_stl
+from decompose.geometry import Model, Solid, round_triangles, separate_touching_surfaces, write_stl
 from decompose.options import Engine, Options
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
@@ -42,7 +42,7 @@ def test_touching_surfaces_are_separated(make_solid: Callable[[float], Solid], t
     solid = make_solid(10.0)
     vertices, faces = solid.arrays()
     assert round_triangles(vertices, faces) is None
-    separated = separate_touching(vertices, faces, GAP_MM)
+    separated = separate_touching_surfaces(vertices, faces, GAP_MM)
     corners = round_triangles(separated, faces)
     assert corners is not None
     write_stl(tmp_path / "p.stl", corners)
@@ -65,7 +65,7 @@ def test_separated_surfaces_do_not_cross() -> None:
     ):
         solid = make_solid(10.0)
         vertices, faces = solid.arrays()
-        separated = Solid.from_arrays(separate_touching(vertices, faces, 0.3), faces)
+        separated = Solid.from_arrays(separate_touching_surfaces(vertices, faces, 0.3), faces)
         assert volume_sign * (separated.volume_mm3 - solid.volume_mm3) > 1.0
         assert len(separated.intersect(edge).list_pieces()) == pieces_at_edge
 

@@ -233,7 +233,7 @@ def test_package_that_unpacks_to_gigabytes_is_refused_before_it_is_read(
         "<build>", " " * 2**22 + "<build>"
     )
     assert "unpacks from" in read_refusal(pack_3mf(padded_model))
-    assert "entries" in read_refusal(pack_3mf(padded_model) + package._ENTRY * 20_000)
+    assert "entries" in read_refusal(pack_3mf(padded_model) + package._ENTRY_SIGNATURE * 20_000)
 
 
 def test_entry_with_a_false_size_is_read_up_to_that_size() -> None:

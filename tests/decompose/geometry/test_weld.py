@@ -15,7 +15,7 @@ from decompose.geometry.weld import (
     SAME_VERTEX_MM,
     count_edge_uses,
     number_rows,
-    select_distinct,
+    select_distinct_faces,
     weld_triangles,
 )
 
@@ -50,7 +50,7 @@ def test_vertices_that_differ_by_rounding_are_the_same() -> None:
 
 @given(FACES)
 def test_edge_uses_equal_an_edge_by_edge_count(faces: list[tuple[int, int, int]]) -> None:
-    distinct_faces = select_distinct(np.array(faces))
+    distinct_faces = select_distinct_faces(np.array(faces))
     directed_edges = [(f[k], f[(k + 1) % 3]) for f in distinct_faces.tolist() for k in range(3)]
     undirected_edges = [tuple(sorted(edge)) for edge in directed_edges]
     counts = [undirected_edges.count(edge) for edge in set(undirected_edges)]
@@ -66,7 +66,9 @@ def test_collapsed_and_repeated_faces_are_dropped(faces: list[tuple[int, int, in
     for a, b, c in faces:
         if len({a, b, c}) == 3:
             distinct_values.setdefault(min((a, b, c), (b, c, a), (c, a, b)), (a, b, c))
-    assert [tuple(f) for f in select_distinct(np.array(faces)).tolist()] == list(distinct_values.values())
+    assert [tuple(f) for f in select_distinct_faces(np.array(faces)).tolist()] == list(
+        distinct_values.values()
+    )
 
 
 def test_reversed_face_has_repeated_edges_in_a_closed_surface() -> None:
@@ -99,5 +101,5 @@ def test_large_model_is_read_in_little_memory(tmp_path: Path) -> None:
         peak_bytes = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert model.solid.faces == len(ball.faces)
+    assert model.solid.face_count == len(ball.faces)
     assert peak_bytes < PEAK_BYTES_PER_TRIANGLE * len(ball.faces)

@@ -21,9 +21,9 @@ def make_block(rotation: Rotation) -> np.ndarray:
 
 
 def make_grid(
-    triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, keep_interior: bool = False
+    triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, keeps_interior: bool = False
 ) -> Grid:
-    return build_grid(triangles, cells, GridRules(wall_mm, keep_interior, cost.overhang_cos, cost.skin_cos))
+    return build_grid(triangles, cells, GridRules(wall_mm, keeps_interior, cost.overhang_cos, cost.skin_cos))
 
 
 def list_corners_mm(cells: NeededCells, mask: np.ndarray) -> np.ndarray:
@@ -53,7 +53,7 @@ def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_
     cost = CostModel.from_settings(PrintTimeSettings())
     triangles = make_block(rotation)
     grid = make_grid(triangles, cost, count, wall_mm)
-    cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, max_cells=200_000)
+    cells = refine_cells(grid, triangles, wall_mm, keeps_interior=False, max_cells=200_000)
     assert not (cells.is_needed & ~refine_needed_cells(grid, cells)).any()
 
     def compute_depths_mm(mask: np.ndarray) -> np.ndarray:
@@ -70,9 +70,9 @@ def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_
 
 def test_kept_interior_is_needed(cost: CostModel) -> None:
     triangles = make_block(Rotation.from_rotvec([0.3, 0.2, 0.1]))
-    grid = make_grid(triangles, cost, 6, 10.0, keep_interior=True)
+    grid = make_grid(triangles, cost, 6, 10.0, keeps_interior=True)
     kept_cells, shell_cells = (
-        refine_cells(grid, triangles, 10.0, keep_interior, 200_000) for keep_interior in (True, False)
+        refine_cells(grid, triangles, 10.0, keeps_interior, 200_000) for keeps_interior in (True, False)
     )
     assert (kept_cells.is_needed >= shell_cells.is_needed).all()
     volume_mm3 = np.prod(np.meshgrid(*map(np.diff, kept_cells.planes), indexing="ij"), axis=0)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
-from decompose.pieces import assign_bottleneck
+from decompose.pieces import solve_bottleneck_assignment
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 
@@ -34,7 +34,7 @@ def test_assignment_minimises_the_end_of_the_last_part(
         seconds[range(part_count), list(p)] for p in permutations(range(printer_count), part_count)
     ]
     best_times_s = min(((t.max(), t.sum()) for t in all_assignments), default=(np.inf, np.inf))
-    result = assign_bottleneck(seconds)
+    result = solve_bottleneck_assignment(seconds)
     if result is None:
         assert np.isinf(best_times_s[0])
         return
@@ -46,13 +46,13 @@ def test_assignment_minimises_the_end_of_the_last_part(
 
 def test_assignment_succeeds_where_a_greedy_choice_fails() -> None:
     fits = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
-    result = assign_bottleneck(np.where(fits > 0.0, 60.0, np.inf))
+    result = solve_bottleneck_assignment(np.where(fits > 0.0, 60.0, np.inf))
     assert result is not None
     assert result[0] == 1
 
 
 def test_first_of_equal_printers_are_used() -> None:
-    assert sorted(assign_bottleneck(np.full((3, 6), 60.0)) or []) == [0, 1, 2]
+    assert sorted(solve_bottleneck_assignment(np.full((3, 6), 60.0)) or []) == [0, 1, 2]
 
 
 def test_quickest_printer_takes_the_longest_part(

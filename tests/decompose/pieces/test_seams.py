@@ -30,7 +30,7 @@ def measure_cut_seams(pieces: list[Piece]) -> list[Seam]:
 def test_seam_of_a_cut_bar_goes_around_it() -> None:
     [seam] = measure_cut_seams(cut_solid_at_plane(Solid.box((0, 0, 0), (60, 40, 30)), 0, 25.0))
     assert seam.length_mm == pytest.approx(2 * (40 + 30))
-    assert seam.thin_mm == 0.0
+    assert seam.thin_length_mm == 0.0
 
 
 def test_seam_is_found_beside_faces_in_the_planes_of_the_box() -> None:
@@ -58,9 +58,9 @@ def test_wedge_cut_near_its_edge_has_a_thin_rim() -> None:
     ramp = Solid.from_arrays(*make_prism(np.array([(0, 0), (100, 0), (100, 10)])))
     [seam] = measure_cut_seams(cut_solid_at_plane(ramp, 2, 5.0))
     assert seam.length_mm == pytest.approx(2 * (50 + 40))
-    assert 40 < seam.thin_mm < 40 + 3 * 10
+    assert 40 < seam.thin_length_mm < 40 + 3 * 10
     [upright_seam] = measure_cut_seams(cut_solid_at_plane(ramp, 0, 50.0))
-    assert upright_seam.thin_mm == 0.0
+    assert upright_seam.thin_length_mm == 0.0
 
 
 def make_prism(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -77,7 +77,7 @@ def test_seam_of_a_cut_ball_is_the_rim_of_the_cut(at_mm: float, axis: int) -> No
     joints = find_joints(pieces)
     [seam] = measure_seams(pieces, joints)
     assert seam.length_mm == pytest.approx(joints[0].faces[0].outline.length, rel=1e-4)
-    assert 0.0 <= seam.thin_mm <= seam.length_mm
+    assert 0.0 <= seam.thin_length_mm <= seam.length_mm
 
 
 def test_only_long_thin_rims_are_described() -> None:

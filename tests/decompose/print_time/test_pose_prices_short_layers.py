@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from decompose.print_time import CostModel, PrintTimeSettings, measure_pose
-from decompose.print_time.pose_prices import SLABS, _sum_by_slab, price_short_layers_s
+from decompose.print_time.pose_prices import SLAB_COUNT, _sum_slabs, price_short_layers_s
 
 COST = CostModel.from_settings(PrintTimeSettings())
 
@@ -26,12 +26,12 @@ def test_slabs_add_up_to_the_part() -> None:
     ball = trimesh.creation.icosphere(3, 20.0)
     ball.apply_translation([3.0, -2.0, -ball.bounds[0, 2]])
     height_mm = float(ball.bounds[1, 2])
-    lateral_mm2, section_mm2 = _sum_by_slab(ball.triangles.copy(), height_mm)
+    lateral_mm2, section_mm2 = _sum_slabs(ball.triangles.copy(), height_mm)
     upright_mm2 = ball.area_faces * np.sqrt(np.maximum(0.0, 1.0 - ball.face_normals[:, 2] ** 2))
     assert lateral_mm2.sum() == pytest.approx(upright_mm2.sum())
-    assert section_mm2.sum() * height_mm / SLABS == pytest.approx(ball.volume, rel=0.01)
+    assert section_mm2.sum() * height_mm / SLAB_COUNT == pytest.approx(ball.volume, rel=0.01)
     for slab in (3, 16, 28):
-        above_mm = height_mm * (slab + 0.5) / SLABS - height_mm / 2.0
+        above_mm = height_mm * (slab + 0.5) / SLAB_COUNT - height_mm / 2.0
         assert section_mm2[slab] == pytest.approx(math.pi * (20.0**2 - above_mm**2), rel=0.03)
 
 

@@ -19,7 +19,7 @@ from decompose.pieces import cut_cells
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.results import Decomposition, Part, check_stl
-from decompose.results.check import check_missing, check_result
+from decompose.results.check import check_missing_volume, check_result
 
 SIZE_MM = (60.0, 40.0, 20.0)
 PRINTERS = [TargetPrinter(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(3)]
@@ -168,13 +168,13 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
         ]  # fmt: skip
 
     hollow_result = replace(base_result, parts=(make_part(shell, "p01", "p"),))
-    check_missing(hollow_result.parts, convert_to_mm(grid, list_boxes_around(4)), block, 15.0)
+    check_missing_volume(hollow_result.parts, convert_to_mm(grid, list_boxes_around(4)), block, 15.0)
     with pytest.raises(GeometryError) as error:
-        check_missing(hollow_result.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
+        check_missing_volume(hollow_result.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
     assert error.value.rule == Rule.INSIDE
     thin_result = replace(base_result, parts=(make_part(thin_walled_solid, "p01", "p"),))
     with pytest.raises(GeometryError) as error:
-        check_missing(thin_result.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)
+        check_missing_volume(thin_result.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)
     assert error.value.rule == Rule.WALL
 
 
@@ -199,10 +199,10 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     shell = cube.solid.subtract(Solid.box((150.0, 150.0, top_mm - 20.0), (170.0, 170.0, top_mm)))
     hollow_result = replace(base_result, parts=(make_part(shell, "p01", "p"),))
     if gap_mm is None:
-        check_missing(hollow_result.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
+        check_missing_volume(hollow_result.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
         return
     with pytest.raises(GeometryError, match=f"is {gap_mm:.2f} mm from the surface") as error:
-        check_missing(hollow_result.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
+        check_missing_volume(hollow_result.parts, convert_to_mm(grid, boxes_around), cube, 10.0)
     assert error.value.rule == Rule.WALL
 
 

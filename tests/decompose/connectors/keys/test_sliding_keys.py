@@ -89,7 +89,7 @@ def test_glue_on_a_wall_far_from_the_floor_gets_keys_that_slide_in(tall_parts: D
     for key in keys:
         assert name_pin_kind(key) == "sliding key"
         assert abs(float(key.position_mm[1]) - WALL_MM) < 1e-6 and key.position_mm[2] > FLOOR_MM
-        exits = [hole.exit for hole in key.holes]
+        exits = [hole.exit_direction for hole in key.holes]
         assert sum(direction is not None for direction in exits) == 1
 
 
@@ -101,10 +101,10 @@ def test_keys_enter_the_wall_from_above_where_a_thin_cap_covers_it() -> None:
     """Use a cap that is too thin for keys, so that the glue below it is far from all other keys."""
     parts = make_drilled_parts(150.0, cap_mm=2.0)
     exits = [
-        (hole.part, float(hole.exit @ UP_AXIS))
+        (hole.part, float(hole.exit_direction @ UP_AXIS))
         for key in list_sliding_pins(parts)
         for hole in key.holes
-        if hole.exit is not None
+        if hole.exit_direction is not None
     ]
     assert list(parts.find_faults()) == []
     assert set(exits) == {(WALL_PART, 1.0)}
@@ -131,17 +131,19 @@ def close_groove(hole: Tool, key: Pin, *, exit_direction: np.ndarray | None) -> 
     """Make the groove of a key with both ends closed."""
     assert key.key_direction is not None
     ends = key.position_mm + np.outer([-2.0, 2.0], key.key_direction)
-    return replace(make_groove(hole.part, ends, hole.inward_normal, key.depth_mm), exit=exit_direction)
+    return replace(
+        make_groove(hole.part, ends, hole.inward_normal, key.depth_mm), exit_direction=exit_direction
+    )
 
 
 def test_key_that_cannot_enter_its_groove_is_refused(tall_parts: DrilledParts) -> None:
     key = list_sliding_pins(tall_parts)[0]
     moved_hole, fixed_hole = key.holes
-    assert moved_hole.exit is not None
+    assert moved_hole.exit_direction is not None
     for other_groove in (
-        close_groove(moved_hole, key, exit_direction=moved_hole.exit),
+        close_groove(moved_hole, key, exit_direction=moved_hole.exit_direction),
         close_groove(moved_hole, key, exit_direction=None),
-        replace(moved_hole, exit=-moved_hole.exit),
+        replace(moved_hole, exit_direction=-moved_hole.exit_direction),
     ):
         assert Rule.ORDER in find_broken_rules(change_key(tall_parts, holes=(other_groove, fixed_hole)))
     assert Rule.PINNED in find_broken_rules(change_key(tall_parts, key_direction=np.array([0.0, 0.6, 0.8])))
@@ -151,11 +153,12 @@ def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledPa
     """Use a groove that runs up the block to its visible top."""
     key = list_sliding_pins(tall_parts)[0]
     moved_hole, fixed_hole = key.holes
-    assert moved_hole.exit is not None
+    assert moved_hole.exit_direction is not None
     top_mm = tall_parts.blanks[moved_hole.part].solid.bounds_mm[1][2]
     ends = np.array([key.position_mm, [*key.position_mm[:2], top_mm + 0.1]])
     open_groove = replace(
-        make_groove(moved_hole.part, ends, moved_hole.inward_normal, key.depth_mm), exit=-moved_hole.exit
+        make_groove(moved_hole.part, ends, moved_hole.inward_normal, key.depth_mm),
+        exit_direction=-moved_hole.exit_direction,
     )
     assert Rule.SKIN in find_broken_rules(change_key(tall_parts, holes=(open_groove, fixed_hole)))
 

@@ -20,7 +20,7 @@ from decompose.engines.baselines.hollow import (
     find_largest_cube,
     hollow_model,
     list_cubes_around,
-    move_planes_to,
+    move_planes_to_cube,
     refine_cube,
     remove_diagonals,
 )
@@ -148,7 +148,7 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
     first_cube = find_largest_cube(hollow_model(solid, grid).cavity)
     assert first_cube is not None
     cube_mm = refine_cube(solid, np.array(grid.find_bounds_mm(first_cube)), 10.0, 12.0)
-    planes, cube = move_planes_to(solid, grid, cube_mm)
+    planes, cube = move_planes_to_cube(solid, grid, cube_mm)
     assert all((np.diff(positions) > 0.0).all() for positions in planes)
     sides_mm = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
     assert (sides_mm[0] >= cube_mm[0]).all() and (sides_mm[1] <= cube_mm[1]).all()

@@ -23,7 +23,7 @@ from decompose.problem.fitting import (
     count_blocks,
     count_parts,
     place_plane_clear_of_faces,
-    split_connected,
+    split_connected_pieces,
 )
 
 PRINTER = TargetPrinter("plus", ((206.9, 190.9, 205.0),))
@@ -84,7 +84,7 @@ def test_number_of_parts_required_by_the_build_volume_is_computed() -> None:
 
 def test_films_on_a_cut_are_ignored() -> None:
     separate_boxes = [Solid.box((0, 0, 0), (10, 10, 10)), Solid.box((20, 0, 0), (20 + 1e-9, 10, 10))]
-    result = split_connected(Piece(Solid.union(separate_boxes), np.zeros((0, 4)), np.zeros((0, 2, 3))))
+    result = split_connected_pieces(Piece(Solid.union(separate_boxes), np.zeros((0, 4)), np.zeros((0, 2, 3))))
     assert [piece.solid.volume_mm3 for piece in result] == pytest.approx([1000.0])
 
 

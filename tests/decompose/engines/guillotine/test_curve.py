@@ -94,8 +94,9 @@ def test_curve_of_an_empty_model_is_empty() -> None:
 
 def test_knee_includes_the_work_of_a_person() -> None:
     points = [CurvePoint(n, 36000.0 / n) for n in range(1, 101)]
-    assert find_knee(points, clear_s=300.0, assemble_s=60.0).printers == 10  # the square root of 36000 / 360
-    assert find_knee(points, clear_s=0.0, assemble_s=0.0).printers == 100
+    # The square root of 36000 / 360.
+    assert find_knee(points, clearing_s=300.0, assembly_s=60.0).printers == 10
+    assert find_knee(points, clearing_s=0.0, assembly_s=0.0).printers == 100
     assert find_knee([CurvePoint(3, 100.0), CurvePoint(4, 100.0)], 0.0, 0.0).printers == 3
 
 

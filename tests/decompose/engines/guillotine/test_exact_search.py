@@ -115,7 +115,7 @@ def test_corrected_piece_counts_need_few_solves(
     assert solver.find_min_makespan(len(PRINTERS), 1.0) is not None
     search = ExactSearch(task, grid, tables, 1.0)
     search.run()
-    assert search.solver.sums <= solver.sums + 10 * max_solves * count_cuts(tables.shape)
+    assert search.solver.sum_count <= solver.sum_count + 10 * max_solves * count_cuts(tables.shape)
     assert task.effort.is_cut_short == (budget_s == 0.0)
 
 

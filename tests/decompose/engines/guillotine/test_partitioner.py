@@ -19,7 +19,7 @@ from decompose.engines.guillotine.partitioner import OtherClass
 from decompose.engines.guillotine.recursion import AREA_UNIT_MM2, UNREACHABLE
 from decompose.grid import Box, BoxTables, find_box, index_box
 from decompose.grid.boxes import list_build_volumes
-from decompose.pieces import assign_bottleneck
+from decompose.pieces import solve_bottleneck_assignment
 from decompose.printers import TargetPrinter
 
 SortKey = tuple[int, int, int]  # parts, seconds, units of cut area
@@ -237,7 +237,8 @@ def test_unequal_printers_match_an_exhaustive_distribution(
             len(indices), len(printers)
         )
         assert (
-            not len(indices) or assign_bottleneck(np.where(times_s <= limit_s, times_s, np.inf)) is not None
+            not len(indices)
+            or solve_bottleneck_assignment(np.where(times_s <= limit_s, times_s, np.inf)) is not None
         )
 
 

@@ -191,7 +191,7 @@ def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostMod
     search.is_free[:] = True
     broken_part = replace(slower_part, pieces=slower_part.pieces * 2, seconds=np.inf)
     assert search._stop_faces(parts, [broken_part, parts[1]])
-    assert task.effort.done_units[Work.FACE_CUT] == search.nearby_solids[0].faces
+    assert task.effort.done_units[Work.FACE_CUT] == search.nearby_solids[0].face_count
     assert not search._stop_faces(parts, [broken_part, parts[1]])  # its face is already barred
 
 

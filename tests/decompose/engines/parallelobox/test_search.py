@@ -194,7 +194,7 @@ def test_attempts_cover_the_model_and_are_deterministic(
         assert (count[ball_grid.is_needed] == 1).all()
         indices = [index_box(block, ball_grid.shape) for block in item.blocks]
         assert (ball_tables.trimmed_box[indices] == indices).all()  # no block ends in an empty layer
-        assert item.parts == ball_tables.pieces[indices].sum() <= 14
+        assert item.part_count == ball_tables.pieces[indices].sum() <= 14
         assert item.max_price == ball_tables.seconds[indices].max() < np.inf
     assert [a.max_price for a in result] == sorted(a.max_price for a in result)
     with ThreadPoolExecutor(2) as pool:
@@ -222,11 +222,11 @@ def test_prices_of_the_paper_match_the_solid_in_each_box(
         box = (x[0], y[0], z[0], x[1], y[1], z[1])
         piece: Solid = ball.solid.clip(*ball_grid.find_bounds_mm(box))
         expected_s = SPEED_MM_S * (piece.volume_mm3 + piece.area_mm2)
-        assert tables.printing[number] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
+        assert tables.printing_prices[number] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
     whole_box = index_box((0, 0, 0, *shape), shape)
     # The surface of a ball that is steeper than the support angle projects to the same disc on all sides.
     overhang_mm2 = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
-    assert tables.overhang[whole_box] == pytest.approx(overhang_mm2, rel=0.1)
+    assert tables.overhang_prices[whole_box] == pytest.approx(overhang_mm2, rel=0.1)
 
 
 def make_rotation(angle_rad: float, axis: tuple[float, float, float]) -> np.ndarray:

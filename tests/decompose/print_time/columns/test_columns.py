@@ -9,7 +9,7 @@ import trimesh
 from decompose.geometry import Solid
 from decompose.print_time import measure_columns
 from decompose.print_time.columns import Columns
-from decompose.print_time.columns.sweep import LEVELS
+from decompose.print_time.columns.sweep import LEVEL_COUNT
 
 OVERHANG_COS = np.sin(np.radians(45.0))
 
@@ -64,7 +64,7 @@ def test_mass_grows_with_height(bench: Solid) -> None:
         np.array([10, 10, 2.5]) * 2000 + np.array([15, 10, 15]) * 4000 + np.array([20, 10, 27.5]) * 4000
     ) / 1e4
     assert result.centres_mm[-1] == pytest.approx(expected_centre_mm, abs=0.3)
-    assert result.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVELS / 2.0], abs=0.3)
+    assert result.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVEL_COUNT / 2.0], abs=0.3)
 
 
 def test_ball_needs_a_cone_of_support() -> None:

@@ -30,7 +30,7 @@ def test_footing_of_a_block_is_its_base() -> None:
     assert result.contact_mm2 == pytest.approx(600.0)
     assert result.wall_mm == pytest.approx(4 * 600 / 100)
     assert (result.width_mm, result.length_mm) == pytest.approx((20.0, math.hypot(30, 20)))
-    assert result.sharp_corners == 4
+    assert result.sharp_corner_count == 4
     assert result.measure_margin_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx(3.0)
     assert result.measure_margin_mm(np.array([[-2.0, 10.0]])) == pytest.approx(-2.0)
 
@@ -40,7 +40,7 @@ def test_ball_touches_where_its_first_layer_is_cut() -> None:
     mesh.apply_translation([0, 0, 20])
     result = measure_footing(Solid.from_arrays(mesh.vertices, mesh.faces))
     assert result.contact_mm2 == pytest.approx(math.pi * (400 - (20 - FIRST_LAYER_MM) ** 2), rel=0.1)
-    assert result.sharp_corners == 0
+    assert result.sharp_corner_count == 0
 
 
 def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
@@ -98,8 +98,8 @@ def test_chamfered_corner_is_sharp_but_a_rounded_one_is_not() -> None:
         hull = trimesh.convex.convex_hull([(x, y, z) for x, y in corners for z in (0.0, 10.0)])
         return measure_footing(Solid.from_arrays(hull.vertices, hull.faces))
 
-    assert measure_block(0.2).sharp_corners == 4
-    assert measure_block(8.0).sharp_corners == 0
+    assert measure_block(0.2).sharp_corner_count == 4
+    assert measure_block(8.0).sharp_corner_count == 0
     rounded_mm, sharp_mm = (
         measure_block(corner_mm).choose_brim_width_mm(10.0, 5.0, 8.0) for corner_mm in (8.0, 0.2)
     )

@@ -14,7 +14,7 @@ from books.scheduling_examples import (
     make_rules,
     make_situation,
 )
-from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
+from decompose.engines.guillotine import ASSEMBLY_S, CLEARING_S
 from farm.model import Bed, HoldCode, TimeFactors
 from farm.planning.replanning import policy
 from farm.scheduling.matching import Capabilities, Requirements
@@ -42,7 +42,7 @@ def make_part(duration_h=10.0, **changes):
 
 
 def test_cost_of_a_piece_equals_that_of_a_decomposition():
-    assert policy.JOINING_TIME_S == CLEAR_S + ASSEMBLE_S
+    assert policy.JOINING_TIME_S == CLEARING_S + ASSEMBLY_S
 
 
 def test_plate_of_a_bed_full_until_morning_is_resliced():
