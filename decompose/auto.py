@@ -54,7 +54,7 @@ class CountGoal:
     includes_gluing: bool = False
 
     def choose_point(self, points: Sequence[CurvePoint]) -> CurvePoint:
-        """Choose a point of a curve."""
+        """Choose the point of a curve that suits the goal."""
         if self.time_limit_s is None:
             return find_knee(points, self.clearing_s, self.assembly_s)
         return find_fewest_in_time(

@@ -39,7 +39,7 @@ def decompose_model(
     Parameters
     ----------
     model
-        Model of `decompose.geometry.load_model`.
+        Model from `decompose.geometry.load_model`.
     printers
         Free printers, each for one part at most; a printer that may print in several rounds appears once for
         each. The engine `guillotine` cuts a part for the build volume and the speed of its own printer; the

@@ -44,7 +44,7 @@ class AssemblyStep:
     level
         One more than the highest level of the steps that make the two bodies. The glue of all steps of a
         level can dry at the same time.
-    work_s, starts_s
+    work_s, start_s
         Time that a person needs for the step, and the time from the start of the first step to the start of
         this one if one person does all the work.
     """
@@ -58,7 +58,7 @@ class AssemblyStep:
     rests_on: tuple[int, ...]
     level: int
     work_s: float = 0.0
-    starts_s: float = 0.0
+    start_s: float = 0.0
 
     @property
     def work(self) -> StepWork:
@@ -83,17 +83,17 @@ class Assembly:
     locked_sets: tuple[tuple[int, ...], ...] = ()
 
     @property
-    def levels(self) -> int:
+    def level_count(self) -> int:
         """Number of steps on the longest chain of steps that depend on each other's glue."""
         return max((step.level for step in self.steps), default=0)
 
     @property
     def total_s(self) -> float:
         """Time of one person from the first step to the end of the last one, with waits for glue."""
-        return max((step.starts_s + step.work_s for step in self.steps), default=0.0)
+        return max((step.start_s + step.work_s for step in self.steps), default=0.0)
 
     @property
-    def critical_s(self) -> float:
+    def critical_path_s(self) -> float:
         """Minimum time with enough people: the longest chain of work and drying."""
         return compute_critical_path_s([step.work for step in self.steps])
 
@@ -115,7 +115,7 @@ def plan_assembly(
     pieces
         Parts in one frame, cut at planes.
     joints
-        Joints of `pieces.find_joints`, in the same frame.
+        Joints from `pieces.find_joints`, in the same frame.
     min_glue_mm2
         Minimum area of a joint whose glue counts as holding.
 
@@ -130,8 +130,8 @@ def plan_assembly(
     plan.split_parts(np.ones(len(pieces), dtype=np.bool_), is_outermost=True)
     works = [step.work for step in plan.steps]
     steps = (
-        replace(plan.steps[number], work_s=works[number].seconds, starts_s=starts_s)
-        for number, starts_s in order_steps(works)
+        replace(plan.steps[number], work_s=works[number].seconds, start_s=start_s)
+        for number, start_s in order_steps(works)
     )
     return Assembly(tuple(steps), tuple(plan.locked_sets))
 

@@ -120,7 +120,7 @@ class SplitSearch:
     directions
         (d, 3) unit vectors along which bodies may move.
     blocking
-        (d, n, n) bool of `blocking.find_blocking`.
+        (d, n, n) bool from `blocking.find_blocking`.
     low_mm, high_mm
         (d, n) float64 bounds of the parts along the directions.
     """

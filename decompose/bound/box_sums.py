@@ -17,7 +17,7 @@ def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, box_sums: Floats) -
     cells
         (nx, ny, nz) float64 values.
     corners
-        (k, 8) int64 of `find_corners`.
+        (k, 8) int64 from `find_corners`.
     sums
         (nx + 1, ny + 1, nz + 1) float64 workspace for the summed-area table; its first layers are 0.
     box_sums
@@ -48,7 +48,7 @@ def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, cell_sums: Floa
     shares
         (k,) float64 shares of the boxes.
     corners
-        (k, 8) int64 of `find_corners`.
+        (k, 8) int64 from `find_corners`.
     steps
         (nx + 1, ny + 1, nz + 1) float64 workspace for the differences at the places where boxes begin and
         end.

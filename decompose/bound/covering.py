@@ -56,7 +56,7 @@ class _Programme(NamedTuple):
     is_needed
         (nx, ny, nz) bool, true for cells to be covered.
     corners
-        (k, 8) int64 of `find_corners`.
+        (k, 8) int64 from `find_corners`.
     pieces
         (k,) float64 number of pieces of each box.
     needed_counts

@@ -40,7 +40,7 @@ def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
     Parameters
     ----------
     glue_mm
-        (n, 3) points of `sample_glue`.
+        (n, 3) points from `sample_glue`.
     pins
         Pins and keys so far.
 
@@ -69,7 +69,7 @@ def sort_places_by_gain(places_mm: Floats, far_glue_mm: Floats, weights: Floats 
     places_mm
         (n, 3) points.
     far_glue_mm
-        (k, 3) points of `find_far_glue`.
+        (k, 3) points from `find_far_glue`.
     weights
         (n,) weights, or one for all.
 

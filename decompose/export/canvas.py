@@ -44,7 +44,7 @@ class Canvas:
         return ImageDraw.Draw(self._image)
 
     def _find_place(self, x: float, y: float) -> tuple[float, float]:
-        """Find the place of a pixel's centre in the image, whose first row is at the top."""
+        """Find the place of a pixel's centre in the image; the first row of the image is at the top."""
         scale = self.drawing.oversampling
         return (x + 0.5) * scale, self._image.height - (y + 0.5) * scale
 

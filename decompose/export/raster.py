@@ -157,7 +157,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawing:
-    """A picture of shapes, whose first row is at the bottom.
+    """A picture of shapes; its first row is at the bottom.
 
     Attributes
     ----------
@@ -222,7 +222,7 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, long_side_px: int, overs
     shapes
         Shapes in one frame, with at least one triangle.
     frame
-        Camera of `make_camera`.
+        Camera from `make_camera`.
     long_side_px
         Longer side of the picture without its margin, in pixels.
     oversampling

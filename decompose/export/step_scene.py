@@ -42,9 +42,9 @@ class Scene:
     Attributes
     ----------
     parts
-        Numbers of the parts, whose shapes are the first ones.
+        Numbers of the parts; their shapes come first.
     glued_faces
-        Faces to glue, whose shapes follow.
+        Faces to glue; their shapes follow.
     pins
         Pins, each with one shape after those of the faces: a rod, or the mouth of its hole.
     shapes

@@ -52,7 +52,7 @@ def find_convex_outline(points: Floats) -> Floats:
 
 @jit
 def _drop_inner_points(points: Floats) -> Floats:
-    """Drop most points inside the convex outline, because sorting takes longer than this.
+    """Drop most points inside the convex outline, because sorting them takes longer.
 
     These are the points inside the octagon of those that lie furthest in eight directions.
 
@@ -101,7 +101,7 @@ def find_half_planes(outline: Floats) -> Floats:
     Parameters
     ----------
     outline
-        (k, 2) float64 in mm, anticlockwise, of `find_convex_outline`.
+        (k, 2) float64 in mm, anticlockwise, from `find_convex_outline`.
 
     Returns
     -------
@@ -119,12 +119,12 @@ def find_half_planes(outline: Floats) -> Floats:
 
 @jit
 def measure_rectangles(outline: Floats, angles_rad: Floats) -> Floats:
-    """Measure the width and the depth of an outline that is rotated by minus each of n angles.
+    """Measure the width and the depth of an outline that is rotated clockwise by each of n angles.
 
     Parameters
     ----------
     outline
-        (k, 2) float64 in mm, of `find_convex_outline`.
+        (k, 2) float64 in mm, from `find_convex_outline`.
     angles_rad
         (n,) float64 in radians.
 
@@ -153,7 +153,7 @@ def find_smallest_rectangle(outline: Floats) -> float:
     Parameters
     ----------
     outline
-        (k, 2) float64 in mm, of `find_convex_outline`.
+        (k, 2) float64 in mm, from `find_convex_outline`.
 
     Returns
     -------

@@ -39,7 +39,7 @@ from decompose.geometry.threemf import read_3mf
 from decompose.geometry.weld import weld_triangles
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
-MIN_PLAUSIBLE_SIDE_MM = 5.0  # longest side below which the unit is probably not the mm
+MIN_PLAUSIBLE_SIDE_MM = 5.0  # longest side below which the unit is probably not mm
 MIN_SIDE_MM = 0.1  # minimum longest side: a smaller model is thinner than the line of any nozzle
 MAX_COORDINATE_MM = 1e6  # maximum coordinate; beyond it, double precision is too coarse for cuts
 MIN_THICKNESS_SHARE = 1e-6  # minimum thickness, as a share of the longest side
@@ -54,7 +54,7 @@ class Model:
     Attributes
     ----------
     solid
-        Closed solid in mm, in the file's own frame times `scale`.
+        Closed solid in mm, in the file's own frame scaled by `scale`.
     repairs
         Sentences on the repairs.
     scale
@@ -99,7 +99,7 @@ def load_model(
     longest_side_mm
         Longest side of the scaled model, instead of `scale`.
     name
-        Name of the file in messages, whose suffix gives the format; by default the name of the path.
+        Name of the file in messages; its suffix gives the format. By default, it is the name of the path.
     memory_bytes
         Memory that the process may use; None if there is no limit.
     report
@@ -258,7 +258,7 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
 def _choose_factor(
     name: str, longest_side: float, scale: float | None, longest_side_mm: float | None
 ) -> float:
-    """Choose the factor from the file's numbers to mm; refuse a model whose unit is probably not the mm."""
+    """Choose the factor from the file's numbers to mm; refuse a model whose unit is probably not mm."""
     if longest_side_mm is not None:
         return longest_side_mm / longest_side
     if scale is not None:

@@ -120,7 +120,7 @@ def find_rims(faces: Ints) -> list[Ints]:
     Parameters
     ----------
     faces
-        (m, 3) int64 of shells of `split_shells`.
+        (m, 3) int64 of shells from `split_shells`.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) int64 of shells of `split_shells`.
+        (n, 3) in mm and (m, 3) int64 of shells from `split_shells`.
 
     Returns
     -------

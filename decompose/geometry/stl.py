@@ -76,7 +76,7 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
     path
         File to write.
     corners
-        (m, 3, 3) float32 in mm, of `round_triangles`.
+        (m, 3, 3) float32 in mm, from `round_triangles`.
     """
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
     mesh: Any = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)

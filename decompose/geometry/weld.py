@@ -132,7 +132,7 @@ def number_rows(rows: npt.NDArray[np.generic], scale: float) -> tuple[Ints, Ints
     rows
         (n, 3) float64 or int64.
     scale
-        Factor before rounding: rows are equal if their products with it round to the same whole numbers.
+        Factor by which rows are multiplied before rounding; they are equal if the whole numbers are equal.
 
     Returns
     -------

@@ -65,7 +65,7 @@ def _fits_all(build_volumes: Floats, width_mm: float, depth_mm: float, height_mm
     Parameters
     ----------
     build_volumes
-        (build volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
+        (build volumes, boxes, 3) float64 in mm, from `list_build_volumes`.
     width_mm, depth_mm, height_mm
         Extents of the part.
     """
@@ -171,9 +171,9 @@ def _compute_min_price_s(
     Parameters
     ----------
     prices
-        Record of `CostModel.build_prices`.
+        Record from `CostModel.build_prices`.
     build_volumes
-        (build volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
+        (build volumes, boxes, 3) float64 in mm, from `list_build_volumes`.
     sums
         (SUM_COUNT,) float64 sums over its cells, see `grid.clipping`.
     ends_mm
@@ -227,11 +227,11 @@ class Pricing(NamedTuple):
     Attributes
     ----------
     build_volumes
-        (build volumes, boxes, 3) float64 in mm, of `list_build_volumes`.
+        (build volumes, boxes, 3) float64 in mm, from `list_build_volumes`.
     cuts
         As in `_fill_cut_areas`.
     prices
-        Record of `CostModel.build_prices`.
+        Record from `CostModel.build_prices`.
     """
 
     build_volumes: Floats

@@ -14,7 +14,7 @@ def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
     Parameters
     ----------
     executor
-        Threads; None to run all shares here.
+        Threads for the second share; None to run all shares in this thread.
     work
         Function that is called with the number of a share.
     """

@@ -171,7 +171,7 @@ def find_faults(
     min_glue_mm2
         Minimum area of a joint whose glue counts as holding.
     joints
-        Joints of `find_joints`, if they are known already.
+        Joints from `find_joints`, if they are known already.
     """
     faults = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _describe_sliver(piece))]
     joints = find_joints(pieces) if joints is None else joints

@@ -63,7 +63,7 @@ def measure_seams(pieces: Sequence[CutSolid], joints: Iterable[Joint]) -> list[S
     pieces
         All pieces in one frame. A face of the model in the plane of a cut counts as a cut face.
     joints
-        Joints of `find_joints`, in the same frame.
+        Joints from `find_joints`, in the same frame.
     """
     rims = _Rims(pieces)
     return [rims.measure_seam(joint) for joint in joints]

@@ -31,7 +31,7 @@ from decompose.print_time.time_settings import (
 )
 
 Prices = np.void
-"""A record of `CostModel.build_prices`: compiled code reads its fields by name."""
+"""A record from `CostModel.build_prices`: compiled code reads its fields by name."""
 AdditiveFeatures = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
@@ -316,7 +316,7 @@ def compute_price_s(prices: Prices, additive_features: AdditiveFeatures, extents
     Parameters
     ----------
     prices
-        Record of `CostModel.build_prices`.
+        Record from `CostModel.build_prices`.
     additive_features
         `ADDITIVE_FEATURES`, in mm3, mm2, mm2, mm2 and mm3.
     extents_mm

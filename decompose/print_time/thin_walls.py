@@ -122,7 +122,7 @@ def _send_rays(mesh: _Mesh, count: int) -> tuple[Crossings, float]:
 def _sum_thin_walls(crossings: Crossings, normals: Floats, upright_axis: int, widths: WallWidths) -> Floats:
     """Sum the areas of thin walls, as multiples of the area that a ray stands for.
 
-    Only faces whose normal is closer to the rays than to the horizontal across them are counted.
+    Only faces whose normal is closer to the rays than to the horizontal axis across the rays are counted.
 
     Parameters
     ----------

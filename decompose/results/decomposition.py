@@ -299,9 +299,9 @@ class Decomposition:
             "thin_rims": self.describe_thin_rims(),
             "small_feet": self.describe_small_feet(),
             "assembly": {
-                "levels": self.assembly.levels,
+                "levels": self.assembly.level_count,
                 "estimated_s": self.assembly.total_s,
-                "critical_s": self.assembly.critical_s,
+                "critical_s": self.assembly.critical_path_s,
                 "parts": self._name_parts(self.assembly.part_order),
                 "steps": [self._describe_step(n, step) for n, step in enumerate(self.assembly.steps, 1)],
                 "locked": [self._name_parts(parts) for parts in self.assembly.locked_sets],
@@ -350,7 +350,7 @@ class Decomposition:
             "rests_on": self._name_parts(step.rests_on),
             "level": step.level,
             "work_s": step.work_s,
-            "starts_s": step.starts_s,
+            "starts_s": step.start_s,
             "seam_mm": self.sum_seams_mm(step.joints if self.seams else ()),
             "pins": [n for n, pin in enumerate(self.connectors.pins, 1) if pin.step == number - 1],
             "codes": [

@@ -103,7 +103,7 @@ def _compute_end_s(problem: Problem, cut: Cut) -> float:
 class _ClassSearch(ExactSearch):
     """Exact search for classes of printers, with true prices as in `ExactSearch`.
 
-    It starts from the shared tables, whose prices that search has corrected.
+    It starts from the shared tables, after that search has corrected their prices.
     """
 
     def __init__(self, problem: Problem, grid: Grid, shared_tables: BoxTables, min_s: float) -> None:

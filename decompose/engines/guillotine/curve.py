@@ -124,7 +124,7 @@ def find_knee(
     Parameters
     ----------
     points
-        Points of `compute_makespan_curve`, at least one.
+        Points from `compute_makespan_curve`, at least one.
     clearing_s, assembly_s
         A person's time in seconds for each part: to clear its bed, and to glue it.
     """
@@ -139,7 +139,7 @@ def find_fewest_in_time(
     Parameters
     ----------
     points
-        Points of `compute_makespan_curve`, at least one.
+        Points from `compute_makespan_curve`, at least one.
     time_limit_s
         Seconds from the first print command until the last part is printed and all parts are handled.
     handling_s

@@ -135,7 +135,7 @@ class ExactSearch:
         return {box: self.cut[box] for box in self._improve_partition(best)}
 
     def list_looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
-        """Yield partitions with less work than the best one, whose slowest box may take a little longer.
+        """Yield partitions with less work than the best one; their slowest box may take a little longer.
 
         The partition with the least makespan on the grid need not have it once its planes are shifted,
         because shifts balance the times of its parts, so the total work matters. Each partition has the

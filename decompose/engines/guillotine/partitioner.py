@@ -7,8 +7,8 @@ bipartition HIER-OPT of Saule, Bas and Catalyurek (2012), in three dimensions, w
 additive.
 
 Among partitions with equally few parts, the solver takes the one with the least sum of times, then the one
-with the least area of cuts. These three are digits of one whole number, `recursion.make_key`, whose
-sum is minimised.
+with the least area of cuts. These three quantities are digits of one whole number
+(`recursion.make_key`), and the sum of these numbers is minimised.
 
 Unequal printers are grouped in classes. At a time T, the number of printers of one class that a box needs
 depends on how many of each other class it may use. For a cut, this number is the minimum sum of both sides

@@ -200,7 +200,7 @@ def move_groups(boxes_mm: Floats, groups: Ints, shifts_mm: Floats) -> Floats:
     boxes_mm
         (n, 2, 3) corners.
     groups
-        (n, 2, 3) of `group_faces`.
+        (n, 2, 3) from `group_faces`.
     shifts_mm
         (groups,) shifts.
 
@@ -221,7 +221,7 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
     boxes_mm
         (n, 2, 3) corners.
     groups
-        (n, 2, 3) of `group_faces`.
+        (n, 2, 3) from `group_faces`.
     cells
         Cells that have to stay covered.
     step_mm
@@ -297,7 +297,7 @@ def solve_plane_shifts(
     slopes
         (n, 2, 3) change of a part's time, in s for each mm by which one of its faces moves up its axis.
     groups
-        (n, 2, 3) of `group_faces`.
+        (n, 2, 3) from `group_faces`.
     limits
         Limits on the shifts.
 

@@ -71,7 +71,7 @@ def shift_planes(
     cut
         The boxes of a partition of the grid, and the pieces in each.
     cells
-        The grid's needed cells of `refine_needed_cells`, if they are known.
+        The grid's needed cells from `refine_needed_cells`, if they are known.
 
     Returns
     -------
@@ -107,13 +107,13 @@ def shift_box_planes(
     Parameters
     ----------
     problem, grid
-        Problem, and the grid over its model, whose needed cells have to stay covered.
+        Problem, and the grid over its model; the needed cells of the grid have to stay covered.
     boxes_mm
         (n, 2, 3) corners of disjoint boxes that cover the needed cells.
     pieces
         The pieces in each box.
     cells
-        The grid's needed cells of `refine_needed_cells`, if they are known.
+        The grid's needed cells from `refine_needed_cells`, if they are known.
 
     Returns
     -------

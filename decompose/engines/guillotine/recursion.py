@@ -61,7 +61,7 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
     value
         (states * boxes,) int16 counts or int64 keys of the uncut boxes, state after state; lowered in place.
     sums
-        (m, 3) int64 of `partitioner.list_class_states`.
+        (m, 3) int64 from `partitioner.list_class_states`.
     shape
         Shape of the grid, in cells.
     length

@@ -107,7 +107,7 @@ def run_attempts(
     Parameters
     ----------
     seed_sets
-        Seeds of `draw_seed_sets`.
+        Seeds from `draw_seed_sets`.
     tables
         Cells of the grid, and prices that decide how blocks grow.
     printer_count

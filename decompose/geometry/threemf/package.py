@@ -168,7 +168,7 @@ def parse_chunks(parser: expat.XMLParserType, name: str, part: str, chunks: Iter
     Parameters
     ----------
     parser
-        Parser of `make_parser`.
+        Parser from `make_parser`.
     name, part
         Names of the file and of the part, for messages.
     chunks
