@@ -39,7 +39,7 @@ class Alarms:
     def __init__(self, printer: str, command: str | None, alarm: Alarm | None) -> None:
         self._printer, self._command = printer, command
         self.alarm = alarm
-        self._power_off: PowerOffRun | None = None
+        self._power_off_run: PowerOffRun | None = None
         self._requesting_session: Session | None = None  # the session that asked for the mains to be cut
 
     @property
@@ -99,9 +99,9 @@ class Alarms:
 
     def poll_outcome(self) -> str | None:
         """Return the outcome of the command once; None if there is no new one."""
-        outcome = None if self._power_off is None else self._power_off.poll_outcome()
+        outcome = None if self._power_off_run is None else self._power_off_run.poll_outcome()
         if outcome is not None:
-            self._power_off = None
+            self._power_off_run = None
         elif self._command is None and self.is_pending:
             outcome = NO_COMMAND_OUTCOME
         if outcome is not None and self.alarm is not None:
@@ -110,9 +110,9 @@ class Alarms:
 
     def run_command(self) -> None:
         """Run the command if it was requested; the request must be in the journal already."""
-        if self._power_off is None and self._command is not None and self.is_pending:
-            self._power_off = PowerOffRun(self._command, self._printer)
+        if self._power_off_run is None and self._command is not None and self.is_pending:
+            self._power_off_run = PowerOffRun(self._command, self._printer)
 
     def compute_wake_wall_s(self) -> float:
         """Compute the wall time of the next call of `poll_outcome`."""
-        return math.inf if self._power_off is None else read_wall_s() + POLL_INTERVAL_S
+        return math.inf if self._power_off_run is None else read_wall_s() + POLL_INTERVAL_S

@@ -178,13 +178,13 @@ class Emulator:
     def _serve_control(self, now_s: float) -> None:
         """Execute one command from the control socket."""
         try:
-            link, _ = self._control.accept()
-            with link:
-                link.settimeout(CONTROL_TIMEOUT_S)
-                with link.makefile("rb") as requests:
+            connection, _ = self._control.accept()
+            with connection:
+                connection.settimeout(CONTROL_TIMEOUT_S)
+                with connection.makefile("rb") as requests:
                     answer = self._execute(json.loads(requests.readline()), now_s)
                 self.publish_status(now_s)
-                link.sendall(json.dumps(answer).encode() + b"\n")
+                connection.sendall(json.dumps(answer).encode() + b"\n")
         except (OSError, ValueError, KeyError) as error:
             print(f"control: {error}", file=sys.stderr)  # noqa: T201 - its log
 

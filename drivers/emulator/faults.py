@@ -169,7 +169,7 @@ def parse_url(url: str) -> SimUrl:
     profile = PROFILES.get(parts.netloc)
     if profile is None:
         raise PortError(f"{url}: no printer model {parts.netloc!r}; use one of {', '.join(sorted(PROFILES))}")
-    words: list[str] = []
+    fault_arguments: list[str] = []
     seed = 0
     for key, value in parse_qsl(parts.query, keep_blank_values=True):
         if key == "seed":
@@ -178,21 +178,21 @@ def parse_url(url: str) -> SimUrl:
             except ValueError:
                 raise PortError(f"{url}: seed {value!r} is not a whole number") from None
         elif key == "fault":
-            words += [word.replace(":", "=", 1) for word in value.split(",") if word]
+            fault_arguments += [word.replace(":", "=", 1) for word in value.split(",") if word]
         else:
-            words.append(f"{key}={value}")
-    return SimUrl(profile, parse_faults(words, url), seed, tuple(words))
+            fault_arguments.append(f"{key}={value}")
+    return SimUrl(profile, parse_faults(fault_arguments, url), seed, tuple(fault_arguments))
 
 
 _TYPES_BY_NAME: dict[str, type[float] | type[int] | type[bool]] = {"float": float, "int": int, "bool": bool}
 
 
-def parse_faults(words: Iterable[str], source: str = "--fault") -> Faults:
+def parse_faults(fault_arguments: Iterable[str], source: str = "--fault") -> Faults:
     """Parse faults of the form ``NAME`` or ``NAME=VALUE``. Raises PortError as `parse_url` does."""
     kinds = {field.name: _TYPES_BY_NAME[str(field.type)] for field in fields(Faults)}
     values: dict[str, float | int | bool] = {}
-    for word in words:
-        name, _, value = word.partition("=")
+    for argument in fault_arguments:
+        name, _, value = argument.partition("=")
         kind = kinds.get(name)
         if kind is None:
             raise PortError(f"{source}: no fault {name!r}; use one of {', '.join(sorted(kinds))}")

@@ -119,12 +119,12 @@ def control(folder: Path, command: Command | str, **values: float | str) -> dict
         No emulator answers, or it refuses the command.
     """
     try:
-        with socket.socket(socket.AF_UNIX) as link:
-            link.settimeout(CONTROL_TIMEOUT_S)
+        with socket.socket(socket.AF_UNIX) as connection:
+            connection.settimeout(CONTROL_TIMEOUT_S)
             with shorten_path(folder) as short_path:
-                link.connect(f"{short_path}/{CONTROL_SOCKET}")
-            link.sendall(json.dumps({"do": str(command), **values}).encode() + b"\n")
-            with link.makefile("rb") as answers:
+                connection.connect(f"{short_path}/{CONTROL_SOCKET}")
+            connection.sendall(json.dumps({"do": str(command), **values}).encode() + b"\n")
+            with connection.makefile("rb") as answers:
                 answer: dict[str, Any] = json.loads(answers.readline())
     except (OSError, ValueError) as error:
         raise PortError(f"{folder}: no emulator answers ({error}); is it running?") from error

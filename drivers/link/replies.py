@@ -89,12 +89,12 @@ def is_refusal(line: bytes) -> bool:
     return line.startswith(b"Error:") and b"Last Line" in line
 
 
-def parse_ok(words: bytes, firmware: Firmware) -> int | None:
-    """Parse the line number in an ok; negative if it has no number; None if `words` is not an ok."""
-    if words == b"ok":
+def parse_ok(answer: bytes, firmware: Firmware) -> int | None:
+    """Parse the line number in an ok; negative if it has no number; None if `answer` is not an ok."""
+    if answer == b"ok":
         return -1
-    match = None if firmware.ok_details is None else firmware.ok_details.fullmatch(words, 2)
-    return None if match is None or not words.startswith(b"ok") else int(match[1] or -1)
+    match = None if firmware.ok_details is None else firmware.ok_details.fullmatch(answer, 2)
+    return None if match is None or not answer.startswith(b"ok") else int(match[1] or -1)
 
 
 def split_answers(line: bytes, firmware: Firmware) -> list[bytes]:

@@ -122,7 +122,7 @@ class SessionContext:
         The board's banner, or first answer, since the last reset.
     report, report_s
         The last temperatures, and the time of that report.
-    watch, unexpected_reports
+    heater_watch, unexpected_report_count
         The heater watch; number of consecutive reports with targets that the session did not set.
     position_mm
         Position in the last answer to M114.
@@ -167,8 +167,8 @@ class SessionContext:
     connection: BoardConnected | None = field(default=None, init=False)
     report: Report | None = field(default=None, init=False)
     report_s: float = field(init=False)
-    watch: HeaterWatch = field(init=False)
-    unexpected_reports: int = field(default=0, init=False)
+    heater_watch: HeaterWatch = field(init=False)
+    unexpected_report_count: int = field(default=0, init=False)
     position_mm: Point | None = field(default=None, init=False)
     answer: bytes = field(default=b"", init=False)
     dead_man_s: float = field(default=0.0, init=False)
@@ -182,7 +182,7 @@ class SessionContext:
 
     def __post_init__(self) -> None:
         self.started_s = self.report_s = self.last_command_s = self.now_s
-        self.watch = HeaterWatch(2 * self.pace.min_timeout_s)
+        self.heater_watch = HeaterWatch(2 * self.pace.min_timeout_s)
 
     @property
     def firmware(self) -> Firmware:

@@ -58,7 +58,7 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
         if not (yield from await_report(context, context.report_deadline_s)):
             text = f"the board answers, but reports no temperature of the {command.heater}"
             raise PrintEnded(Fault.NO_ANSWER, text)
-        current_c = context.watch.compute_median_c(command.heater)
+        current_c = context.heater_watch.compute_median_c(command.heater)
         difference_c = command.target_c - current_c
         if command.heater is HeaterName.BED and difference_c <= BED_BAND_C:
             return
@@ -79,7 +79,7 @@ def confirm_heaters_off(context: SessionContext) -> TimedScript:
     """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
     deadline_s = context.compute_deadline_s(OFF_TIMEOUT_S)
     context.targets_off_s = None
-    context.watch.reset()
+    context.heater_watch.reset()
     context.link.poll_interval_s = context.pace.heating_interval_s
     context.link.poll(context.now_s)
     earliest_end_s = context.compute_deadline_s(MIN_COOLING_S)
@@ -92,7 +92,7 @@ def confirm_heaters_off(context: SessionContext) -> TimedScript:
             continue
         if context.targets_off_s is None:
             context.targets_off_s = context.now_s
-        if context.watch.is_cooling:
+        if context.heater_watch.is_cooling:
             context.heaters_off = True
             return True
     return False
@@ -107,7 +107,7 @@ def verify_targets(context: SessionContext) -> Script:
         context.link.poll(context.now_s)
         if not (yield from await_report(context, context.report_deadline_s)):
             raise PrintEnded(Fault.NO_ANSWER, "the board reports no temperatures at the end of the print")
-        if not context.unexpected_reports:  # else poll again, until enough reports are unexpected
+        if not context.unexpected_report_count:  # else poll again, until enough reports are unexpected
             return
 
 
@@ -117,7 +117,7 @@ def verify_targets(context: SessionContext) -> Script:
 def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     """Judge a report; return the end of the print that it causes, or None."""
     set_targets_c = _find_set_targets_c(context)
-    finding = context.watch.judge(report, set_targets_c, context.now_s)
+    finding = context.heater_watch.judge(report, set_targets_c, context.now_s)
     is_ending = context.phase is PrintPhase.ENDING
     if context.phase not in _HEATED_PHASES and not is_ending:
         return None
@@ -125,7 +125,7 @@ def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
         note_suspicion(context, finding.text)
         if finding.is_off or is_ending:
             context.request_power_off()
-    elif context.watch.is_cooling and not context.wants_power_off:
+    elif context.heater_watch.is_cooling and not context.wants_power_off:
         context.suspicion = None
     print_end = None if finding is None else PrintEnded(finding.fault, finding.text)
     if is_ending:
@@ -168,8 +168,8 @@ def _watch_targets(
     """Detect a target that the session did not set: Tinker firmware or a person at the knob may do so."""
     nozzle_c, bed_c = set_targets_c[HeaterName.NOZZLE], set_targets_c[HeaterName.BED]
     is_unchanged = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
-    context.unexpected_reports = 0 if is_unchanged else context.unexpected_reports + 1
-    if context.unexpected_reports < MAX_UNEXPECTED_REPORTS:
+    context.unexpected_report_count = 0 if is_unchanged else context.unexpected_report_count + 1
+    if context.unexpected_report_count < MAX_UNEXPECTED_REPORTS:
         if not is_unchanged:  # poll soon, but after the lines in flight, which may set the target
             context.link.poll_soon(context.now_s + context.pace.heating_interval_s)
         return None

@@ -26,16 +26,16 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
     moves = np.array([first_move, *(move for move, _ in layer_ends)])
     move_times_s = np.concatenate(([0.0], np.cumsum(_compute_seconds(path))))
     elapsed_s = np.array([0.0, *(seconds for _, seconds in layer_ends)])
-    types = [
+    type_comments = [
         comment
         for comment in path.comments
         if comment.text.startswith("TYPE:") and moves[0] < comment.move < moves[-1]
     ]
     mark_times_s = np.interp(
-        move_times_s[[comment.move for comment in types]], move_times_s[moves], elapsed_s
+        move_times_s[[comment.move for comment in type_comments]], move_times_s[moves], elapsed_s
     )
     pieces, offset = [], 0
-    for comment, seconds in zip(types, mark_times_s, strict=True):
+    for comment, seconds in zip(type_comments, mark_times_s, strict=True):
         pieces += [gcode[offset : comment.offset], b";TIME_ELAPSED:%.6f\n" % seconds]
         offset = comment.offset
     return b"".join((*pieces, gcode[offset:]))

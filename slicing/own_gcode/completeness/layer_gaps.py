@@ -43,7 +43,7 @@ class _Layer:
     """Greatest flow of a layer with its line, second greatest flow, and first line after a gap."""
 
     number: int
-    flow: float = 0.0
+    greatest_flow: float = 0.0
     thickest_line: _Feed | None = None
     second_flow: float = 0.0
     feed_after_gap: tuple[_Feed, str] | None = None
@@ -51,8 +51,8 @@ class _Layer:
     def add_line(self, length_mm: float, fed_mm: float, line: int) -> None:
         """Record a line that is long enough for a comparison."""
         flow = (fed_mm + E_UNIT_MM) / length_mm
-        if flow > self.flow:
-            self.second_flow, self.flow = self.flow, flow
+        if flow > self.greatest_flow:
+            self.second_flow, self.greatest_flow = self.greatest_flow, flow
             self.thickest_line = _Feed(line, length_mm, fed_mm)
         elif flow > self.second_flow:
             self.second_flow = flow
@@ -119,8 +119,8 @@ class LayerGaps:
             self._layer = _Layer(self._layer.number + 1)
             self._close_layer()
             self._layer = None
-        for feed, gap in self._gap_primes:
-            self._check_feed(feed, feed.fed_mm - self._primed_mm, _MIN_EXCESS_MM, gap)
+        for feed, gap_text in self._gap_primes:
+            self._check_feed(feed, feed.fed_mm - self._primed_mm, _MIN_EXCESS_MM, gap_text)
         return self._loss
 
     def _close_layer(self) -> None:
@@ -128,24 +128,24 @@ class LayerGaps:
         layer, previous = self._layer, self._previous_layer
         if layer is None:
             return
-        previous_flow = 0.0 if previous is None else previous.flow
+        previous_flow = 0.0 if previous is None else previous.greatest_flow
         if layer.feed_after_gap is not None:
-            feed, gap = layer.feed_after_gap
-            flow = max(layer.flow, previous_flow) or self.max_flow
-            self._check_feed(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap)
+            feed, gap_text = layer.feed_after_gap
+            flow = max(layer.greatest_flow, previous_flow) or self.max_flow
+            self._check_feed(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap_text)
         if previous is not None and previous.thickest_line is not None:
-            flow = max(previous.second_flow, self._earlier_flow, layer.flow) or self.max_flow
-            min_mm = (
+            flow = max(previous.second_flow, self._earlier_flow, layer.greatest_flow) or self.max_flow
+            min_excess_mm = (
                 _MIN_EXCESS_BEFORE_GAP_MM if layer.number > previous.number + 1 else _MIN_EXCESS_ELSEWHERE_MM
             )
             self._check_feed(
-                previous.thickest_line, previous.thickest_line.compute_excess_mm(flow), min_mm, ""
+                previous.thickest_line, previous.thickest_line.compute_excess_mm(flow), min_excess_mm, ""
             )
         self._earlier_flow, self._previous_layer = previous_flow, layer
 
-    def _check_feed(self, feed: _Feed, excess_mm: float, min_mm: float, gap: str) -> None:
-        if excess_mm > min_mm and self._loss is None:
-            move = f"the first move that feeds{gap}" if gap else "the move"
+    def _check_feed(self, feed: _Feed, excess_mm: float, min_excess_mm: float, gap_text: str) -> None:
+        if excess_mm > min_excess_mm and self._loss is None:
+            move = f"the first move that feeds{gap_text}" if gap_text else "the move"
             self._loss = (
                 f"line {feed.line}: {move} feeds {excess_mm:.4f} mm of filament more than its line takes"
             )
