@@ -52,7 +52,7 @@ from decompose.printers import TargetPrinter
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
-from farm.compute import Deferred, TaskFiles
+from farm.compute import DeferredFunction, TaskFiles
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
@@ -149,8 +149,8 @@ def list_relevel_files(run: Run, cut_file: Path, folder: Path, _: list[float]) -
     return TaskFiles(input_files=(run.path, cut_file), output_folders=(folder,))
 
 
-deferred_cut = Deferred("bench.decompose:cut_model", list_cut_files)
-deferred_relevel = Deferred("bench.decompose:relevel", list_relevel_files)
+deferred_cut = DeferredFunction("bench.decompose:cut_model", list_cut_files)
+deferred_relevel = DeferredFunction("bench.decompose:relevel", list_relevel_files)
 
 
 def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:

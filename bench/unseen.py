@@ -31,7 +31,7 @@ from decompose.geometry import Model, Solid
 from decompose.options import BUDGET_S, BestOptions, Options
 from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
-from farm.compute import Deferred, TaskFiles
+from farm.compute import DeferredFunction, TaskFiles
 
 # Usable build volumes of an Ultimaker 2+, without the margin of the brim.
 USABLE_VOLUMES_MM = (
@@ -218,7 +218,7 @@ def list_files(*_: object) -> TaskFiles:
     return TaskFiles()
 
 
-deferred_measure = Deferred("bench.unseen:measure", list_files)
+deferred_measure = DeferredFunction("bench.unseen:measure", list_files)
 
 
 def format_row(row: Figures) -> str:

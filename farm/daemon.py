@@ -196,7 +196,7 @@ class Daemon:
         timers.call_every(_FORECAST_INTERVAL_S, "forecast", self._renew_forecast)
         timers.call_every(_NOTIFY_INTERVAL_S, "notify", self._notify)
         timers.call_every(
-            _DRY_RUNS_INTERVAL_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic())
+            _DRY_RUNS_INTERVAL_S, "dry runs", lambda: dry_runs.cancel_abandoned_runs(time.monotonic())
         )
         timers.call_every(_CAMERAS_INTERVAL_S, "cameras", cameras.tick)
         timers.call_every(

@@ -15,7 +15,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from farm.compute import Deferred, Limit, WorkerPool
+from farm.compute import DeferredFunction, Limit, WorkerPool
 from farm.compute.cluster import connect_cluster
 
 Call = Callable[..., Any]
@@ -74,7 +74,7 @@ def open_pool(connect: Callable[[], Any]) -> Iterator[Call]:
         pool.start()
         return pool
 
-    async def run(work: Deferred, arguments: tuple[Any, ...]) -> Any:
+    async def run(work: DeferredFunction, arguments: tuple[Any, ...]) -> Any:
         return await pool.run(work, *arguments, limit=LIMIT)
 
     async def stop() -> None:

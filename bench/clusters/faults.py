@@ -21,7 +21,7 @@ from typing import Any
 import trimesh
 
 from bench.clusters.hosts import END_TIMEOUT_S, FARM, NICE, SAMPLE_S, SCHEDULER, WORKERS, Hosts, list_children
-from farm.compute import Deferred, Limit, Pool, TaskFiles, WorkerPool
+from farm.compute import DeferredFunction, Limit, Pool, TaskFiles, WorkerPool
 from farm.compute.cluster import ClusterPool, Place, cluster_pool, connect_cluster
 from farm.compute.cluster.remote_task import RemoteTask
 from farm.config import Fleet
@@ -71,7 +71,7 @@ def copy_after_delay(source: Path, folder: Path, seconds: float) -> int:
     return source.stat().st_size
 
 
-deferred_copy = Deferred("bench.clusters.faults:copy_after_delay", _list_files)
+deferred_copy = DeferredFunction("bench.clusters.faults:copy_after_delay", _list_files)
 
 
 @dataclass
@@ -112,7 +112,7 @@ class StatusSampler:
                 self.wait_samples + names_wait,
             )
             self.longest_silence_s = max(self.longest_silence_s, now_s - last_named_s)
-            self.used_local_pool = self.used_local_pool or state.place is Place.HERE
+            self.used_local_pool = self.used_local_pool or state.place is Place.THIS_COMPUTER
             if not self.texts or self.texts[-1].split(",")[0] != view.text.split(",")[0]:
                 self.texts.append(view.text)
             await asyncio.sleep(SAMPLE_S)

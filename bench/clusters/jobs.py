@@ -19,7 +19,7 @@ from typing import Any
 from bench.unseen import draw_model
 from decompose.files.names import REPORT
 from decompose.geometry import round_triangles, write_stl
-from farm.compute import CHECKING_LIMIT, Deferred, Limit, Pool, PoolShare, WorkerPool
+from farm.compute import CHECKING_LIMIT, DeferredFunction, Limit, Pool, PoolShare, WorkerPool
 from farm.config import Fleet
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
@@ -60,7 +60,7 @@ def time_call(work: Callable[..., Any], *args: object) -> tuple[Any, float]:
     return work(*args), _read_cpu_s() - start_cpu_s
 
 
-deferred_time_call = Deferred("bench.clusters.jobs:time_call")
+deferred_time_call = DeferredFunction("bench.clusters.jobs:time_call")
 
 
 def _read_cpu_s() -> float:

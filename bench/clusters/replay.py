@@ -20,7 +20,7 @@ import dask
 from distributed import Scheduler
 
 from clusters.dask_cluster import INSTALLATION, RecordingPool
-from farm.compute import Deferred, Limit, TaskFiles
+from farm.compute import DeferredFunction, Limit, TaskFiles
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.connection import Connection
 from farm.compute.cluster.dask_worker import FarmWorker
@@ -70,7 +70,7 @@ def _list_no_files(_: float) -> TaskFiles:
     return TaskFiles()
 
 
-deferred_sleep = Deferred("time:sleep", _list_no_files)
+deferred_sleep = DeferredFunction("time:sleep", _list_no_files)
 
 
 Stages = list[dict[str, list[float]]]

@@ -27,7 +27,7 @@ from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.results import Part
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
-from farm.compute import Deferred, TaskFiles
+from farm.compute import DeferredFunction, TaskFiles
 from farm.planning.parts.pricing import build_print_time_settings
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.hidden_walls import HiddenSide
@@ -126,7 +126,7 @@ def list_files(_: str, args: argparse.Namespace) -> TaskFiles:
     return TaskFiles(cache_folders=() if args.cache is None else (args.cache,))
 
 
-deferred_measure = Deferred("bench.prices.savings:measure", list_files)
+deferred_measure = DeferredFunction("bench.prices.savings:measure", list_files)
 
 
 def main() -> None:

@@ -170,9 +170,9 @@ class AgentConnection:
         pid = find_agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_hung(time.monotonic(), lambda: sample_process(pid)):
             self._log.error("its agent (pid %d) hangs: replacing it", pid)
-            self._spawn_task(self._kill())
+            self._spawn_task(self._kill_agent())
 
-    async def _kill(self) -> None:
+    async def _kill_agent(self) -> None:
         if not await asyncio.to_thread(kill_agent, self._folder):
             self._log.error("its agent hangs and cannot be killed; switch the printer off")
 
@@ -261,12 +261,12 @@ class AgentConnection:
             self._cancelled_prints.add(request.print_id)
         if key not in self._pending_requests:
             self._pending_requests.add(key)
-            self._spawn_task(self._deliver(key, request))
+            self._spawn_task(self._deliver_request(key, request))
 
-    async def _deliver(self, key: tuple[str, str], request: m.Request) -> None:
+    async def _deliver_request(self, key: tuple[str, str], request: m.Request) -> None:
         try:
             if self._is_remote and isinstance(request, m.StartPrint) and request.gcode:
-                await self._upload(request.print_id, Path(request.gcode))
+                await self._upload_file(request.print_id, Path(request.gcode))
                 if request.print_id in self._cancelled_prints:
                     return  # cancelled during the upload
                 request = request.model_copy(update={"gcode": None})
@@ -290,7 +290,7 @@ class AgentConnection:
         finally:
             self._pending_requests.discard(key)
 
-    async def _upload(self, print_id: str, gcode: Path) -> None:
+    async def _upload_file(self, print_id: str, gcode: Path) -> None:
         """Send a file to an agent on another host. Raises DriverError."""
         offset, has_more = 0, True
         try:

@@ -85,7 +85,7 @@ class HostConnection:
         self.record = record
         self._request, self._command, self._log_file, self._clock = request, command, log_file, clock
         self._mux: MuxConnection | None = None
-        self._connected = asyncio.Event()
+        self._connected_event = asyncio.Event()
         self._last_message_s = 0.0
         self._task: asyncio.Task[None] | None = None
 
@@ -96,20 +96,20 @@ class HostConnection:
 
     def describe_loss(self) -> str | None:
         """Describe why the host cannot be reached; None if it is connected."""
-        if self._connected.is_set() and self._mux is not None and not self._mux.is_lost:
+        if self._connected_event.is_set() and self._mux is not None and not self._mux.is_lost:
             return None
         return f"no connection to its host {self.record.host}: {self.record.reason}"
 
     def start(self) -> None:
         """Start connecting, in the background."""
         if self._task is None:
-            self._task = asyncio.get_running_loop().create_task(self._keep_connected())
+            self._task = asyncio.get_running_loop().create_task(self._maintain_connection())
 
     async def open(self, printer: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         """Open a stream to an agent, after waiting for the connection. Raises AgentError."""
         try:
             async with asyncio.timeout(_OPEN_TIMEOUT_S):
-                await self._connected.wait()
+                await self._connected_event.wait()
         except TimeoutError:
             raise AgentError(f"no connection to {self.record.host}: {self.record.reason}") from None
         assert self._mux is not None
@@ -117,7 +117,7 @@ class HostConnection:
 
     def send(self, message: HostMessage) -> None:
         """Send a message to the host. Raises AgentError if it is not connected."""
-        if self._mux is None or not self._connected.is_set():
+        if self._mux is None or not self._connected_event.is_set():
             raise AgentError(f"{self.record.host} is not connected: {self.record.reason}")
         self._mux.send_message(message.encode())
 
@@ -132,7 +132,7 @@ class HostConnection:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
 
-    async def _keep_connected(self) -> None:
+    async def _maintain_connection(self) -> None:
         wait_s = 0.0
         while True:
             await asyncio.sleep(wait_s)
@@ -172,7 +172,7 @@ class HostConnection:
             try:
                 await self._watch(carry_task)
             finally:
-                self._connected.clear()
+                self._connected_event.clear()
                 carry_task.cancel()
                 await asyncio.gather(carry_task, return_exceptions=True)
         finally:
@@ -189,10 +189,10 @@ class HostConnection:
                 carry_task.result()
                 raise AgentError(_read_last_line(self._log_file))
             now_s = time.monotonic()
-            limit_s = SILENCE_TIMEOUT_S if self._connected.is_set() else FIRST_LOSS_DELAY_S
+            limit_s = SILENCE_TIMEOUT_S if self._connected_event.is_set() else FIRST_LOSS_DELAY_S
             if now_s - max(self._last_message_s, started_s) > limit_s:
                 raise AgentError(f"no message for {limit_s:g} s")
-            if self._connected.is_set():
+            if self._connected_event.is_set():
                 self.send(HostMessage(do="ping"))
 
     def _on_message(self, data: bytes) -> None:
@@ -202,10 +202,10 @@ class HostConnection:
         except ValueError as error:
             log.warning("%s: a message cannot be read: %s", self.record.host, error)
             return
-        if not self._connected.is_set():
+        if not self._connected_event.is_set():
             log.info("connected to %s, farm %s, pid %d", self.record.host, state.version, state.pid)
         self.record.on_state(self._clock.now(), state)
-        self._connected.set()
+        self._connected_event.set()
 
 
 class Hosts:

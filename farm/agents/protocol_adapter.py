@@ -107,15 +107,15 @@ def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
         printer=report.printer,
         link=Link(report.link),
         agent_pid=report.agent_pid,
-        reason=_flatten(report.reason),
+        reason=_flatten_reason(report.reason),
         nozzle_c=report.nozzle.now_c if report.nozzle else None,
         bed_c=report.bed.now_c if report.bed else None,
         nozzle_target_c=report.nozzle.target_c if report.nozzle else None,
         bed_target_c=report.bed.target_c if report.bed else None,
         filament=FilamentState(report.filament),
         bed_clear=report.bed_clear,
-        bed_unknown_reason=_flatten(report.bed_unknown_reason),
-        alarm=_flatten(report.alarm),
+        bed_unknown_reason=_flatten_reason(report.bed_unknown_reason),
+        alarm=_flatten_reason(report.alarm),
         reset_verified=report.reset_verified,
         print=None
         if report.print is None
@@ -174,7 +174,7 @@ def to_farm_print(report: m.PrintSnapshot, clock_offset_s: float) -> AgentPrint:
         print_id=report.print_id,
         state=_PRINT_STATES[report.phase],
         fault=report.fault,
-        reason=_flatten(report.reason),
+        reason=_flatten_reason(report.reason),
         progress_s=max(0.0, report.progress_s),
         print_time_s=max(0.0, report.print_time_s),
         extruded=report.extruded,
@@ -201,6 +201,6 @@ def _convert_time_s(at_s: float, clock_offset_s: float) -> float:
     return min(max(0.0, at_s + clock_offset_s), _MAX_TIME_S)
 
 
-def _flatten(text: str | None) -> str | None:
+def _flatten_reason(text: str | None) -> str | None:
     """Return a text that is safe to print on a terminal, because it may contain noise from a serial line."""
     return None if text is None else flatten_text(text)

@@ -85,16 +85,16 @@ class EstopServer:
         ]
         for connection in tuple(self._pending_connections):
             if connection in ready_sockets:
-                self._read(connection)
+                self._read_request(connection)
             if (
                 connection in self._pending_connections
                 and now_s - self._pending_connections[connection].accepted_s > REQUEST_TIMEOUT_S
             ):
-                self._end(connection)
+                self._end_connection(connection)
         if self._listener in ready_sockets:
-            self._accept(now_s)
+            self._accept_connection(now_s)
 
-    def _accept(self, now_s: float) -> None:
+    def _accept_connection(self, now_s: float) -> None:
         try:
             connection, _ = self._listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
@@ -113,7 +113,7 @@ class EstopServer:
             return
         self._pending_connections[connection] = _PendingConnection(uid, now_s)
 
-    def _read(self, connection: socket.socket) -> None:
+    def _read_request(self, connection: socket.socket) -> None:
         """Read a part of a request; once the request is complete, start its process."""
         request = self._pending_connections[connection]
         try:
@@ -131,9 +131,9 @@ class EstopServer:
                 )
         elif data and len(request.received_bytes) < MAX_REQUEST_BYTES:
             return
-        self._end(connection)
+        self._end_connection(connection)
 
-    def _end(self, connection: socket.socket) -> None:
+    def _end_connection(self, connection: socket.socket) -> None:
         del self._pending_connections[connection]
         connection.close()
 

@@ -16,7 +16,7 @@ from farm.cli.display import (
     retry_over_restart,
     show_progress,
     show_result,
-    show_submitted,
+    show_submitted_job,
     show_timeline,
     show_upload,
 )
@@ -44,14 +44,14 @@ class Submitter:
     wait: bool
     quiet: bool
 
-    def submit_one(self, model: Path) -> int:
+    def submit_model(self, model: Path) -> int:
         """Submit one model and show its job; return the exit code. Raises FarmError."""
-        answer = self._show_job_or_plan(self._upload(model))
+        answer = self._show_job_or_plan(self._upload_model(model))
         if self.quiet:
             print_json(answer)
         return _find_exit_code(answer)
 
-    def submit_each(self, models: Iterable[Path]) -> int:
+    def submit_models(self, models: Iterable[Path]) -> int:
         """Submit several models, one job for each; a failure does not stop the others.
 
         Returns
@@ -63,15 +63,15 @@ class Submitter:
         numbers: dict[int, int] = {}
         for i, answer in enumerate(answers):
             try:
-                numbers[i] = self._upload(Path(answer.model))
+                numbers[i] = self._upload_model(Path(answer.model))
                 # Dry runs are finished one by one, because the daemon cancels those that no client polls.
                 if self.options.dry_run:
-                    answers[i] = self._finish_one(answer, numbers.pop(i))
+                    answers[i] = self._finish_submission(answer, numbers.pop(i))
             except FarmError as error:
                 answers[i] = _record_failure(answer, error)
         for i, number in numbers.items():
             try:
-                answers[i] = self._finish_one(answers[i], number)
+                answers[i] = self._finish_submission(answers[i], number)
             except FarmError as error:
                 answers[i] = _record_failure(answers[i], error)
         if self.quiet:
@@ -81,14 +81,14 @@ class Submitter:
             print_notice(f"{len(failures)} of {len(answers)} models failed")
         return failures[0].exit_code if failures else int(ExitCode.DONE)
 
-    def _finish_one(self, submission: api.Submission, number: int) -> api.Submission:
+    def _finish_submission(self, submission: api.Submission, number: int) -> api.Submission:
         """Show a submitted job or its plan, and add it to the answer."""
         answer = self._show_job_or_plan(number)
         if isinstance(answer, api.Timeline):
             return submission.model_copy(update={"timeline": answer})
         return submission.model_copy(update={"job": answer.job, "exit_code": answer.job.exit_code})
 
-    def _upload(self, model: Path) -> int:
+    def _upload_model(self, model: Path) -> int:
         """Upload a model and return the number of its job."""
         if not model.is_file():
             problem = "is a folder" if model.is_dir() else "no such file"
@@ -112,7 +112,7 @@ class Submitter:
         """Show a submitted job; with `wait`, follow it to its end."""
         answer = self.client.fetch_job(number)
         if not self.quiet:
-            show_submitted(answer.job, self.wait)
+            show_submitted_job(answer.job, self.wait)
         if self.wait:
             try:
                 answer = follow_job(self.client, number, quiet=self.quiet)

@@ -1,6 +1,6 @@
 """Work in processes on this computer or on a cluster, with limits on time and memory."""
 
-from farm.compute.deferred import Deferred, TaskFiles
+from farm.compute.deferred import DeferredFunction, TaskFiles
 from farm.compute.limits import CHECKING_LIMIT, DECOMPOSING_LIMIT, DRAWING_LIMIT, SLICING_LIMIT, Limit
 from farm.compute.memory import read_process_bytes
 from farm.compute.pool import Pool, PoolShare
@@ -11,7 +11,7 @@ __all__ = [
     "DECOMPOSING_LIMIT",
     "DRAWING_LIMIT",
     "SLICING_LIMIT",
-    "Deferred",
+    "DeferredFunction",
     "Limit",
     "Pool",
     "PoolShare",

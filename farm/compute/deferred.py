@@ -35,7 +35,7 @@ class TaskFiles:
 
 
 @dataclass(frozen=True, slots=True)
-class Deferred:
+class DeferredFunction:
     """Function whose module is imported only in the process that calls it.
 
     Attributes

@@ -108,9 +108,9 @@ class Controller:
         StoreError
             If the books cannot be written. The effects of earlier commits are performed.
         """
-        self._handle_all(events, ())
+        self._handle_events(events, ())
 
-    def _handle_all(
+    def _handle_events(
         self,
         events: Iterable[ev.AnyEvent],
         repeated_instructions: Iterable[ev.AnyInstruction],
@@ -129,11 +129,11 @@ class Controller:
     def tick(self) -> None:
         """Schedule if the time has changed a decision, and repeat unconfirmed instructions to agents."""
         if self.scheduler.has_later_starts:
-            self._handle_all((), ())
+            self._handle_events((), ())
         elif self.clock.now() >= self.scheduler.next_change_s:
-            self._handle_all((), self._list_unconfirmed(None))
+            self._handle_events((), self._list_unconfirmed_instructions(None))
         else:
-            self._perform_effects(self._list_unconfirmed(None))
+            self._perform_effects(self._list_unconfirmed_instructions(None))
 
     @property
     def next_change_s(self) -> float | None:
@@ -180,7 +180,7 @@ class Controller:
         if not self.stopping:
             yield from self.scheduler.run()
 
-    def _list_unconfirmed(self, names: Iterable[str] | None) -> Iterator[ev.AnyInstruction]:
+    def _list_unconfirmed_instructions(self, names: Iterable[str] | None) -> Iterator[ev.AnyInstruction]:
         """Yield the instructions on open prints, of some printers or all, that agents have not confirmed."""
         snapshots, find_printer, now_s = (
             self.telemetry.snapshots,
@@ -204,9 +204,11 @@ class Controller:
         try:
             if changes.events or has_changed:
                 schedules_now = len(self.fleet.printers) <= LARGE_FLEET_SIZE
-                self._handle_all(changes.events, self._list_unconfirmed([name]), schedules_now)
+                self._handle_events(
+                    changes.events, self._list_unconfirmed_instructions([name]), schedules_now
+                )
             else:
-                self._perform_effects(self._list_unconfirmed([name]))
+                self._perform_effects(self._list_unconfirmed_instructions([name]))
             self._perform_effects(changes.instructions)
         except StoreError as error:
             self.telemetry.reject(snapshot, previous_snapshot, str(error))

@@ -120,7 +120,7 @@ class JobCommands:
             raise RefusedError(f"job {number} is {'already paused' if is_paused else 'not paused'}")
         if not is_paused:
             printers = (p.printer for p in books.list_open_prints(number) if p.pause_requested)
-            self._printers.refuse_unattended(sorted(printers))
+            self._printers.refuse_unattended_printers(sorted(printers))
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=is_paused, by=by))
 
@@ -324,18 +324,18 @@ class DryRuns:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self._kept_until_s: dict[int, float] = {}
+        self._expiry_times_s: dict[int, float] = {}
 
     def keep(self, job: int, now_s: float, timeout_s: float = DRY_RUN_TIMEOUT_S) -> None:
         """Keep a dry run for some time after a client's request about it."""
-        self._kept_until_s[job] = max(now_s + timeout_s, self._kept_until_s.get(job, 0.0))
+        self._expiry_times_s[job] = max(now_s + timeout_s, self._expiry_times_s.get(job, 0.0))
 
-    def cancel_abandoned(self, now_s: float) -> None:
+    def cancel_abandoned_runs(self, now_s: float) -> None:
         """Cancel the dry runs without a recent request."""
         jobs = self._controller.books.jobs.values()
         dry_runs = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
-        self._kept_until_s = {n: self._kept_until_s.get(n, now_s + DRY_RUN_TIMEOUT_S) for n in dry_runs}
-        abandoned_jobs = [number for number, until_s in self._kept_until_s.items() if now_s > until_s]
+        self._expiry_times_s = {n: self._expiry_times_s.get(n, now_s + DRY_RUN_TIMEOUT_S) for n in dry_runs}
+        abandoned_jobs = [number for number, until_s in self._expiry_times_s.items() if now_s > until_s]
         if abandoned_jobs:
             at_s = self._controller.clock.now()
             self._controller.handle(

@@ -113,11 +113,11 @@ class JobPlanning:
         if self.revisions.is_running(job.id):
             event = self.revisions.finish(job.id, result, books, situation)
         elif job.state is JobState.PLANNING:  # otherwise it was cancelled meanwhile
-            event = self._finish_first(job, result, books, situation)
+            event = self._finish_first_plan(job, result, books, situation)
         self.end(job.id)
         return event
 
-    def _finish_first(
+    def _finish_first_plan(
         self, job: Job, result: Plan | FarmError, books: Books, situation: Situation
     ) -> ev.AnyEvent:
         now_s = situation.now_s

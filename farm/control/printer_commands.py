@@ -42,11 +42,11 @@ class PrinterCommands:
         if not is_paused and not attempt.pause_requested and attempt.state is not PrintState.PAUSED:
             raise RefusedError(f"{printer} is not paused")
         if not is_paused:
-            self.refuse_unattended([printer])
+            self.refuse_unattended_printers([printer])
         at_s = self._controller.clock.now()
         self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=is_paused, by=by))
 
-    def refuse_unattended(self, printers: Iterable[str]) -> None:
+    def refuse_unattended_printers(self, printers: Iterable[str]) -> None:
         """Raise RefusedError if one of the printers may not print now because nobody is present."""
         now_s = self._controller.clock.now()
         fleet_printers = [

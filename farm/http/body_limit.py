@@ -35,7 +35,7 @@ class BodyLimit:
         is_limited = not self._is_upload(scope["path"])
         received_bytes, is_complete = 0, False
 
-        async def receive_limited() -> Message:
+        async def receive_with_limit() -> Message:
             nonlocal received_bytes, is_complete
             message = await receive()
             received_bytes += len(message.get("body", b""))
@@ -53,4 +53,4 @@ class BodyLimit:
                 MutableHeaders(scope=message)["connection"] = "close"  # otherwise the server reads the rest
             await send(message)
 
-        await self._app(scope, receive_limited, send_with_close_header)
+        await self._app(scope, receive_with_limit, send_with_close_header)

@@ -156,7 +156,7 @@ def find_caller_name(request: Request) -> str:
 
 def is_operator(request: Request) -> bool:
     """Return whether the caller is an operator. Raises RefusedError if the sender is unknown."""
-    return identify_caller(request).is_operator(_find_operators(request))
+    return identify_caller(request).is_operator(_find_operator_group(request))
 
 
 def find_operator_name(request: Request) -> str:
@@ -164,11 +164,11 @@ def find_operator_name(request: Request) -> str:
     name = identify_caller(request).name
     if is_operator(request):
         return name
-    group = _find_operators(request)
+    group = _find_operator_group(request)
     raise RefusedError(f"{name} is not an operator: only members of the group {group} may do this")
 
 
-def _find_operators(request: Request) -> str | None:
+def _find_operator_group(request: Request) -> str | None:
     group: str | None = request.app.state.controller.fleet.fleet.operators
     return group
 

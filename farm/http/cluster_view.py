@@ -16,7 +16,7 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
         place=state.place,
         text=_describe_work(state),
         workers=[
-            api.ClusterWorkerView(name=worker.name, slots=worker.slots, refused=worker.refused)
+            api.ClusterWorkerView(name=worker.name, slots=worker.slots, refused=worker.refusal_reason)
             for worker in state.workers
         ],
         tasks=[
@@ -30,13 +30,13 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
 
 def _describe_work(state: ClusterState) -> str:
     """Describe where tasks run in one sentence."""
-    if state.place is Place.HERE:
+    if state.place is Place.THIS_COMPUTER:
         tasks = format_count(state.local_count, "task") if state.local_count else "nothing to do"
-        return f"no worker of {state.scheduler} for {state.lost_s:.0f} s: computing on this host, {tasks}"
+        return f"no worker of {state.scheduler} for {state.loss_s:.0f} s: computing on this host, {tasks}"
     queue_note = f", {format_count(state.waiting_count, 'task')} waiting" if state.waiting_count else ""
     if state.place is Place.WAITING:
-        return f"waiting for a worker of {state.scheduler}, {state.lost_s:.0f} s so far{queue_note}"
-    usable_workers = [worker for worker in state.workers if worker.refused is None]
+        return f"waiting for a worker of {state.scheduler}, {state.loss_s:.0f} s so far{queue_note}"
+    usable_workers = [worker for worker in state.workers if worker.refusal_reason is None]
     counts = Counter(task.host for task in state.tasks if task.host is not None)
     places = ", ".join(f"{host} {count}" for host, count in sorted(counts.items()))
     slots = format_count(sum(worker.slots for worker in usable_workers), "slot")

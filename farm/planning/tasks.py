@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from farm.compute import Deferred, TaskFiles
+from farm.compute import DeferredFunction, TaskFiles
 from farm.planning.decompose_progress import PROGRESS_FILE_NAME
 
 if TYPE_CHECKING:
@@ -91,18 +91,18 @@ if TYPE_CHECKING:
     from farm.planning.parts.slice_part import slice_part
     from farm.planning.replanning.cut_part import cut_part
 else:
-    inspect_submission = Deferred("farm.planning.inspection.inspect_submission:inspect_submission")
-    continue_job = Deferred("farm.planning.parts.paused_job:continue_job", list_continue_files)
-    decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
-    draw_job_parts = Deferred("farm.planning.parts.job_drawing:draw_job_parts", list_draw_files)
-    draw_overview = Deferred("farm.planning.parts.job_drawing:draw_overview", list_overview_files)
-    draw_step_range = Deferred("farm.planning.parts.job_drawing:draw_step_range", list_step_files)
-    relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
-    warm_up_planning = Deferred("farm.planning.parts.decompose_job:warm_up_planning")
-    plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")
-    try_grid = Deferred("farm.planning.parts.paused_job:try_grid", list_attempt_files)
-    slice_part = Deferred("farm.planning.parts.slice_part:slice_part", list_slice_files)
-    cut_part = Deferred("farm.planning.replanning.cut_part:cut_part", list_cut_files)
+    inspect_submission = DeferredFunction("farm.planning.inspection.inspect_submission:inspect_submission")
+    continue_job = DeferredFunction("farm.planning.parts.paused_job:continue_job", list_continue_files)
+    decompose_job = DeferredFunction("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
+    draw_job_parts = DeferredFunction("farm.planning.parts.job_drawing:draw_job_parts", list_draw_files)
+    draw_overview = DeferredFunction("farm.planning.parts.job_drawing:draw_overview", list_overview_files)
+    draw_step_range = DeferredFunction("farm.planning.parts.job_drawing:draw_step_range", list_step_files)
+    relevel_parts = DeferredFunction("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
+    warm_up_planning = DeferredFunction("farm.planning.parts.decompose_job:warm_up_planning")
+    plan_gcode = DeferredFunction("farm.planning.inspection.own_gcode:plan_gcode")
+    try_grid = DeferredFunction("farm.planning.parts.paused_job:try_grid", list_attempt_files)
+    slice_part = DeferredFunction("farm.planning.parts.slice_part:slice_part", list_slice_files)
+    cut_part = DeferredFunction("farm.planning.replanning.cut_part:cut_part", list_cut_files)
 
 __all__ = [
     "continue_job",

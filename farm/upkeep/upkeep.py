@@ -12,7 +12,7 @@ from collections.abc import Coroutine
 from pathlib import Path
 
 from farm import api
-from farm.compute import Deferred, Limit, Pool
+from farm.compute import DeferredFunction, Limit, Pool
 from farm.control import Controller
 from farm.errors import FarmError
 from farm.model import Job
@@ -53,7 +53,7 @@ MAX_EVENTS = 500_000
 FARM_CALLER = "the farm"
 # the time suffices for a worker that must first compile its code
 _DRAWING_LIMIT = Limit("drawing the parts of an old job", 1800.0)
-_store_part_pictures = Deferred("farm.upkeep.part_pictures:store_part_pictures")
+_store_part_pictures = DeferredFunction("farm.upkeep.part_pictures:store_part_pictures")
 _DAY_S = 86400.0
 
 

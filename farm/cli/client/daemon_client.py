@@ -93,7 +93,7 @@ class Client:
         """Send a command about a job, a part or a printer; return the name of its target."""
         body = None if why is None else api.Reason(why=why)
         answer = self._send("POST", path, body=body)
-        return _validate(api.NameResponse, answer).name if answer else ""
+        return _validate_answer(api.NameResponse, answer).name if answer else ""
 
     def load_reel(self, printer: str, request: api.LoadRequest) -> api.Reel:
         return self._request(api.Reel, "POST", f"/printers/{printer}/load", body=request)
@@ -132,7 +132,7 @@ class Client:
     def prune(self, dry_run: bool) -> api.PruneResponse:
         """Delete expired files, or list them; the parts of each job are drawn first."""
         body = api.PruneRequest(dry_run=dry_run)
-        return _validate(
+        return _validate_answer(
             api.PruneResponse, self._send("POST", "/prune", body=body, answer_timeout_s=SUBMISSION_TIMEOUT_S)
         )
 
@@ -188,13 +188,13 @@ class Client:
         deadline_s = time.monotonic() + retry_s
         while True:
             try:
-                return self._upload(model, params, report)
+                return self._upload_model(model, params, report)
             except DaemonUnreachable:
                 if time.monotonic() > deadline_s:
                     raise
                 time.sleep(0.5)
 
-    def _upload(
+    def _upload_model(
         self, model: Path, params: Mapping[str, str], report: Callable[[api.UploadView], None]
     ) -> api.SubmitResponse:
         """Upload a model once, and wait as long as the daemon reports its progress."""
@@ -214,7 +214,7 @@ class Client:
         last_answer_s = time.monotonic()
         while True:
             with suppress(TimeoutError):
-                return _validate(api.SubmitResponse, result.result(_POLL_INTERVAL_S))
+                return _validate_answer(api.SubmitResponse, result.result(_POLL_INTERVAL_S))
             try:
                 report(self._request(api.UploadView, "GET", f"/uploads/{params['request_id']}"))
             except DaemonUnreachable:
@@ -234,7 +234,7 @@ class Client:
         params: Mapping[str, str | int] | None = None,
         body: BaseModel | None = None,
     ) -> View:
-        return _validate(view, self._send(method, path, params=params, body=body))
+        return _validate_answer(view, self._send(method, path, params=params, body=body))
 
     def _send(
         self,
@@ -323,7 +323,7 @@ def _make_version_error(problem: object) -> FarmError:
     )
 
 
-def _validate(view: type[View], answer: object) -> View:
+def _validate_answer(view: type[View], answer: object) -> View:
     """Validate an answer. Raises FarmError if the daemon has another version."""
     try:
         return view.model_validate(answer)

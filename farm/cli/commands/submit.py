@@ -112,7 +112,7 @@ def submit(
         dry_run=dry_run,
     )
     submitter = Submitter(connect(paths), options, wait, quiet=json)
-    code = submitter.submit_one(models[0]) if len(models) == 1 else submitter.submit_each(models)
+    code = submitter.submit_model(models[0]) if len(models) == 1 else submitter.submit_models(models)
     if code:
         raise typer.Exit(code)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from farm.cli.display.console import open_console, print_json, read_terminal_width
-from farm.cli.display.job_page import render_job, show_job, show_result, show_submitted
+from farm.cli.display.job_page import render_job, show_job, show_result, show_submitted_job
 from farm.cli.display.progress import follow_job, retry_over_restart, show_progress, show_upload
 from farm.cli.display.status_page import render_status
 from farm.cli.display.table import Column, lay_out_table
@@ -22,7 +22,7 @@ __all__ = [
     "show_job",
     "show_progress",
     "show_result",
-    "show_submitted",
+    "show_submitted_job",
     "show_timeline",
     "show_upload",
 ]

@@ -47,11 +47,11 @@ def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
                 line_counts[i] = max(min(line_counts[i], min_counts[i]), line_counts[i] - excess)
     lines = []
     for block, number in zip(blocks, line_counts, strict=True):
-        lines += list(block.lines) if number == len(block.lines) else _shorten(block, number)
+        lines += list(block.lines) if number == len(block.lines) else _shorten_block(block, number)
     return lines
 
 
-def _shorten(block: Block, number: int) -> list[Text]:
+def _shorten_block(block: Block, number: int) -> list[Text]:
     if number == 0:
         return []
     rest = format_count(len(block.lines) - number + 1, f"more {block.noun}")

@@ -52,7 +52,7 @@ def show_job(view: api.JobView) -> None:
     screen.print(render_job(view, read_terminal_width(screen)))
 
 
-def show_submitted(view: api.JobView, wait: bool) -> None:
+def show_submitted_job(view: api.JobView, wait: bool) -> None:
     """Print the changes to a submitted model and, unless the command waits, the command for its progress."""
     screen = open_console()
     screen.print(f"job {view.id}: {view.name} submitted")

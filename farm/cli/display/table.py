@@ -81,19 +81,19 @@ def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
     text.plain = _COMMAND_PATTERN.sub(
         lambda command: command[0].replace(" ", _NON_BREAKING_SPACE), text.plain
     )
-    first, *rest = _wrap(text, width)
+    first, *rest = _wrap_lines(text, width)
     lines = [first]
     if rest:
         remainder = text[len(first.plain) :]
         remainder = remainder[len(remainder.plain) - len(remainder.plain.lstrip()) :]
-        folded_lines = _wrap(remainder, max(1, width - indent))
+        folded_lines = _wrap_lines(remainder, max(1, width - indent))
         lines += [Text.assemble(" " * min(indent, width - 1), line) for line in folded_lines]
     for line in lines:
         line.plain = line.plain.replace(_NON_BREAKING_SPACE, " ")
     return lines
 
 
-def _wrap(text: Text, width: int) -> list[Text]:
+def _wrap_lines(text: Text, width: int) -> list[Text]:
     lines = list(text.wrap(_CONSOLE, width, overflow="fold"))
     for line in lines:
         line.rstrip()

@@ -33,7 +33,7 @@ from farm.compute.cluster.remote_task import (
 )
 from farm.compute.cluster.security import check_cluster
 from farm.compute.cluster.slot_queue import SlotQueue
-from farm.compute.deferred import Deferred
+from farm.compute.deferred import DeferredFunction
 from farm.compute.limits import CHECKING_LIMIT, Limit
 from farm.compute.pool import Pool
 
@@ -115,7 +115,7 @@ class ClusterPool:
         """True if a task would start immediately; see `Pool.has_idle_worker`."""
         return (
             self._local_pool.has_idle_worker
-            if choose_place(self._measure_lost_s()) is Place.HERE
+            if choose_place(self._measure_loss_s()) is Place.THIS_COMPUTER
             else self._slot_queue.has_free_slot
         )
 
@@ -123,15 +123,15 @@ class ClusterPool:
     def state(self) -> ClusterState:
         """State of the cluster."""
         tasks = tuple(running for running, _ in self._running_tasks.values())
-        lost_s = self._measure_lost_s()
+        loss_s = self._measure_loss_s()
         return ClusterState(
             self._scheduler,
-            choose_place(lost_s),
+            choose_place(loss_s),
             self._workers,
             tasks,
             self._slot_queue.waiting_count,
             self._local_count,
-            lost_s,
+            loss_s,
         )
 
     def start(self) -> None:
@@ -142,13 +142,13 @@ class ClusterPool:
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
         """Run a function on the cluster, or here; see `Pool.run`."""
-        if not isinstance(work, Deferred) or work.list_files is None:
+        if not isinstance(work, DeferredFunction) or work.list_files is None:
             return await self._local_pool.run(work, *args, limit=limit, group=group)
         group = object() if group is None else group
         files = work.list_files(*args)
         task = RemoteTask(
             id="",
-            call=dump((Deferred(work.target), args)),
+            call=dump((DeferredFunction(work.target), args)),
             limit=limit,
             installation=self._installation,
             input_files=await asyncio.to_thread(hash_files, files),
@@ -221,30 +221,30 @@ class ClusterPool:
                 future.cancel()
             await asyncio.gather(answer_future, close_future, return_exceptions=True)
 
-    def _measure_lost_s(self) -> float:
+    def _measure_loss_s(self) -> float:
         return 0.0 if self._lost_since_s is None else max(1e-9, self._read_clock_s() - self._lost_since_s)
 
     def _on_workers(self, workers: tuple[ClusterWorker, ...]) -> None:
         """Store the state of the workers; called every second."""
         for worker in workers:
-            if worker.refused and worker not in self._workers:
-                log.warning("worker %s of the cluster is refused: %s", worker.name, worker.refused)
-        previous_place = choose_place(self._measure_lost_s())
-        slots = sum(worker.slots for worker in workers if worker.refused is None)
+            if worker.refusal_reason and worker not in self._workers:
+                log.warning("worker %s of the cluster is refused: %s", worker.name, worker.refusal_reason)
+        previous_place = choose_place(self._measure_loss_s())
+        slots = sum(worker.slots for worker in workers if worker.refusal_reason is None)
         self._workers = workers
         if slots:
             self._lost_since_s = None
         elif self._lost_since_s is None:
             self._lost_since_s = self._read_clock_s()
-        place = choose_place(self._measure_lost_s())
+        place = choose_place(self._measure_loss_s())
         if place is not previous_place:
             level = logging.INFO if place is Place.CLUSTER else logging.WARNING
             log.log(level, "%s", describe_place(place, self._scheduler))
-        if place is Place.HERE:
+        if place is Place.THIS_COMPUTER:
             self._close_event.set()
         else:
             self._close_event.clear()
-        self._slot_queue.update(slots, place is Place.HERE)
+        self._slot_queue.update(slots, place is Place.THIS_COMPUTER)
 
     def _on_message(self, message: dict[str, Any]) -> None:
         """Store the worker of a task, and write its live files."""

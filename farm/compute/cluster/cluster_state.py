@@ -15,7 +15,7 @@ class Place(StrEnum):
 
     CLUSTER = "cluster"
     WAITING = "waiting"  # work waits for a worker of the cluster
-    HERE = "here"  # this computer, because there has been no usable worker for `WORKER_TIMEOUT_S`
+    THIS_COMPUTER = "here"  # this computer, because there has been no usable worker for `WORKER_TIMEOUT_S`
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +26,14 @@ class ClusterWorker:
     ----------
     slots
         Number of tasks at the same time.
-    refused
+    refusal_reason
         Reason why it gets no tasks, as text; None if it gets tasks.
     """
 
     name: str
     address: str
     slots: int
-    refused: str | None = None
+    refusal_reason: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class ClusterState:
         Number of tasks that wait for a worker.
     local_count
         Number of tasks that run or wait on this computer instead.
-    lost_s
+    loss_s
         Wall seconds since the cluster last had a usable worker; 0 while it has one.
     """
 
@@ -65,20 +65,20 @@ class ClusterState:
     tasks: tuple[RunningTask, ...]
     waiting_count: int
     local_count: int
-    lost_s: float
+    loss_s: float
 
     def list_problems(self) -> list[str]:
         """Describe the problems that need a person; each sentence stays the same while its problem lasts."""
         problems = []
-        if self.place is Place.HERE:
+        if self.place is Place.THIS_COMPUTER:
             problems.append(
                 f"no worker of the cluster {self.scheduler} can be used: this computer computes instead; "
                 "check that the scheduler and its workers are running"
             )
         problems += [
-            f"worker {worker.name} of the cluster is refused: {worker.refused}"
+            f"worker {worker.name} of the cluster is refused: {worker.refusal_reason}"
             for worker in self.workers
-            if worker.refused
+            if worker.refusal_reason
         ]
         return problems
 
@@ -94,8 +94,8 @@ def describe_place(place: Place, scheduler: str) -> str:
     return f"{reason} for {WORKER_TIMEOUT_S:.0f} s: {advice}"
 
 
-def choose_place(lost_s: float) -> Place:
+def choose_place(loss_s: float) -> Place:
     """Choose the place of new work from the time since the cluster last had a usable worker."""
-    if lost_s <= 0.0:
+    if loss_s <= 0.0:
         return Place.CLUSTER
-    return Place.WAITING if lost_s < WORKER_TIMEOUT_S else Place.HERE
+    return Place.WAITING if loss_s < WORKER_TIMEOUT_S else Place.THIS_COMPUTER

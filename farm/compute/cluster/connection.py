@@ -108,7 +108,7 @@ class Connection:
             The task may be submitted again, under another id.
         """
         client = self._client
-        usable_addresses = [worker.address for worker in self._workers if worker.refused is None]
+        usable_addresses = [worker.address for worker in self._workers if worker.refusal_reason is None]
         if client is None or not usable_addresses:
             raise AttemptLost("there is no cluster")
         future = client.submit(

@@ -16,7 +16,7 @@ from slicing.settings import find_engine, find_resources
 
 _LIBRARIES = ("numpy", "scipy", "numba", "manifold3d", "pymeshfix", "scikit-learn", "shapely", "trimesh")
 _PACKAGES = ("farm", "drivers", "decompose", "slicing")
-_PYTHON = f"Python {sys.version_info.major}.{sys.version_info.minor}"
+_PYTHON_VERSION = f"Python {sys.version_info.major}.{sys.version_info.minor}"
 _HASH_DIGITS = 12  # number of hexadecimal digits of a hash
 
 
@@ -89,7 +89,7 @@ def read_installation() -> Installation:
         farm=f"{farm.__version__} ({_hash_files(code, [sources])})",
         engine=f"{read_engine_version(engine).rpartition(' ')[2]} ({_hash_files([engine], [engine.parent])})",
         settings=_hash_files(settings, roots),
-        libraries=", ".join([_PYTHON, *(f"{name} {_find_version(name)}" for name in _LIBRARIES)]),
+        libraries=", ".join([_PYTHON_VERSION, *(f"{name} {_find_version(name)}" for name in _LIBRARIES)]),
         engine_path=str(engine),
         resources_path=str(resources.root),
         materials_path=str(own_materials or ""),

@@ -17,7 +17,7 @@ from farm.state.event_rows import EventRow
 from farm.views import describe_event
 
 _MAX_NUMBER = 2**63 - 1  # largest integer of SQLite
-_RETRY = "retry: 5000\n\n"  # milliseconds after which a browser connects again
+_RETRY_FIELD = "retry: 5000\n\n"  # milliseconds after which a browser connects again
 _HEARTBEAT = ":\n\n"
 _ANSWERS: dict[int | str, dict[str, object]] = {
     200: {"content": {STREAM_TYPE: {"schema": {"type": "string"}}}}
@@ -59,7 +59,7 @@ def make_event_routes(services: Services) -> APIRouter:
         streams.check_caller(by)
 
         async def stream_events() -> AsyncIterator[str]:
-            yield _RETRY
+            yield _RETRY_FIELD
             async for rows in streams.follow(after, is_allowed, wait):
                 yield describe_rows(rows)
 

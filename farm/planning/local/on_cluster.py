@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from farm.compute import CHECKING_LIMIT, Deferred, Limit, TaskFiles, read_process_bytes
+from farm.compute import CHECKING_LIMIT, DeferredFunction, Limit, TaskFiles, read_process_bytes
 from farm.compute.cluster import connect_cluster
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.decompose_file import DecomposeRequest, prepare_output_folder
@@ -70,7 +70,9 @@ def slice_on_cluster(
     return _run_on_cluster(cluster, _slice, path.absolute(), out.absolute(), options, cache)
 
 
-def _run_on_cluster(cluster: Cluster, work: Deferred, path: Path, out: Path, *args: object) -> dict[str, Any]:
+def _run_on_cluster(
+    cluster: Cluster, work: DeferredFunction, path: Path, out: Path, *args: object
+) -> dict[str, Any]:
     """Run a function on the cluster, or in this process if the cluster cannot be used."""
 
     local_pool = _LocalPool(cluster.on_notice)
@@ -103,5 +105,5 @@ def _list_slice_files(path: Path, out: Path, _: object, cache: Path | None) -> T
     )
 
 
-_decompose = Deferred("farm.planning.local.decompose_file:decompose_to_folder", _list_decompose_files)
-_slice = Deferred("farm.planning.local.slice_file:slice_to_file", _list_slice_files)
+_decompose = DeferredFunction("farm.planning.local.decompose_file:decompose_to_folder", _list_decompose_files)
+_slice = DeferredFunction("farm.planning.local.slice_file:slice_to_file", _list_slice_files)

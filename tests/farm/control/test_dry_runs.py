@@ -25,16 +25,16 @@ def test_abandoned_dry_run_is_cancelled(tmp_path):
     kept_job, abandoned_job = (submit_job(farm, name, dry_run=True, hold=True) for name in "ab")
     held_job = submit_job(farm, "c", hold=True)
     dry_runs = DryRuns(farm.controller)
-    dry_runs.cancel_abandoned(0.0)
+    dry_runs.cancel_abandoned_runs(0.0)
     dry_runs.keep(kept_job, DRY_RUN_TIMEOUT_S)
-    dry_runs.cancel_abandoned(DRY_RUN_TIMEOUT_S)
+    dry_runs.cancel_abandoned_runs(DRY_RUN_TIMEOUT_S)
     jobs = farm.controller.books.jobs
     assert not any(job.state.ended for job in jobs.values())
-    dry_runs.cancel_abandoned(DRY_RUN_TIMEOUT_S + 1.0)
+    dry_runs.cancel_abandoned_runs(DRY_RUN_TIMEOUT_S + 1.0)
     jobs = farm.controller.books.jobs
     assert [jobs[n].state.ended for n in (kept_job, abandoned_job, held_job)] == [False, True, False]
     assert jobs[abandoned_job].reason == "cancelled by the farm: nobody is waiting for its plan any more"
-    dry_runs.cancel_abandoned(3 * DRY_RUN_TIMEOUT_S)
+    dry_runs.cancel_abandoned_runs(3 * DRY_RUN_TIMEOUT_S)
     assert farm.controller.books.jobs[kept_job].state is JobState.CANCELLED
 
 
@@ -58,9 +58,9 @@ def test_page_keeps_a_dry_run_for_longer_than_a_command_does(tmp_path):
     dry_runs = DryRuns(farm.controller)
     dry_runs.keep(number, 0.0, PAGE_DRY_RUN_TIMEOUT_S)
     dry_runs.keep(number, 1.0)  # a command counts as a request too
-    dry_runs.cancel_abandoned(PAGE_DRY_RUN_TIMEOUT_S)
+    dry_runs.cancel_abandoned_runs(PAGE_DRY_RUN_TIMEOUT_S)
     assert not farm.controller.books.get_job(number).state.ended
-    dry_runs.cancel_abandoned(PAGE_DRY_RUN_TIMEOUT_S + 1.0)
+    dry_runs.cancel_abandoned_runs(PAGE_DRY_RUN_TIMEOUT_S + 1.0)
     assert farm.controller.books.get_job(number).state.ended
 
 
@@ -70,7 +70,7 @@ def test_kept_dry_run_is_held_until_its_plan_is_approved(tmp_path):
     farm.jobs.keep_dry_run(number, "ann")
     job = farm.controller.books.get_job(number)
     assert (job.options.dry_run, job.options.hold) == (False, True)
-    DryRuns(farm.controller).cancel_abandoned(1e9)
+    DryRuns(farm.controller).cancel_abandoned_runs(1e9)
     assert not farm.controller.books.get_job(number).state.ended
     with pytest.raises(RefusedError, match="is not a dry run"):
         farm.jobs.keep_dry_run(number, "ann")
@@ -94,8 +94,8 @@ def test_approved_dry_run_is_not_cancelled(tmp_path):
     farm.controller.on_plan(number, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     farm.controller.handle(ev.JobApproved(at_s=1.0, job=number, by="ann"))
     dry_runs = DryRuns(farm.controller)
-    dry_runs.cancel_abandoned(0.0)
-    dry_runs.cancel_abandoned(1e9)
+    dry_runs.cancel_abandoned_runs(0.0)
+    dry_runs.cancel_abandoned_runs(1e9)
     assert farm.controller.books.get_job(number).state is JobState.PRINTING
 
 

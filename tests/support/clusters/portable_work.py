@@ -4,7 +4,7 @@ import os
 import signal
 from pathlib import Path
 
-from farm.compute import Deferred, TaskFiles
+from farm.compute import DeferredFunction, TaskFiles
 from farm.errors import FarmError
 
 
@@ -45,8 +45,8 @@ def _hold_once(source, folder, pid_file):
     return call_number
 
 
-allocate = Deferred("clusters.portable_work:_allocate", list_files)
-copy = Deferred("clusters.portable_work:_copy", list_files)
-fail = Deferred("clusters.portable_work:_fail", list_files)
-hold = Deferred("clusters.portable_work:_hold", list_files)
-hold_once = Deferred("clusters.portable_work:_hold_once", list_files)
+allocate = DeferredFunction("clusters.portable_work:_allocate", list_files)
+copy = DeferredFunction("clusters.portable_work:_copy", list_files)
+fail = DeferredFunction("clusters.portable_work:_fail", list_files)
+hold = DeferredFunction("clusters.portable_work:_hold", list_files)
+hold_once = DeferredFunction("clusters.portable_work:_hold_once", list_files)

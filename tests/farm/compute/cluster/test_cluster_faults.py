@@ -60,7 +60,7 @@ def test_tasks_survive_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypa
         await wait_until(lambda: read_pids(second_pid_file))
         processes.send_signal("scheduler", signal.SIGKILL)
         assert await task == 2
-        assert local_pool.calls == [work.hold_once] and pool.state.place is Place.HERE
+        assert local_pool.calls == [work.hold_once] and pool.state.place is Place.THIS_COMPUTER
         await wait_until(lambda: is_gone(read_pids(second_pid_file)[0]))
         pool.close()
         await pool.wait_closed()

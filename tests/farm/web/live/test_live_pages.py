@@ -283,8 +283,8 @@ def test_dry_run_is_kept_while_its_page_is_open(tmp_path):
     session = farm.open_session()
     opened_s = time.monotonic()
     asyncio.run(read_first_event(farm, session, "/jobs/1"))
-    farm.dry_runs.cancel_abandoned(opened_s + PAGE_DRY_RUN_TIMEOUT_S - 1.0)
+    farm.dry_runs.cancel_abandoned_runs(opened_s + PAGE_DRY_RUN_TIMEOUT_S - 1.0)
     assert not farm.controller.books.get_job(1).state.ended
-    farm.dry_runs.cancel_abandoned(time.monotonic() + PAGE_DRY_RUN_TIMEOUT_S + 1.0)
+    farm.dry_runs.cancel_abandoned_runs(time.monotonic() + PAGE_DRY_RUN_TIMEOUT_S + 1.0)
     assert farm.controller.books.get_job(1).state.ended
     farm.store.close()

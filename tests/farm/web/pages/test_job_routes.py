@@ -36,7 +36,7 @@ def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
     assert page.status_code == 200
     assert "Planned: 2 parts" in page.text
     assert re.search(r'<option value="2"[^>]* data-time="[^>]*>2 printers: about 5 s', page.text)
-    assert farm.dry_runs._kept_until_s.keys() == {number}
+    assert farm.dry_runs._expiry_times_s.keys() == {number}
 
 
 def test_dry_run_is_printed_only_with_the_plan_that_was_shown(farm, ann):
