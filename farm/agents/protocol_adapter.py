@@ -32,7 +32,7 @@ _PRINT_STATES = {
 def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     """Return the seconds by which the farm's clock is ahead of the agent's; 0 if a delay may explain them.
 
-    An agent's clock is never adjusted. Only the farm's clock follows the host's clock while the daemon runs.
+    An agent's clock is never adjusted. While the daemon is running, only the farm's clock follows the host's.
     """
     if not report.now_s:
         return 0.0

@@ -1,8 +1,8 @@
 """Server of `estop.sock`: starts a process for each request, with a limit for each user.
 
 ``python -m farm.cli.estop_server [OPTIONS]``, with the listening socket as stdin (farm-estop.service).
-Options (`--state`, `--fleet`) are passed on to those processes. It imports only the standard library, so that
-it starts quickly and refuses connections faster than they can be opened.
+Options (`--state`, `--fleet`) are passed on to those processes. This module imports only the standard
+library, so that it starts quickly and refuses connections faster than they can be opened.
 """
 
 from __future__ import annotations
@@ -147,13 +147,13 @@ def read_peer_uid(connection: socket.socket) -> int:
 
 def _start_process(connection: socket.socket, request: bytes) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "farm.cli.main", "estop", "--asked", *sys.argv[1:]]
-    work = subprocess.Popen(
+    process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=connection.fileno(), start_new_session=True
     )
-    assert work.stdin is not None
-    with work.stdin as stdin, suppress(BrokenPipeError):
+    assert process.stdin is not None
+    with process.stdin as stdin, suppress(BrokenPipeError):
         stdin.write(request)  # a pipe can buffer the longest request
-    return work
+    return process
 
 
 def main() -> None:

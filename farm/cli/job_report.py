@@ -30,7 +30,7 @@ class Report:
 
 
 def find_local_file(path: str) -> Path | None:
-    """Return the file of a path on this host, if this user may read it; else None."""
+    """Return a path on this host if this user may read its file; otherwise None."""
     return Path(path) if os.access(path, os.R_OK) else None
 
 

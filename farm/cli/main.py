@@ -75,7 +75,7 @@ COMMANDS = {
         CommandEntry(
             "pause",
             "operate.pause",
-            "Pause prints, or a whole job: the head moves aside, the nozzle cools, the bed stays warm.",
+            "Pause prints, or a whole job: the head moves aside, the nozzle cools, and the bed stays warm.",
         ),
         CommandEntry(
             "resume",

@@ -64,7 +64,7 @@ class WorkerPool:
     Parameters
     ----------
     scratch
-        Folder of the pool: each worker has a folder for temporary files there, which is removed with it.
+        Folder of the pool, with a folder for the temporary files of each worker, removed with the worker.
     count
         Number of workers, without the one for urgent tasks; by default, the number of cores.
     memory_gb
@@ -215,7 +215,7 @@ class WorkerPool:
             raise
 
     def _start_urgent_worker(self) -> None:
-        """Start the worker for urgent tasks, unless it runs; if that fails, they wait for another worker."""
+        """Start the worker for urgent tasks if it is not running; if that fails, they wait for another."""
         if self._urgent_worker is not None or self._is_closed:
             return
         try:

@@ -146,7 +146,7 @@ class JobCommands:
         Raises
         ------
         RefusedError
-            If the job has ended, or none of its plates waits.
+            If the job has ended, or none of its plates is waiting.
         FarmError
             If the time cannot be read, or is not in the future.
         """

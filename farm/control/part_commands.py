@@ -19,7 +19,7 @@ _REFUSAL_REASONS = {
 }
 _PENDING_REASONS = {
     PlateState.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
-    PlateState.WAITING: "already waits to be printed",
+    PlateState.WAITING: "is already waiting to be printed",
 }
 
 
@@ -33,7 +33,7 @@ class PartCommands:
         self._controller, self._printers = controller, printers
 
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
-        """Print a part again, unless it already waits or is being printed; return its name."""
+        """Print a part again, unless it is already waiting or being printed; return its name."""
         plate = self._find_plate(job, part)
         entry = self._controller.books.get_job(job)
         if entry.pruned_s is not None:

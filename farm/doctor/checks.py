@@ -57,7 +57,7 @@ def check_daemon(facts: Facts) -> Iterator[Finding]:
     if facts.daemon_error is not None:
         yield make_warning("daemon", facts.daemon_error, "running agents continue printing without it")
     elif facts.daemon_version != facts.version:
-        text = f"the daemon is farm {facts.daemon_version}, this is {facts.version}"
+        text = f"the daemon is farm {facts.daemon_version}, but this program is {facts.version}"
         yield make_warning("daemon", text, "`farm down`, then `farm up`; prints continue meanwhile")
     else:
         yield make_success("daemon", f"the daemon is up, farm {facts.version}")
@@ -167,7 +167,7 @@ def check_ports(facts: Facts) -> Iterator[Finding]:
             group = port.group or "dialout"
             action = f"`sudo usermod -aG {group} {facts.user.name}`, then log in again"
             if group in facts.user.groups:
-                action = "see the permissions of the device (`ls -l`), and deploy/udev"
+                action = "check the permissions of the device (`ls -l`), and see deploy/udev"
             yield make_problem(
                 "ports", f"{port_name} may not be read and written by {facts.user.name}", action
             )
@@ -215,7 +215,7 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
         return
     scale, zone = facts.fleet.fleet.time_scale, facts.fleet.fleet.timezone
     if clock.anchor is not None and clock.anchor[0] != scale:
-        text = f"the state folder was used with time_scale {clock.anchor[0]:g}, fleet.yaml says {scale:g}"
+        text = f"the state folder was used with time_scale {clock.anchor[0]:g}, but fleet.yaml says {scale:g}"
         yield make_problem(
             "clock", text, "restore that value in fleet.yaml, or name another folder with --state"
         )
@@ -223,7 +223,7 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
         text = "the start of the farm's clock is in the future: the host's clock was set back"
         yield make_warning("clock", text, action)
     if clock.host_zone is not None and clock.host_zone != zone:
-        text = f"hours in fleet.yaml are in {zone}, the host is in {clock.host_zone}"
+        text = f"hours in fleet.yaml are in {zone}, but the host is in {clock.host_zone}"
         yield make_warning("clock", text, "if that is wrong, set fleet.timezone to the printers' time zone")
 
 

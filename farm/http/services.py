@@ -90,8 +90,8 @@ class Services:
     shut_down
         Shuts the farm down; given True, stops all prints first.
     prune
-        Deletes the jobs and events that `fleet.keep` does not keep, for the named user; given True, only
-        lists them.
+        Deletes files and events beyond the limits of `fleet.keep`, for the named user; given True, only lists
+        them.
     replace_agent
         Replaces the agent of an idle printer.
     fetch_still

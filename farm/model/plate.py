@@ -40,7 +40,7 @@ class PartPrintOptions(Entity):
     hidden_sides
         Outward normals nx, ny and offsets in mm of the upright sides that gluing hides.
     stands
-        True if the part is expected to stay upright while it prints.
+        True if the part is expected to stay upright while it is printed.
     """
 
     brim_width_mm: float | None = None

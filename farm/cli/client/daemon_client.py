@@ -312,7 +312,7 @@ def _make_advice(address: Address) -> str:
     return (
         "`farm up` starts one"
         if isinstance(address, Path)
-        else "check that it runs there, with `web` in its fleet.yaml, and that no firewall blocks it"
+        else "check that it is running there, with `web` in its fleet.yaml, and that no firewall blocks it"
     )
 
 

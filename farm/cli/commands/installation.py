@@ -96,7 +96,7 @@ def _format_entry(name: str, model: str, port: str) -> str:
 
 
 def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: str, yes: bool) -> None:
-    """Reset the board of an idle printer and check that it restarts, through its agent if one runs."""
+    """Reset the board of an idle printer and check that it restarts, through its agent if one is running."""
     from drivers.discovery import verify_reset, verify_reset_through_agent
 
     section = next(
@@ -182,7 +182,7 @@ def setup() -> None:
 
     try:
         install_cura()
-        print(f"CuraEngine is {find_engine()}, its settings are in {find_resources().root}")
+        print(f"CuraEngine is {find_engine()}, and its settings are in {find_resources().root}")
     except EngineMissing as error:
         raise FarmError(str(error), ErrorCode.ENGINE) from error
     print("compiling the planning code: one to five minutes ...", flush=True)

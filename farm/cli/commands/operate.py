@@ -111,7 +111,8 @@ def _describe_part(request: ClearedRequest, answer: ClearedResponse) -> list[str
     if answer.good is None:
         return []
     reprints = [
-        f"{name} already prints it again: stop that with `farm cancel {name}`" for name in answer.printed_on
+        f"{name} is already printing it again: stop that with `farm cancel {name}`"
+        for name in answer.printed_on
     ]
     return [f"part {answer.good} is good" + ("" if reprints else " and will not be printed again"), *reprints]
 
@@ -170,7 +171,7 @@ def _describe_ending(printing_printers: list[str]) -> str:
 
 @with_farm
 def pause(paths: FarmPaths, targets: Targets) -> None:
-    """Pause prints, or a whole job: the head moves aside, the nozzle cools, the bed stays warm.
+    """Pause prints, or a whole job: the head moves aside, the nozzle cools, and the bed stays warm.
 
     A print that is not resumed within two hours is ended. Waiting parts of a paused job do not start.
     """

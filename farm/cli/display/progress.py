@@ -47,7 +47,7 @@ def retry_over_restart(request: Callable[[], T]) -> T:
 
 @contextmanager
 def show_upload(quiet: bool = False) -> Iterator[Callable[[api.UploadView], None]]:
-    """Show the progress of a submission: an updated line on a terminal, else one line for each step."""
+    """Show the progress of a submission: an updated line on a terminal, or one line for each step."""
     screen = open_console(stderr=True)
     if quiet or not sys.stderr.isatty():
         steps = set[str]()

@@ -61,7 +61,7 @@ def render_timeline(view: api.Timeline, width: int | None = None) -> RenderableT
     return Group(*rows)
 
 
-def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _CHART_WIDTH) -> list[str]:
+def draw_gantt(slots: list[api.SlotView], now: str, chart_width: int = _CHART_WIDTH) -> list[str]:
     """Draw a row for each printer with a bar for each plate, and a time axis below.
 
     Parameters
@@ -70,15 +70,15 @@ def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _CHART_WIDTH)
         The plates.
     now
         Current time, to shorten times of the same day.
-    columns
-        Width of the chart with the printers' names.
+    chart_width
+        Width of the chart with the printers' names, in columns.
     """
     if not slots:
         return []
     begin = min(parse_time(slot.starts) for slot in slots)
     total_s = max((parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
     name_width = max(len(slot.printer) for slot in slots)
-    width = max(_MIN_BAR_WIDTH, columns - name_width - 2)
+    width = max(_MIN_BAR_WIDTH, chart_width - name_width - 2)
     lines = []
     for printer in sorted({slot.printer for slot in slots}):
         cells = [" "] * width

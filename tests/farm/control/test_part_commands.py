@@ -72,7 +72,7 @@ def test_failing_print_is_ended_and_its_part_is_printed_elsewhere(farm):
 
 def test_part_is_found_by_any_form_of_its_name(farm):
     for name in ("1/p03", "p03", "03", "3"):
-        with pytest.raises(RefusedError, match="1/p03 already waits to be printed"):
+        with pytest.raises(RefusedError, match="1/p03 is already waiting to be printed"):
             farm.parts.reprint(1, name, "", "ann")
     with pytest.raises(NotFoundError, match="no part p9; its parts are p01 p02 p03"):
         farm.parts.reprint(1, "p9", "", "ann")

@@ -70,7 +70,7 @@ CASES = {
         "has no printers",
     ),
     "daemon down": ({"daemon_error": "no answer"}, "warning", "daemon", "no answer"),
-    "old daemon": ({"daemon_version": "1.1"}, "warning", "daemon", "farm 1.1, this is 1.2"),
+    "old daemon": ({"daemon_version": "1.1"}, "warning", "daemon", "farm 1.1, but this program is 1.2"),
     "another's folder": (
         {"user": replace(SOUND_FACTS.user, state_owner="ann")},
         "warning",
@@ -155,7 +155,7 @@ CASES = {
         {"clock": replace(SOUND_FACTS.clock, anchor=(60.0, NOW_S))},
         "problem",
         "clock",
-        "time_scale 60, fleet.yaml says 1",
+        "time_scale 60, but fleet.yaml says 1",
     ),
     "clock set back": (
         {"clock": replace(SOUND_FACTS.clock, anchor=(1.0, NOW_S + 9e5))},

@@ -109,7 +109,7 @@ def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
     report_print(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     answer = run_farm("cleared", "a", "--good", "1/p01")
     assert answer.stdout == (
-        "a: bed clear; part 1/p01 is good; b already prints it again: stop that with `farm cancel b`\n"
+        "a: bed clear; part 1/p01 is good; b is already printing it again: stop that with `farm cancel b`\n"
     )
     assert run_farm("cancel", "b").exit_code == 0
     assert farm.controller.books.find_open_print("b").cancel_reason is not None

@@ -29,7 +29,7 @@ SLOTS = [
 
 
 def test_each_printer_has_one_row_in_the_chart():
-    assert draw_gantt(SLOTS, NOW, columns=40) == [
+    assert draw_gantt(SLOTS, NOW, chart_width=40) == [
         "um2-01  [------01------]",
         "um2-02  [--02--]                [--03--]",
         "        Sat 10:00              Sat 14:00",
@@ -38,7 +38,7 @@ def test_each_printer_has_one_row_in_the_chart():
 
 def test_short_plate_in_a_long_night_is_visible():
     lines = draw_gantt(
-        [make_slot(1, "a", "00:00", "00:01"), make_slot(2, "b", "00:00", "23:59")], NOW, columns=23
+        [make_slot(1, "a", "00:00", "00:01"), make_slot(2, "b", "00:00", "23:59")], NOW, chart_width=23
     )
     assert lines[0].startswith("a  ") and lines[0].strip() != "a"
     assert len(lines[1]) == len("b  ") + 20
