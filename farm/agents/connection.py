@@ -114,8 +114,8 @@ class AgentConnection:
         open_route = route if self._host is None else partial(self._host.open, name)
         self._client = AgentClient(self._folder, open_route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
-        self._start_times_s: deque[float] = deque(maxlen=_MAX_RESTARTS_PER_MINUTE)  # of a monotonic clock
-        self._pending_requests: set[tuple[str, str]] = set()  # in progress; they must not be sent again
+        self._start_times_s: deque[float] = deque(maxlen=_MAX_RESTARTS_PER_MINUTE)  # monotonic times
+        self._pending_requests: set[tuple[str, str]] = set()  # in progress, and not to be sent again
         self._unsupported_requests: set[tuple[str, str]] = set()  # those that its older agent does not know
         self._cancelled_prints: set[str] = set()  # prints that must no longer start
         self._tasks: set[asyncio.Task[Any]] = set()

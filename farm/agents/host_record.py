@@ -58,7 +58,7 @@ class HostRecord:
         if state.update.phase not in (UpdatePhase.OUTDATED, UpdatePhase.FAILED):
             self.update_unconfirmed = False
         self.state = state
-        if self.update_unconfirmed:  # the host sent it before it received the request
+        if self.update_unconfirmed:  # the host sent this state before it received the request
             self.on_update_begun()
         if self.connected_s is None:
             self.connected_s, self.disconnected_s = now_s, None

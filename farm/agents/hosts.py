@@ -68,7 +68,7 @@ class HostConnection:
     Parameters
     ----------
     request
-        Its first line: the farm, and the agents of this host.
+        First line on the connection: the farm, and the agents of the host.
     command
         Command that runs `farm host` there, with stdin and stdout.
     log_file

@@ -12,7 +12,7 @@ MAX_IMAGE_BYTES = 5_000_000
 MAX_PIXELS = 50_000_000
 """Limit on width times height, because a viewer decodes all pixels, and a small file can have very many."""
 _PNG_MAGIC, _JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
-_PNG_SIZE = struct.Struct(">II")  # in the first chunk, IHDR
+_PNG_SIZE = struct.Struct(">II")  # PNG: width, height, in the first chunk (IHDR)
 _PNG_SIZE_OFFSET = 16
 _SEGMENT_HEADER = struct.Struct(">BBH")  # JPEG: 0xFF, marker, length including its own two bytes
 _FRAME_SIZE = struct.Struct(">HH")  # JPEG: height, width

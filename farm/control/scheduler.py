@@ -59,7 +59,7 @@ class Scheduler:
         self.next_change_s = -math.inf
         self._situations, self._commit_in_transaction = situations, commit_in_transaction
         self._planning, self._replanning = planning, replanning
-        self._later_starts: Sequence[Assignment] = ()  # of the last run
+        self._later_starts: Sequence[Assignment] = ()  # starts of the last run that remain
 
     @property
     def has_later_starts(self) -> bool:

@@ -25,7 +25,7 @@ class Timers:
         defaults = {"misfire_grace_time": None, "coalesce": True, "max_instances": 1}
         self._scheduler = AsyncIOScheduler(executors={"default": AsyncIOExecutor()}, job_defaults=defaults)
         self._clock = clock
-        self._times_s: dict[str, float] = {}  # of `call_at`, in farm time
+        self._times_s: dict[str, float] = {}  # farm times of the timers set by `call_at`
 
     def call_every(self, interval_s: float, name: str, work: Callable[[], object]) -> None:
         """Call a function, plain or async, at this interval until the timers are stopped."""

@@ -217,7 +217,9 @@ def _share_socket(path: Path, group: str) -> None:
         os.chown(path, -1, gid)
         path.chmod(0o660)
     except OSError as error:
-        log.warning("listening on %s, for this user alone, who is not in group %s (%s)", path, group, error)
+        log.warning(
+            "listening on %s, for this user alone: it cannot be shared with group %s (%s)", path, group, error
+        )
     else:
         log.info("listening on %s, for group %s", path, group)
 

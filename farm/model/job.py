@@ -62,7 +62,7 @@ class JobOptions(Entity):
     at: str | None = Field(default=None, max_length=40)  # earliest start, as the user wrote it
     overnight: bool = False  # starts when attended hours end
     done_by: str | None = Field(default=None, max_length=40)  # use the fewest parts that finish by this time
-    assembled_by: str | None = Field(default=None, max_length=40)  # as `done_by`, with the time for gluing
+    assembled_by: str | None = Field(default=None, max_length=40)  # like `done_by`, but including the gluing
     spares: int = Field(default=0, ge=0)  # free printers kept in reserve for failed plates
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown

@@ -36,11 +36,11 @@ class Key(Entity):
 
     id: str
     kind: KeyKind = KeyKind.KEY
-    name: str  # of a session: the name of the user, or of the key that opened it
+    name: str  # for a session: the name of the user, or of the key that opened it
     role: Role
     digest: str  # SHA-256 of the key's text, in hexadecimal
     created_s: float
-    by: str  # name of the operator who added it; of a session, the caller who opened it
+    by: str  # name of the operator who added it; for a session, the caller who opened it
     expires_s: float | None = None  # None: never; the end of a session is postponed while it is used
     revoked_s: float | None = None
     opened_by: str | None = None  # id of the key that opened a session; None: a link for a user

@@ -13,8 +13,8 @@ class PrintState(StrEnum):
     ASSIGNED = "assigned"  # committed; the start request is sent to its agent
     HEATING = "heating"
     PRINTING = "printing"
-    PAUSED = "paused"  # by a person: head parked, bed kept warm
-    ENDING = "ending"  # being stopped, heaters switched off
+    PAUSED = "paused"  # a person has paused it: the head is parked, and the bed is kept warm
+    ENDING = "ending"  # being stopped: the heaters are being switched off
     DONE = "done"
     FAILED = "failed"
     CANCELLED = "cancelled"

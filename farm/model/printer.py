@@ -56,12 +56,12 @@ class Printer(Entity):
     alarm_s: float | None = None  # time of that report
     maintenance: str | None = None  # reason why a person has taken it out of use
     disconnected_at_s: float | None = None  # time at which the connection to its board was lost
-    host_loss: HostLoss | None = None  # until its host is connected again
+    host_loss: HostLoss | None = None  # loss of the connection to its host; None while connected
     restored_s: float | None = None  # time at which the database was restored from a backup
     unreported_since_s: float | None = None  # time of the backup since which its agent has not reported
     reel: Reel | None = None  # None: the reel in fleet.yaml
     time_factor: float = 1.0  # actual over expected time of its layers, learned from its prints
-    feature_factors: FeatureFactors | None = None  # the same by feature; None: too few prints
+    feature_factors: FeatureFactors | None = None  # the same ratio for each feature; None: too few prints
 
     @property
     def time_factors(self) -> TimeFactors:

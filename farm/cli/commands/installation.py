@@ -20,7 +20,7 @@ from farm.fleet_file import load_fleet
 from farm.paths import FarmPaths
 
 _DEFAULT_MODEL = "ultimaker2_plus"
-_SCHEMA_VERSION = 1  # of --json
+_SCHEMA_VERSION = 1  # version of the schema of --json
 
 
 @with_paths
