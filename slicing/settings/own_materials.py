@@ -11,8 +11,8 @@ from slicing.errors import BadSetting
 from slicing.settings.limits import find_reserved_reason
 from slicing.settings.material import CURA_SETTING, NAMESPACES, read_material_kind
 
-SUFFIX = ".xml.fdm_material"
-MAX_BYTES = 256 * 1024  # Cura's own files have up to 40 KiB
+MATERIAL_SUFFIX = ".xml.fdm_material"
+MAX_FILE_BYTES = 256 * 1024  # Cura's own files have up to 40 KiB
 MAX_FILES = 500
 _NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,60}")
 _KIND_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,30}")
@@ -51,16 +51,16 @@ def list_own_materials(folder: Path) -> dict[str, Path]:
         If the folder cannot be read, has too many files, or a name is not usable.
     """
     try:
-        paths = sorted(path for path in folder.iterdir() if path.name.endswith(SUFFIX))
+        paths = sorted(path for path in folder.iterdir() if path.name.endswith(MATERIAL_SUFFIX))
     except OSError as error:
         raise BadSetting(f"the folder of materials {folder} cannot be read ({error.strerror})") from error
     if len(paths) > MAX_FILES:
         raise BadSetting(f"{folder} has {len(paths)} materials; {MAX_FILES} at most")
-    path_by_name = {path.name.removesuffix(SUFFIX): path for path in paths}
+    path_by_name = {path.name.removesuffix(MATERIAL_SUFFIX): path for path in paths}
     for name in path_by_name:
         if not _NAME_PATTERN.fullmatch(name):
             raise BadSetting(
-                f"{folder}: {name + SUFFIX!r}: name it with letters, digits, '.', '_', '+' and '-'"
+                f"{folder}: {name + MATERIAL_SUFFIX!r}: name it with letters, digits, '.', '_', '+' and '-'"
             )
     return path_by_name
 
@@ -87,11 +87,11 @@ def _parse_file(path: Path) -> ET.Element:
         if not path.is_file():
             raise BadSetting("is not a file")
         with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            data = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise BadSetting(f"cannot be read ({error.strerror})") from error
-    if len(data) > MAX_BYTES:
-        raise BadSetting(f"is larger than {MAX_BYTES // 1024} KiB: not a material file")
+    if len(data) > MAX_FILE_BYTES:
+        raise BadSetting(f"is larger than {MAX_FILE_BYTES // 1024} KiB: not a material file")
     try:
         root = ET.fromstring(data, ET.XMLParser(target=_DoctypeRefusingBuilder()))
     except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding

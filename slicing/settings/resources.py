@@ -17,7 +17,7 @@ from typing import Any
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing, suggest_names
 from slicing.settings.definitions import Setting, merge_definitions
 from slicing.settings.material import read_material_kind
-from slicing.settings.own_materials import SUFFIX, list_own_materials, read_own_material
+from slicing.settings.own_materials import MATERIAL_SUFFIX, list_own_materials, read_own_material
 
 OWN_MATERIALS_VARIABLE = "FARM_MATERIALS"
 """Environment variable with the folder of a person's own material files."""
@@ -59,14 +59,14 @@ def find_resources(environ: Mapping[str, str] = os.environ, own_materials: Path 
     Raises
     ------
     ResourcesMissing
-        If none of them has all the folders.
+        If none of these folders is complete.
     """
     configured = environ.get("FARM_CURA_RESOURCES")
-    places = [Path(configured)] if configured else [INSTALLATION_FOLDER, Path("/usr/share/cura/resources")]
-    for place in places:
-        if all((place / folder).is_dir() for folder in FOLDERS):
+    roots = [Path(configured)] if configured else [INSTALLATION_FOLDER, Path("/usr/share/cura/resources")]
+    for root in roots:
+        if all((root / folder).is_dir() for folder in FOLDERS):
             folder = environ.get(OWN_MATERIALS_VARIABLE)
-            return Resources(place, own_materials or (Path(folder) if folder else None))
+            return Resources(root, own_materials or (Path(folder) if folder else None))
     problem = f"FARM_CURA_RESOURCES={configured} lacks" if configured else "Cura's files are missing:"
     raise ResourcesMissing(
         f"{problem} the folders {', '.join(FOLDERS)}: {_ADVICE.format('FARM_CURA_RESOURCES to their folder')}"
@@ -210,8 +210,8 @@ def _read_profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...
 
 @lru_cache(maxsize=4)
 def _list_cura_materials(root: Path) -> Mapping[str, Path]:
-    paths = sorted((root / "materials").glob(f"*{SUFFIX}"))
-    return {path.name.removesuffix(SUFFIX): path for path in paths}
+    paths = sorted((root / "materials").glob(f"*{MATERIAL_SUFFIX}"))
+    return {path.name.removesuffix(MATERIAL_SUFFIX): path for path in paths}
 
 
 @lru_cache(maxsize=4)
