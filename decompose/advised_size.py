@@ -44,7 +44,7 @@ def advise_longest_side_mm(
     int | None
         Size in whole mm, close to the largest one with a result; None if there is none.
     """
-    longest_mm = float(model.extents_mm.max())
+    longest_side_mm = float(model.extents_mm.max())
     max_scale = _estimate_max_scale(model, printers, options, cost)
     if max_scale is None:
         return None
@@ -59,11 +59,11 @@ def advise_longest_side_mm(
         if high <= low * CLOSE_RATIO:
             break
         scale = (low + high) / 2.0 if low else TRIAL_SIZE_RATIO * high
-    side_mm = math.floor((low or max_scale) * longest_mm)
+    side_mm = math.floor((low or max_scale) * longest_side_mm)
     for _ in range(MAX_TRIALS):
         if side_mm < 1:
             break
-        if _has_result(model, side_mm / longest_mm, printers, options, cost, executor):
+        if _has_result(model, side_mm / longest_side_mm, printers, options, cost, executor):
             return side_mm
         side_mm = math.floor(TRIAL_SIZE_RATIO * side_mm)
     return None

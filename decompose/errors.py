@@ -124,7 +124,7 @@ class GeometryError(DecomposeError):
     Attributes
     ----------
     rule
-        Short name of the rule, see `Rule`.
+        Short name of the rule, a value of `Rule`.
     part
         Part that breaks it; None if the rule is not broken by a single part.
     """

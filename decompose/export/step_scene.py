@@ -1,4 +1,4 @@
-"""Shapes of an assembly step: its bodies apart, faces to glue, codes, pins and holes."""
+"""Shapes of an assembly step: its two bodies drawn apart, the faces to glue, codes, pins and holes."""
 
 from __future__ import annotations
 

@@ -19,7 +19,8 @@ from decompose.files.triangle_limit import (
     read_face_count,
 )
 
-# Maximum number of corners of a face: more triangles around one corner take hours to repair.
+# Maximum number of corners of a face. The triangles of a larger face would meet at one corner, and their
+# repair would take hours.
 MAX_CORNERS = 10_000
 MAX_PLY_HEADER_BYTES = HEAD_BYTES
 

@@ -100,7 +100,7 @@ TURN_TIME_SHARE = 0.5
 
 
 LayerFitter = Callable[[float], float]
-"""Function that returns the height of the layers of a part, in mm, for its height in mm. It can be hashed."""
+"""Hashable function that returns the height of the layers of a part, in mm, for its height in mm."""
 
 
 @dataclass(frozen=True, slots=True)

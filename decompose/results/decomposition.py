@@ -59,7 +59,7 @@ class Part:
     stands
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
-        Area of its first layer if this is small for the height, else None.
+        Area of its first layer if this is small for the height; otherwise None.
     drilled_solid
         Solid with holes and marks, which is printed; None if it has neither.
     """
@@ -201,8 +201,8 @@ class Decomposition:
     cutting
         Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
-        Makespan of each number of printers according to the tables, in seconds; empty unless the number was
-        chosen.
+        Makespan of each number of printers according to the tables, in seconds; empty unless `auto`
+        chose the number.
     yaw_deg
         Angle by which `best` rotated the model about z before it was cut.
     attempts

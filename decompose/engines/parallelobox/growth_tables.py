@@ -100,8 +100,8 @@ def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
     columns = np.concatenate(
         [grid.sums[..., [VOLUME]], grid.area_mm2[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
     )
-    prefix = np.zeros([n + 1 for n in grid.shape] + [columns.shape[3]])
-    prefix[1:, 1:, 1:] = columns.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    sums = np.zeros([n + 1 for n in grid.shape] + [columns.shape[3]])
+    sums[1:, 1:, 1:] = columns.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     cut_sums = []
     for axis, cut in enumerate(grid.cuts):
         a, b = (i for i in range(3) if i != axis)
@@ -109,7 +109,7 @@ def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
         table[tuple(slice(None) if i == axis else slice(1, None) for i in range(3))] = cut.cumsum(a).cumsum(b)
         cut_sums.append(table)
     printing, overhang = _compute_paper_prices(
-        prefix, cut_sums[0], cut_sums[1], cut_sums[2], len(boxes.seconds), SPEED_MM_S
+        sums, cut_sums[0], cut_sums[1], cut_sums[2], len(boxes.seconds), SPEED_MM_S
     )
     no_cells = np.zeros_like(grid.is_needed)
     return GrowthTables(grid.is_needed, no_cells, boxes.seconds, boxes.pieces, printing, overhang)
@@ -117,19 +117,19 @@ def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
 
 @jit
 def _compute_paper_prices(
-    prefix: Floats, cut_x: Floats, cut_y: Floats, cut_z: Floats, total: int, speed_mm_s: float
+    sums: Floats, cut_x: Floats, cut_y: Floats, cut_z: Floats, box_count: int, speed_mm_s: float
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Compute P and O of `GrowthTables` for every box.
 
     Parameters
     ----------
-    prefix
+    sums
         (nx + 1, ny + 1, nz + 1, 8) float64 summed-area table of volume in mm3, surface in mm2, and overhangs
         in the six poses in mm2.
     cut_x, cut_y, cut_z
         (nx + 1, ny + 1, nz + 1) float64 summed-area tables, along two axes each, of the cut areas in mm2 on
         the planes across the third axis.
-    total
+    box_count
         Number of boxes.
     speed_mm_s
         Speed of shell and infill.
@@ -139,18 +139,18 @@ def _compute_paper_prices(
     tuple
         (boxes,) float32 P, and (boxes,) float32 O.
     """
-    nx, ny, nz = prefix.shape[0] - 1, prefix.shape[1] - 1, prefix.shape[2] - 1
-    printing = np.zeros(total, np.float32)
-    overhang = np.zeros(total, np.float32)
+    nx, ny, nz = sums.shape[0] - 1, sums.shape[1] - 1, sums.shape[2] - 1
+    printing = np.zeros(box_count, np.float32)
+    overhang = np.zeros(box_count, np.float32)
     for x0 in range(nx):
         for x1 in range(x0 + 1, nx + 1):
             for y0 in range(ny):
                 for y1 in range(y0 + 1, ny + 1):
                     for z0 in range(nz):
                         for z1 in range(z0 + 1, nz + 1):
-                            s = prefix[x1, y1, z1] - prefix[x0, y1, z1] - prefix[x1, y0, z1]
-                            s = s - prefix[x1, y1, z0] + prefix[x0, y0, z1] + prefix[x0, y1, z0]
-                            s = s + prefix[x1, y0, z0] - prefix[x0, y0, z0]
+                            s = sums[x1, y1, z1] - sums[x0, y1, z1] - sums[x1, y0, z1]
+                            s = s - sums[x1, y1, z0] + sums[x0, y0, z1] + sums[x0, y1, z0]
+                            s = s + sums[x1, y0, z0] - sums[x0, y0, z0]
                             area_mm2 = s[1]
                             for end in range(2):
                                 x, y, z = (x0, y0, z0) if end == 0 else (x1, y1, z1)
