@@ -1,4 +1,4 @@
-"""Codes and pins of an assembly step, as rows of the page of instructions and of the report."""
+"""Codes and pins of an assembly step, as rows for the instructions page and the report."""
 
 from __future__ import annotations
 

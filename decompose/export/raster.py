@@ -180,7 +180,7 @@ class Drawing:
 
     @property
     def oversampling(self) -> int:
-        """Number of pixels of the buffer along each side of a pixel of the picture."""
+        """Number of buffer pixels along each side of a picture pixel."""
         return len(self.pixels) // len(self.front_shapes)
 
     def find_pixels(self, points: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Number of connected pieces of the solid in every box of a grid, by the bodies of the solid in each cell.
+"""Number of connected pieces of the solid in every box of a grid, counted from its bodies in each cell.
 
 The bodies of a cell are separated on finer cells, and each finer cell counts as connected. So a count is
 never higher than that of the true solid, and is usually equal to it.
@@ -176,7 +176,7 @@ def _add_layer(
     bodies: CellBodies,
     parent: npt.NDArray[np.int32],
 ) -> int:
-    """Add a layer of cells to the forest of a box, and return the change of the number of pieces.
+    """Add a layer of cells to the forest of a box, and return the change in the number of pieces.
 
     Parameters
     ----------

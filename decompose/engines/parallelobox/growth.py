@@ -142,7 +142,7 @@ def _grow_all_blocks(
     owner: Ints,
     is_needed: Bools,
     tables: tuple[Float32s, npt.NDArray[np.int16], Float32s, Float32s],
-    is_high_best: bool,
+    prefers_high_score: bool,
 ) -> None:
     """Grow blocks, in place, until none can grow.
 
@@ -157,7 +157,7 @@ def _grow_all_blocks(
         (nx, ny, nz) bool, true for cells that must be covered.
     tables
         (boxes,) `seconds`, `pieces`, `printing_prices` and `overhang_prices` of `GrowthTables`.
-    is_high_best
+    prefers_high_score
         Whether the highest score is the best one; otherwise the lowest one is.
     """
     seconds, pieces, printing, overhang = tables
@@ -178,7 +178,7 @@ def _grow_all_blocks(
                 continue
             score = abs(printing[index] + overhang[index])
             proximity = _compute_proximity(blocks, cheapest, direction, nx + ny + nz)
-            score = score * proximity if is_high_best else -score / proximity
+            score = score * proximity if prefers_high_score else -score / proximity
             if best_direction < 0 or score > best_score:
                 best_direction, best_score, best_price = direction, score, float(printing[index])
         if best_direction < 0:  # the block can never grow again, because no cell loses its owner
