@@ -10,7 +10,7 @@ from decompose.export.pin_sheet import format_size
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition
 
-SIGNS = str.maketrans({"^": " ↑", ".": "●"})
+SIGN_TABLE = str.maketrans({"^": " ↑", ".": "●"})
 
 
 def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
@@ -26,7 +26,7 @@ def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]
     pair = decomposition.joints[joint]
     return [
         {
-            "text": mark.text.translate(SIGNS),
+            "text": mark.text.translate(SIGN_TABLE),
             "part": find_part_number(decomposition.parts[mark.part].id),
             "key": f"{name_mark(decomposition, mark)} {mark.text}",
         }

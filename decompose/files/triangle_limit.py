@@ -14,8 +14,8 @@ HEAD_BYTES = 64 * 1024
 """Number of bytes at the start of a file that these checks need."""
 
 STL_HEADER_BYTES, STL_COUNT_BYTES, STL_FACE_BYTES = 80, 4, 50
-_PLY_FACES = re.compile(rb"element\s+face\s+(\d{1,18})")
-_OFF_COUNTS = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s+(\d{1,18})")
+_PLY_FACES_PATTERN = re.compile(rb"element\s+face\s+(\d{1,18})")
+_OFF_COUNTS_PATTERN = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s+(\d{1,18})")
 
 
 def check_head(name: str, head: bytes, size_bytes: int, suffix: str, memory_bytes: int) -> None:
@@ -82,13 +82,13 @@ def read_face_count(data: bytes) -> int:
 
 def count_ply_faces(head: bytes) -> int:
     """Read the number of faces from the header of a PLY file; 0 if it states none."""
-    match = _PLY_FACES.search(head, 0, HEAD_BYTES)
+    match = _PLY_FACES_PATTERN.search(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 
 
 def count_off_faces(head: bytes) -> int:
     """Read the number of faces from the first lines of an OFF file; 0 if they state none."""
-    match = _OFF_COUNTS.match(head, 0, HEAD_BYTES)
+    match = _OFF_COUNTS_PATTERN.match(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 
 

@@ -26,8 +26,8 @@ MAX_PLY_HEADER_BYTES = HEAD_BYTES
 
 _COMMENT_MARKS = (b"#", b"comment")
 _CORNER_BYTES = 4  # minimum bytes of a corner in a binary PLY
-_LINE_CONTINUATION = re.compile(rb"\\\r?\n")
-_PLY_BINARY = re.compile(rb"format\s+binary")
+_LINE_CONTINUATION_PATTERN = re.compile(rb"\\\r?\n")
+_PLY_BINARY_PATTERN = re.compile(rb"format\s+binary")
 
 
 def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) -> None:
@@ -59,7 +59,7 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
     triangles = count_triangles(data, suffix)
     if memory_bytes is not None:
         check_triangles(name, triangles, memory_bytes)
-    if suffix == ".ply" and _PLY_BINARY.search(data, 0, MAX_PLY_HEADER_BYTES):
+    if suffix == ".ply" and _PLY_BINARY_PATTERN.search(data, 0, MAX_PLY_HEADER_BYTES):
         if triangles and len(data) > triangles * MAX_CORNERS * _CORNER_BYTES:
             raise ModelUnreadable(
                 f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: either its faces have too many "
@@ -90,7 +90,7 @@ def count_triangles(data: bytes, suffix: str) -> int:
 def _count_corners(data: bytes) -> int:
     """Count the corners of the largest face of a text file; 0 if no face has more than `MAX_CORNERS`."""
     if b"\\" in data:
-        data = _LINE_CONTINUATION.sub(b" ", data)
+        data = _LINE_CONTINUATION_PATTERN.sub(b" ", data)
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
     begins, ends = np.append(0, ends + 1), np.append(ends, len(data))
     is_long = ends - begins > 2 * MAX_CORNERS  # a corner takes at least a digit and a blank

@@ -15,7 +15,7 @@ from decompose.results.decomposition import Part
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright side
 MAX_REVERSED_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
 MIN_SIDE_MM2 = 100.0  # minimum area of a side; smaller sides save no time
-BESIDE_TOLERANCE_MM = 1e-3
+ADJACENCY_TOLERANCE_MM = 1e-3
 
 
 def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
@@ -75,6 +75,6 @@ class _Surface:
             is_flat = find_cut_faces(self._vertices, self._faces, plane[None])
             self._flat_corners[key] = self._vertices[self._faces[is_flat]]
         corners = self._flat_corners[key]
-        low, high = points.min(axis=0) - BESIDE_TOLERANCE_MM, points.max(axis=0) + BESIDE_TOLERANCE_MM
+        low, high = points.min(axis=0) - ADJACENCY_TOLERANCE_MM, points.max(axis=0) + ADJACENCY_TOLERANCE_MM
         overlaps = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
         return bool(overlaps.all(axis=1).any())

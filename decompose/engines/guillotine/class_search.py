@@ -20,7 +20,7 @@ from decompose.engines.guillotine.exact_search import ExactSearch, build_tables,
 from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.engines.guillotine.plane_shift import shift_planes
 from decompose.engines.guillotine.printer_classes import PrinterClass, classify_printers, count_sums
-from decompose.engines.guillotine.recursion import UNREACHABLE
+from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.errors import NoFit, format_size
 from decompose.grid import Box, BoxTables, Grid, index_box
 from decompose.pieces import Piece, solve_bottleneck_assignment
@@ -243,7 +243,7 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
             shortage = [
                 max(0, int(n) - count) for n, count in zip((fewest, *state), available_counts, strict=True)
             ]
-            shortages += [(sum(shortage), shortage)] if fewest < UNREACHABLE else []
+            shortages += [(sum(shortage), shortage)] if fewest < UNREACHABLE_COUNT else []
     total, shortage = min(shortages, default=(0, []))
     if total == 0:
         return None

@@ -20,9 +20,8 @@ from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.grid import BoxTables
 
 TOLERANCE = 0.005  # accuracy of a makespan, as a share of it
-PARALLEL_SOLVE_COUNT = (
-    2  # number of parallel solves; fixed, so that the result does not depend on the machine
-)
+# Number of parallel solves; it is fixed, so that the result does not depend on the machine.
+PARALLEL_SOLVE_COUNT = 2
 CLEARING_S = 120.0
 """A person's time to take a part off a bed and to clear the bed, an estimate."""
 ASSEMBLY_S = 216.0

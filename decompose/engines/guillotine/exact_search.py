@@ -19,7 +19,7 @@ from decompose.engines.guillotine.neighbourhood import improve_locally, sort_tim
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_moves import refine_needed_cells
 from decompose.engines.guillotine.plane_shift import estimate_shift_s, shift_planes
-from decompose.engines.guillotine.recursion import UNREACHABLE
+from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.errors import NoFit, format_size
 from decompose.grid import VOLUME, Box, BoxTables, Grid, index_box
 from decompose.pieces import Piece, cut_cells, find_faults
@@ -31,9 +31,8 @@ RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of
 TOLERANCE_S = 1.0  # minimum accuracy of the minimum makespan by the tables
 TOLERANCE = 5e-4  # the same as a share of the makespan; the errors of the tables' prices are larger
 SEARCH_SHARE = 0.75  # share of the unreserved budget for the exact search; the rest is for windows
-LATE_GROWTH_SHARE = (
-    0.02  # growth of the makespan's limit, as a share, when the budget is spent without a result
-)
+# Growth of the makespan's limit, as a share, when the budget is spent without a result.
+LATE_GROWTH_SHARE = 0.02
 # Limits of looser partitions, between the minimum makespan with all printers (0) and with one fewer (1).
 LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
 MAX_LIMIT_RATIO = 1.06  # maximum ratio of a limit to the minimum makespan if one printer fewer is not enough
@@ -258,7 +257,7 @@ class ExactSearch:
                 "a larger --longest-side, or (farm decompose) a lower --min-glue"
             )
         printers_needed = self.solver.solve(sys.float_info.max)  # finite: inf means no fit
-        if printers_needed >= UNREACHABLE:
+        if printers_needed >= UNREACHABLE_COUNT:
             min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(
                 f"{format_size(model.extents_mm)} mm is cut into blocks of {min_mm:.0f} mm at least, and a "

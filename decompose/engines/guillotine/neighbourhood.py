@@ -207,7 +207,7 @@ class Window:
         return is_inside
 
     def count_fewest_parts(self, limit_s: float) -> int:
-        """Count the fewest parts that each take at most `limit_s`; `UNREACHABLE` or more if impossible."""
+        """Count the fewest parts of at most `limit_s` each; `UNREACHABLE_COUNT` or more if impossible."""
         fewest_by_cuts = self._solver.solve(limit_s, break_ties=True)
         count, *pinwheel = count_fewest_in_pinwheel(self._solver.counts, *self.shape)
         axis, is_mirrored, p1, p2, q1, q2 = pinwheel

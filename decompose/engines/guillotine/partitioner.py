@@ -30,7 +30,7 @@ import numpy.typing as npt
 from decompose.arrays import Ints
 from decompose.engines.guillotine.recursion import (
     PART_WEIGHT,
-    UNREACHABLE,
+    UNREACHABLE_COUNT,
     Table,
     fill_counts,
     fill_keys,
@@ -115,8 +115,8 @@ class Partitioner:
         Returns
         -------
         int
-            Number of printers, which is the number of parts if there are no other classes; `UNREACHABLE` if
-            there is no such partition.
+            Number of printers, which is the number of parts if there are no other classes;
+            `UNREACHABLE_COUNT` if there is no such partition.
         """
         self._limit_s, self._keys = limit_s, None
         has_all_keys = break_ties and bool(self.other_classes)  # because states are tied too
@@ -130,7 +130,7 @@ class Partitioner:
                 run_shares(self._executor, partial(self._solve_half, length, count))
         self.sum_count += len(self._sums) * count_cuts(self.boxes.shape)
         self._has_ties = break_ties and not has_all_keys
-        return min(int(self.list_class_counts()[1][-1]), UNREACHABLE)
+        return min(int(self.list_class_counts()[1][-1]), UNREACHABLE_COUNT)
 
     def _solve_half(self, length: int, count: int, half: int) -> None:
         """Solve the first or the second half of `count` boxes of one length along x."""
@@ -192,7 +192,7 @@ class Partitioner:
         -------
         tuple
             (states, classes) usable printers of the other classes, and (states,) printers of the first one,
-            `UNREACHABLE` or more if there is no solution.
+            `UNREACHABLE_COUNT` or more if there is no solution.
         """
         index = index_box(self._root, self.boxes.shape)
         value = self._value[index :: len(self.boxes.seconds)]
@@ -223,7 +223,7 @@ class Partitioner:
         """Find the value of a box in the last solution; an unknown one is higher than that of any box."""
         index = index_box(box, self.boxes.shape)
         if self._keys is not None:
-            return self._keys.get(int(self.boxes.trimmed_box[index]), UNREACHABLE * PART_WEIGHT)
+            return self._keys.get(int(self.boxes.trimmed_box[index]), UNREACHABLE_COUNT * PART_WEIGHT)
         return int(self._value[state * len(self.boxes.seconds) + index])
 
     def _compute_uncut_value(self, box: Box, state: int) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from decompose.engines.guillotine.recursion import UNREACHABLE
+from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.grid import Box, index_interval
 from decompose.jit import jit
 
@@ -28,11 +28,11 @@ def count_fewest_in_pinwheel(
     Returns
     -------
     tuple
-        Number of parts, `UNREACHABLE` if there is no pinwheel, and the six values of the `Pinwheel`.
+        Number of parts, `UNREACHABLE_COUNT` if there is no pinwheel, and the six values of the `Pinwheel`.
     """
     sizes = (wx, wy, wz)
     strides = (wy * (wy + 1) // 2 * (wz * (wz + 1) // 2), wz * (wz + 1) // 2, 1)
-    best = (UNREACHABLE, 0, 0, 0, 0, 0, 0)
+    best = (UNREACHABLE_COUNT, 0, 0, 0, 0, 0, 0)
     for axis in range(3):
         p_axis, q_axis = (axis + 1) % 3, (axis + 2) % 3
         p, q = sizes[p_axis], sizes[q_axis]

@@ -54,9 +54,8 @@ MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one start
 PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
-MEAN_PRICING_COUNT = (
-    10  # mean number of times that a search prices each part: for its slopes, and after its moves
-)
+# Mean number of times that a search prices each part: for its slopes, and after its moves.
+MEAN_PRICING_COUNT = 10
 
 
 def shift_planes(

@@ -9,7 +9,7 @@ from decompose.arrays import Ints
 from decompose.grid import Shape, index_interval
 from decompose.jit import jit
 
-UNREACHABLE = 16_000  # more parts than any fleet has printers; twice this number fits into an int16
+UNREACHABLE_COUNT = 16_000  # more parts than any fleet has printers; twice this number fits into an int16
 PART_WEIGHT = 1 << 46  # weight of a part in a key
 SECOND_WEIGHT = 1 << 20  # weight of a rounded second in a key; the lowest digit is the area of the cuts
 AREA_UNIT_MM2 = 64.0  # unit of the area of cuts
@@ -136,7 +136,7 @@ def fill_counts(
     Parameters
     ----------
     limit_s
-        Maximum time of a part; a box that takes longer gets `UNREACHABLE`.
+        Maximum time of a part; a box that takes longer gets `UNREACHABLE_COUNT`.
     seconds, trimmed_box, pieces
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     value
@@ -146,7 +146,7 @@ def fill_counts(
         if trimmed_box[box] < 0:
             value[box] = 0
         else:
-            value[box] = pieces[box] if seconds[box] <= limit_s else UNREACHABLE
+            value[box] = pieces[box] if seconds[box] <= limit_s else UNREACHABLE_COUNT
 
 
 @jit
@@ -184,7 +184,7 @@ def fill_keys(
     Parameters
     ----------
     limit_s
-        Maximum time of a part; a box that takes longer gets the key of `UNREACHABLE` parts.
+        Maximum time of a part; a box that takes longer gets the key of `UNREACHABLE_COUNT` parts.
     seconds, trimmed_box, pieces
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     cut_mm2
@@ -198,4 +198,4 @@ def fill_keys(
         elif seconds[box] <= limit_s:
             value[box] = make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
         else:
-            value[box] = UNREACHABLE * PART_WEIGHT
+            value[box] = UNREACHABLE_COUNT * PART_WEIGHT

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Ints
-from decompose.engines.guillotine.recursion import PART_WEIGHT, UNREACHABLE, make_key
+from decompose.engines.guillotine.recursion import PART_WEIGHT, UNREACHABLE_COUNT, make_key
 from decompose.grid import BoxTables, Shape, find_interval_ends, index_interval
 from decompose.jit import jit
 
@@ -113,7 +113,7 @@ def _compute_least_keys(
     """
     seconds, trimmed_box, pieces, cut_mm2 = tables
     sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
-    keys = np.full(len(tied_boxes), UNREACHABLE * PART_WEIGHT)
+    keys = np.full(len(tied_boxes), UNREACHABLE_COUNT * PART_WEIGHT)
     for i in range(len(tied_boxes)):
         box = tied_boxes[i]
         if seconds[box] <= limit_s:
@@ -149,7 +149,7 @@ def find_tied_keys(
     dict
         Empty if the box cannot be partitioned, or has no needed cells.
     """
-    if not 0 < counts[root] < UNREACHABLE:
+    if not 0 < counts[root] < UNREACHABLE_COUNT:
         return {}
     tied_boxes = _list_tied_boxes(counts, boxes.trimmed_box, boxes.shape, int(boxes.trimmed_box[root]))
     tables = (boxes.seconds, boxes.trimmed_box, boxes.pieces, boxes.cut_mm2)

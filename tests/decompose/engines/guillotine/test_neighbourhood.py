@@ -15,7 +15,7 @@ from decompose.engines.guillotine.neighbourhood import (
     list_pinwheel_boxes,
     sort_times_s,
 )
-from decompose.engines.guillotine.partitioner import UNREACHABLE
+from decompose.engines.guillotine.partitioner import UNREACHABLE_COUNT
 from decompose.grid import Box, BoxTables, index_box
 
 shapes = st.tuples(st.integers(2, 5), st.integers(1, 4), st.integers(1, 3))
@@ -35,7 +35,7 @@ def count_pieces(tables: BoxTables, partition: list[Box]) -> int:
 def make_feasible_partition(tables: BoxTables, limit_s: float) -> list[Box]:
     """Make a partition by guillotine cuts with the fewest parts within a high time limit."""
     solver = Partitioner(tables)
-    assume(solver.solve(limit_s) < UNREACHABLE)
+    assume(solver.solve(limit_s) < UNREACHABLE_COUNT)
     return solver.list_chosen_boxes()
 
 
@@ -66,8 +66,8 @@ def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: 
     limit_s = share * 130.0 * float(np.prod(shape))
     window = Window(tables, [(0, 0, 0, *shape)], [])
     min_count = window.count_fewest_parts(limit_s)
-    assert min(min_count, UNREACHABLE) <= Partitioner(tables).solve(limit_s)
-    if min_count < UNREACHABLE:
+    assert min(min_count, UNREACHABLE_COUNT) <= Partitioner(tables).solve(limit_s)
+    if min_count < UNREACHABLE_COUNT:
         partition = window.list_chosen_boxes()
         assert count_pieces(tables, partition) == min_count
         assert (count_cover(shape, partition)[is_needed] == 1).all()
@@ -93,7 +93,7 @@ def test_pinwheel_without_a_guillotine_cut_is_found(axis: int, mirrored_axis: in
     allowed_indices = [index_box(box, tables.shape) for box in wheel]
     tables.seconds[[i for i in range(len(tables.seconds)) if i not in allowed_indices]] += 10.0
     tables.seconds[index_box((0, 0, 0, *tables.shape), tables.shape)] = 40.0
-    assert Partitioner(tables).solve(2.0) >= UNREACHABLE
+    assert Partitioner(tables).solve(2.0) >= UNREACHABLE_COUNT
     assert sorted(improve_locally(tables, [(0, 0, 0, *tables.shape)], 5)) == sorted(wheel)
     assert improve_locally(tables, [(0, 0, 0, *tables.shape)], 1) == [(0, 0, 0, *tables.shape)]
 

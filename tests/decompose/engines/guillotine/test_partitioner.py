@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from books.box_tables import Shape, make_tables
 from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.partitioner import OtherClass
-from decompose.engines.guillotine.recursion import AREA_UNIT_MM2, UNREACHABLE
+from decompose.engines.guillotine.recursion import AREA_UNIT_MM2, UNREACHABLE_COUNT
 from decompose.grid import Box, BoxTables, find_box, index_box
 from decompose.grid.boxes import list_build_volumes
 from decompose.pieces import solve_bottleneck_assignment
@@ -35,7 +35,7 @@ def find_best_by_recursion(tables: BoxTables, is_needed: np.ndarray, limit_s: fl
         lo, hi = cells_inside.min(axis=0) + box[:3], cells_inside.max(axis=0) + box[:3] + 1
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
         index = index_box(box, tables.shape)
-        results = [(UNREACHABLE, 0, 0)]
+        results = [(UNREACHABLE_COUNT, 0, 0)]
         if tables.seconds[index] <= limit_s:
             results = [
                 (
@@ -72,7 +72,7 @@ def test_part_count_at_a_time_limit_equals_that_of_a_recursion(shape: Shape, see
     for break_ties in (False, True):
         result = solver.solve(limit_s, break_ties)
         assert result == expected_count
-    if result >= UNREACHABLE:
+    if result >= UNREACHABLE_COUNT:
         return
     partition = solver.list_chosen_boxes()
     assert sum(int(tables.pieces[index_box(b, shape)]) for b in partition) == result
@@ -94,7 +94,7 @@ def test_ties_are_broken_by_work_then_by_cut_area(
         tables.seconds[np.isfinite(tables.seconds)] = 100.0
     limit_s = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(tables)
-    if solver.solve(limit_s, break_ties=True) >= UNREACHABLE:
+    if solver.solve(limit_s, break_ties=True) >= UNREACHABLE_COUNT:
         return
     indices = [index_box(box, shape) for box in solver.list_chosen_boxes()]
     sort_key = (
@@ -124,7 +124,7 @@ def test_free_or_busy_executor_changes_no_solution(
         release.set()
     assert parallel_min_count == min_count
     assert (parallel_partitioner.counts == serial_partitioner.counts).all()
-    if min_count < UNREACHABLE:
+    if min_count < UNREACHABLE_COUNT:
         assert parallel_partitioner.list_chosen_boxes() == serial_partitioner.list_chosen_boxes()
 
 
@@ -215,10 +215,10 @@ def test_unequal_printers_match_an_exhaustive_distribution(
         for parts_by_class in shares
         if all(n <= m for n, m in zip(parts_by_class[1:], counts, strict=True))
     ]
-    expected_count = min(feasible_counts, default=UNREACHABLE)
+    expected_count = min(feasible_counts, default=UNREACHABLE_COUNT)
     for break_ties in (False, True):
         assert solver.solve(limit_s, break_ties) == expected_count
-        if expected_count >= UNREACHABLE:
+        if expected_count >= UNREACHABLE_COUNT:
             continue
         indices = [
             index_box(box, shape)
