@@ -20,7 +20,7 @@ from slicing.hidden_walls.sides import (
     list_side_runs,
 )
 
-MAX_UNSUPPORTED_MM = 15.0
+MAX_UNSUPPORTED_MM = 18.5
 """[assumed] Maximum length of the outer wall between two points where infill reaches it. The lines of the
 sparsest infill of quality `glue` are 12.4 mm apart along a side that they meet at 45 degrees."""
 MAX_GAPS_MM = 3.0

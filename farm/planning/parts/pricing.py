@@ -17,8 +17,8 @@ from slicing.hidden_walls import removes_inner_walls
 from slicing.settings import FARM_QUALITIES, EngineSettings, LayerFit, Resources
 
 REMAINING_TRAVEL_SHARE = 0.4
-"""Travel where the inner wall of a hidden side is removed, as a share of the length of that wall; the order of
-the remaining pieces saves the rest. Fitted to the slices of 70 parts."""
+"""Travel where the inner wall of a hidden side is removed, as a share of the length of that wall; the order
+of the remaining pieces saves the rest. Fitted to the slices of 70 parts."""
 
 
 def build_target_printers(
