@@ -280,7 +280,7 @@ class Controller:
             warnings=self.telemetry.list_warnings(state.root),
             plate_holds=self.scheduler.find_plate_holds(),
             job_holds=self.planning.holds,
-            jobs=self._job_cache,
+            job_cache=self._job_cache,
         )
 
 

@@ -133,7 +133,7 @@ class Books:
         return (p for p in prints if p.restored and p.verdict is None)
 
     @property
-    def next_number(self) -> int:
+    def next_print_number(self) -> int:
         """Number of the next print."""
         return len(self.prints) + 1
 

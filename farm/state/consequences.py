@@ -66,15 +66,15 @@ def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
 
 def request_pause(attempt: Print, is_requested: bool) -> tuple[Print, ev.SendPause]:
     """Return an open print with its pause requested or revoked, and the instruction to its agent."""
-    send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, pause=is_requested)
-    return replace_fields(attempt, pause_requested=is_requested), send
+    instruction = ev.SendPause(print_id=attempt.id, printer=attempt.printer, pause=is_requested)
+    return replace_fields(attempt, pause_requested=is_requested), instruction
 
 
 def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     """Cancel a plate and its open prints; only a person's request reopens it.
 
-    A printed plate stays printed, and is not printed again if it is judged bad. For a good one, only an
-    open reprint is cancelled.
+    A printed plate stays printed, and is not printed again if it is judged bad. For a good plate, only
+    an open reprint is cancelled.
     """
     state = books.find_plate_state(plate)
     if state is PlateState.CANCELLED:
@@ -128,15 +128,15 @@ def mark_bed_not_clear(books: Books, printer: str) -> Books:
     return put(books, replace_fields(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
 
 
-def shift_print_times(books: Books, by_s: float) -> Books:
+def shift_print_times(books: Books, step_s: float) -> Books:
     """Shift the times of open prints by a step of the clock, but not the times that a person entered."""
     return put(
         books,
         *(
             replace_fields(
                 attempt,
-                assigned_s=attempt.assigned_s + by_s,
-                started_s=None if attempt.started_s is None else attempt.started_s + by_s,
+                assigned_s=attempt.assigned_s + step_s,
+                started_s=None if attempt.started_s is None else attempt.started_s + step_s,
             )
             for attempt in books.list_open_prints()
         ),

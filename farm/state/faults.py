@@ -32,4 +32,4 @@ LOSSES: frozenset[str] = frozenset(
 FAULTS_BY_PEOPLE: frozenset[str] = frozenset({FarmFault.BY_A_PERSON, Fault.ESTOP})
 """Faults of prints that a person ended."""
 UNCOUNTED_FAULTS: frozenset[str] = FAULTS_BY_PEOPLE | {Fault.HOURS_ENDED, FarmFault.REFUSED}
-"""Faults that do not count as an attempt of a plate, because they have other causes."""
+"""Faults that do not count as an attempt of a plate, because the plate is not their cause."""

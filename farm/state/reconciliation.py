@@ -86,15 +86,15 @@ def _reconcile_unreported_print(
 
 
 def make_refused_print_end(
-    attempt: Print, printer: Printer, reason: str, late: bool, now_s: float
+    attempt: Print, printer: Printer, reason: str, is_late: bool, now_s: float
 ) -> ev.PrintEnded:
-    """Return the end of a print that its agent refused: failed, or cancelled if the request was `late`."""
+    """Return the end of a print that its agent refused: failed, or cancelled if the request was late."""
     return ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,
-        state=PrintState.CANCELLED if late else PrintState.FAILED,
-        fault=None if late else FarmFault.REFUSED,
-        reason=f"not started: {reason}" if late else f"its agent refused to start it: {reason}",
+        state=PrintState.CANCELLED if is_late else PrintState.FAILED,
+        fault=None if is_late else FarmFault.REFUSED,
+        reason=f"not started: {reason}" if is_late else f"its agent refused to start it: {reason}",
         started_s=None,
         ended_s=now_s,
         extruded=False,
@@ -225,7 +225,7 @@ def import_agent_journal(
     """
     name, unknown_count = snapshot.printer, 0
 
-    def apply_each(events: Iterable[ev.AnyEvent]) -> Iterator[ev.AnyEvent]:
+    def apply_events(events: Iterable[ev.AnyEvent]) -> Iterator[ev.AnyEvent]:
         nonlocal books
         for event in events:
             books, _ = apply(event, books)
@@ -233,7 +233,9 @@ def import_agent_journal(
 
     open_print = books.find_open_print(name)
     if open_print is not None and open_print.id not in {report.print_id for report in prints}:
-        yield from apply_each(reconcile_print(open_print, snapshot.model_copy(update={"print": None}), now_s))
+        yield from apply_events(
+            reconcile_print(open_print, snapshot.model_copy(update={"print": None}), now_s)
+        )
     for report in prints:
         attempt = books.prints.get(report.print_id)
         if attempt is None or attempt.printer != name:
@@ -245,10 +247,10 @@ def import_agent_journal(
             print_found = ev.PrintFound(
                 at_s=report.started_s or now_s, plate=plate.id, printer=name, print_id=report.print_id
             )
-            yield from apply_each([print_found])
+            yield from apply_events([print_found])
             attempt = books.prints[report.print_id]
         if not attempt.state.ended:
-            yield from apply_each(
+            yield from apply_events(
                 reconcile_print(attempt, snapshot.model_copy(update={"print": report}), now_s)
             )
     yield ev.AgentJournalImported(at_s=now_s, printer=name, unknown=unknown_count)

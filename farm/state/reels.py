@@ -8,19 +8,21 @@ from farm.config import Fleet, PrinterSection
 from farm.model import Plate, Printer, PrintState, Reel
 
 
-def compute_used_grams(plate: Plate, state: PrintState, has_extruded: bool, share: float | None) -> float:
+def compute_used_grams(
+    plate: Plate, state: PrintState, has_extruded: bool, printed_share: float | None
+) -> float:
     """Compute the grams that an ended print used; the grams of the whole plate if its progress is unknown.
 
     Parameters
     ----------
-    share
+    printed_share
         Printed share of its layers' time, 0 to 1; None if unknown.
     """
     if state is PrintState.DONE:
         return plate.grams
-    if share is None:
+    if printed_share is None:
         return plate.grams if has_extruded or state is PrintState.FAILED else 0.0
-    return plate.grams * min(1.0, max(0.0, share)) if has_extruded else 0.0
+    return plate.grams * min(1.0, max(0.0, printed_share)) if has_extruded else 0.0
 
 
 def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:

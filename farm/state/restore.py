@@ -64,7 +64,7 @@ def record_found_print(event: ev.PrintFound, books: Books) -> Books:
         plate=plate.id,
         job=plate.job,
         printer=event.printer,
-        number=books.next_number,
+        number=books.next_print_number,
         assigned_s=event.at_s,
         restored=True,
     )

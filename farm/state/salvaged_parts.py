@@ -38,8 +38,8 @@ def find_failed_print(books: Books, printer: str) -> Print | None:
 def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     """Return the failed print on a bed that may be complete, if its part is needed.
 
-    Its duration decides: the progress at the death of the agent is unknown, but the next agent recorded the
-    time at which it switched the heaters off.
+    This is judged by its duration. Its progress is unknown, because its agent died, but the next agent
+    recorded the time at which it switched the heaters off.
     """
     attempt = find_failed_print(books, printer)
     if attempt is None or attempt.state is not PrintState.FAILED or attempt.fail_reason is not None:

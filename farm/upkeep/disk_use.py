@@ -9,7 +9,7 @@ from farm.paths import StateFolder
 from farm.state import Books
 from farm.state.retention import (
     DiskUse,
-    average_day_bytes,
+    compute_daily_bytes,
     list_prunable_files,
 )
 from farm.state.storage import list_files
@@ -45,5 +45,5 @@ def measure_disk(state: StateFolder, books: Books, farm_now_s: float, time_scale
         free_bytes=shutil.disk_usage(state.root).free,
         stored_bytes=sum(file.size_bytes for file in files.values()),
         prunable_bytes=sum(files[name].size_bytes for name in prunable),
-        day_bytes=average_day_bytes(ages_and_sizes),
+        daily_bytes=compute_daily_bytes(ages_and_sizes),
     )

@@ -51,7 +51,7 @@ log = logging.getLogger(__name__)
 MAX_EVENTS = 500_000
 """Maximum number of events that are kept, about 300 MB; a print has about ten events."""
 FARM_CALLER = "the farm"
-# the time suffices for a worker that must first compile its code
+# long enough for a worker that must first compile its code
 _DRAWING_LIMIT = Limit("drawing the parts of an old job", 1800.0)
 _store_part_pictures = DeferredFunction("farm.upkeep.part_pictures:store_part_pictures")
 _DAY_S = 86400.0

@@ -17,9 +17,9 @@ NIGHT_S = 16 * 3600.0
 class JobTotals:
     """Plates, time and filament of a job."""
 
-    printed: int = 0  # number of plates, with or without a verdict
-    good: int = 0
-    printed_copies: int = 0  # number of copies of the model with all parts printed
+    printed_count: int = 0  # plates, with or without a verdict
+    good_count: int = 0  # plates
+    printed_copy_count: int = 0  # copies of the model with all parts printed
     wasted_s: float = 0.0
     wasted_grams: float = 0.0
 
@@ -29,16 +29,16 @@ class NightTotals:
     """Plates and filament of the prints in a period."""
 
     since_s: float
-    printed: int = 0  # number of plates
-    failed: int = 0
-    printing: int = 0
-    waiting: int = 0  # number of plates that have not started
+    printed_count: int = 0
+    failed_count: int = 0
+    printing_count: int = 0
+    waiting_count: int = 0  # plates that have not started
     grams: float = 0.0
     wasted_grams: float = 0.0
 
     @property
-    def plates(self) -> int:
-        return self.printed + self.failed + self.printing + self.waiting
+    def plate_count(self) -> int:
+        return self.printed_count + self.failed_count + self.printing_count + self.waiting_count
 
 
 def compute_duration_s(attempt: Print) -> float:
@@ -64,9 +64,9 @@ def summarise_job(books: Books, job: Job) -> JobTotals:
         if is_wasted(attempt)
     ]
     return JobTotals(
-        printed=sum(map(states.count, _PRINTED_STATES)),
-        good=states.count(PlateState.GOOD),
-        printed_copies=len(set(numbers) - unfinished_copies),
+        printed_count=sum(map(states.count, _PRINTED_STATES)),
+        good_count=states.count(PlateState.GOOD),
+        printed_copy_count=len(set(numbers) - unfinished_copies),
         wasted_s=sum(seconds for seconds, _ in waste),
         wasted_grams=sum(grams for _, grams in waste),
     )
@@ -92,17 +92,17 @@ def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) 
         return None
     printed_plates = {p.plate for p in ended_prints if not is_wasted(p)}
     failed_plates = {p.plate for p in ended_prints if p.state is PrintState.FAILED} - printed_plates
-    # a failed plate that was cut again counts through its pieces
+    # the pieces of a failed plate that was recut are counted instead of it
     failed_plates = {name for name in failed_plates if not books.plates[name].replaced_by}
     printing_plates = {p.plate for p in books.list_open_prints()} - printed_plates
     waiting_plates = {plate.id for plate in books.list_waiting_plates()} - printed_plates - failed_plates
     grams = [(is_wasted(p), p.grams) for p in ended_prints]
     return NightTotals(
         since_s=since_s,
-        printed=len(printed_plates),
-        failed=len(failed_plates - printing_plates),
-        printing=len(printing_plates),
-        waiting=len(waiting_plates),
+        printed_count=len(printed_plates),
+        failed_count=len(failed_plates - printing_plates),
+        printing_count=len(printing_plates),
+        waiting_count=len(waiting_plates),
         grams=sum(used_grams for wasted, used_grams in grams if not wasted),
         wasted_grams=sum(used_grams for wasted, used_grams in grams if wasted),
     )

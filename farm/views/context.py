@@ -32,7 +32,7 @@ class ViewContext:
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
     plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # present holds of waiting plates
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
-    jobs: JobCache = field(default_factory=JobCache)
+    job_cache: JobCache = field(default_factory=JobCache)
 
     def find_plate_hold(self, plate: Plate) -> Hold | None:
         """Return the hold of a waiting plate; None if it has none."""
@@ -50,7 +50,7 @@ class ViewContext:
         )
 
     @property
-    def forecast(self) -> str | None:
+    def forecast_at(self) -> str | None:
         """Time of the forecast as ISO 8601; None before the first forecast."""
         return self.format_time(self.forecast_s) if math.isfinite(self.forecast_s) else None
 

@@ -36,11 +36,11 @@ def describe_night(context: ViewContext) -> api.NightView | None:
         return None
     return api.NightView(
         since=context.format_time(night.since_s) or "",
-        plates=night.plates,
-        printed=night.printed,
-        failed=night.failed,
-        printing=night.printing,
-        waiting=night.waiting,
+        plates=night.plate_count,
+        printed=night.printed_count,
+        failed=night.failed_count,
+        printing=night.printing_count,
+        waiting=night.waiting_count,
         grams=night.grams,
         wasted_grams=night.wasted_grams,
     )
@@ -99,8 +99,8 @@ def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:
         ended=context.format_time(job.ended_s),
         note=job.options.note,
         plates=len(job.plates),
-        printed=summary.printed,
-        good=summary.good,
+        printed=summary.printed_count,
+        good=summary.good_count,
         error=job.error,
         reason=job.reason,
         assembled=context.format_time(job.assembled_s),

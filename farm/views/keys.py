@@ -8,14 +8,14 @@ from farm import api
 from farm.views.context import ViewContext
 
 
-def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api.KeyView]:
+def list_keys(context: ViewContext, last_uses_s: Mapping[str, float]) -> list[api.KeyView]:
     """List all keys and sessions, the newest last.
 
     Parameters
     ----------
     context
         The farm.
-    uses_s
+    last_uses_s
         Time of the last use of each key since the daemon started, by the key's id.
     """
     return [
@@ -27,7 +27,7 @@ def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api.Key
             valid=key.is_valid(context.now_s),
             by=key.by,
             created=context.format_time(key.created_s) or "",
-            used=context.format_time(uses_s.get(key.id)),
+            used=context.format_time(last_uses_s.get(key.id)),
             expires=context.format_time(key.expires_s),
             revoked=context.format_time(key.revoked_s),
         )

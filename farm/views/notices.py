@@ -23,7 +23,7 @@ class Notice:
     key: str
     at_s: float
     text: str
-    urgent: bool = False  # sent without delay
+    is_urgent: bool = False  # sent without delay
 
 
 def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Collection[str]) -> list[Notice]:
@@ -51,7 +51,7 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Coll
         *_list_end_of_all_jobs(books),
     ]
     wait_s = books.outage_window_s  # an absolute difference, because the clock may have been set back
-    due_notices = (n for n in notices if n.urgent or abs(now_s - n.at_s) >= wait_s)
+    due_notices = (n for n in notices if n.is_urgent or abs(now_s - n.at_s) >= wait_s)
     new_notices = (n for n in due_notices if since_s <= n.at_s and n.key not in sent_keys)
     return sorted(new_notices, key=lambda notice: (notice.at_s, notice.key))
 
@@ -60,7 +60,7 @@ def _list_alarms(books: Books) -> Iterator[Notice]:
     for printer in books.printers.values():
         if printer.alarm is not None and printer.alarm_s is not None:
             text = f"go to {printer.name} now: {printer.alarm}"
-            yield Notice(f"alarm {printer.name} {printer.alarm_s:.3f}", printer.alarm_s, text, urgent=True)
+            yield Notice(f"alarm {printer.name} {printer.alarm_s:.3f}", printer.alarm_s, text, is_urgent=True)
 
 
 def _list_ended_jobs(books: Books) -> Iterator[Notice]:

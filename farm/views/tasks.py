@@ -241,15 +241,15 @@ def list_deadlines(
     if reported_print is None or attempt.state is PrintState.ENDING:
         return []
     name, deadlines = attempt.printer, []
-    hours_s = math.inf if reported_print.ends_by_s is None else reported_print.ends_by_s
+    hours_end_s = math.inf if reported_print.ends_by_s is None else reported_print.ends_by_s
     is_waiting = attempt.state is PrintState.PAUSED and attempt.pause_requested  # neither parking nor resumed
     if is_waiting and reported_print.pause_ends_s is not None:
-        deadline = make_text_time(min(reported_print.pause_ends_s, hours_s), now_s, zone)
+        deadline = make_text_time(min(reported_print.pause_ends_s, hours_end_s), now_s, zone)
         text = f"resume {name} by {deadline.text}, or its print will be ended: `farm resume {name}`"
         deadlines.append(api.Todo(code="resume", printers=[name], text=text, times=[deadline]))
     end_s = now_s + remaining_s
-    if end_s > hours_s:
-        end, hours_end = times = [make_text_time(at_s, now_s, zone) for at_s in (end_s, hours_s)]
+    if end_s > hours_end_s:
+        end, hours_end = times = [make_text_time(at_s, now_s, zone) for at_s in (end_s, hours_end_s)]
         action = f"{name} needs until {end.text}, but its print ends at {hours_end.text}"
         text = (
             f"{action}, when the attended hours end: if somebody stays, extend `attended` in "

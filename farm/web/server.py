@@ -22,9 +22,9 @@ from farm.web.guard import MAX_HEAD_BYTES
 log = logging.getLogger(__name__)
 
 _KEY_CHECK_INTERVAL_S = 1.0  # time between two checks for a valid key
-_RETRY_S = 10.0  # time between two attempts to listen
+_RETRY_INTERVAL_S = 10.0  # time between two attempts to listen
 _BACKLOG = 128
-_GRACE_PERIOD_S = 3  # time that open requests have when the daemon ends
+_GRACE_PERIOD_S = 3  # time in which open requests may finish when the daemon ends
 
 
 class NetworkServer:
@@ -99,7 +99,7 @@ class NetworkServer:
                 break
             except OSError as error:
                 self._report_problem(error.strerror or str(error))
-                await asyncio.sleep(_RETRY_S)
+                await asyncio.sleep(_RETRY_INTERVAL_S)
         self._report_problem(None)
         self._server = AddressLimitedServer(self._config, self._limit)
         with listener:

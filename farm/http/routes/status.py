@@ -161,7 +161,7 @@ def _describe_figures(services: Services, context: ViewContext) -> api.FarmFigur
             timezone=fleet.fleet.timezone,
             time_scale=fleet.fleet.time_scale,
             now=context.format_time(context.now_s) or "",
-            forecast=context.forecast,
+            forecast=context.forecast_at,
             file=str(services.fleet_file),
         ),
         printers=[

@@ -30,7 +30,7 @@ NEW = None
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One row of a table.
+    """Row of a lifecycle's table: an event, and the states that it connects.
 
     Attributes
     ----------

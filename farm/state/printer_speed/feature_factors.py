@@ -26,12 +26,12 @@ _INITIAL_NOISE = 0.01
 _MAD_TO_SIGMA = 1.4826
 _HALF_WEIGHT_SIGMAS = 2.0
 """Deviation, in standard deviations, that halves the weight of a print."""
-_ITERATIONS = 20
+_ITERATION_COUNT = 20
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Timing:
-    """Times of a finished print: shares of its features, ratio of actual to estimated time of its layers."""
+    """Timing of a finished print: shares of its features, and actual time of its layers over the estimate."""
 
     shares: Shares
     ratio: float
@@ -59,7 +59,7 @@ def fit_feature_factors(timings: Iterable[Timing]) -> tuple[float, ...] | None:
         return None
     noise, weights = _INITIAL_NOISE, [1.0] * len(prints)
     factors: tuple[float, ...] = ()
-    for _ in range(_ITERATIONS):
+    for _ in range(_ITERATION_COUNT):
         factors = _fit_factors(prints, weights, (noise / _SPREAD) ** 2)
         deviations = [timing.ratio - sum(map(mul, timing.shares, factors)) for timing in prints]
         noise = _estimate_noise(deviations)

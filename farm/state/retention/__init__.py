@@ -2,7 +2,7 @@
 
 from farm.state.retention.disk_forecast import (
     DiskUse,
-    average_day_bytes,
+    compute_daily_bytes,
     describe_shortage,
     estimate_nights_until_full,
 )
@@ -20,7 +20,7 @@ __all__ = [
     "MIN_AGE_S",
     "DiskUse",
     "RetentionRules",
-    "average_day_bytes",
+    "compute_daily_bytes",
     "describe_shortage",
     "estimate_nights_until_full",
     "find_keep_reason",

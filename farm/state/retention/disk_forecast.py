@@ -24,17 +24,17 @@ class DiskUse:
         Size of all files of jobs.
     prunable_bytes
         Size of the files that a prune may delete.
-    day_bytes
+    daily_bytes
         Bytes stored per day, on average over the last days.
     """
 
     free_bytes: float
     stored_bytes: float
     prunable_bytes: float
-    day_bytes: float
+    daily_bytes: float
 
 
-def average_day_bytes(files: Iterable[tuple[float, int]]) -> float:
+def compute_daily_bytes(files: Iterable[tuple[float, int]]) -> float:
     """Compute the bytes stored per day: the average of the last week, or of the last two days if larger.
 
     Parameters
@@ -71,14 +71,14 @@ def estimate_nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: fl
     available_bytes = use.free_bytes - reserve_bytes
     if available_bytes <= 0.0:
         return 0.0
-    if use.day_bytes <= 0.0:
+    if use.daily_bytes <= 0.0:
         return math.inf
-    nights_until_pruning = max(0.0, (max_bytes - use.stored_bytes) / use.day_bytes)
-    nights = available_bytes / use.day_bytes
-    return nights if nights <= nights_until_pruning else nights + use.prunable_bytes / use.day_bytes
+    nights_until_pruning = max(0.0, (max_bytes - use.stored_bytes) / use.daily_bytes)
+    nights = available_bytes / use.daily_bytes
+    return nights if nights <= nights_until_pruning else nights + use.prunable_bytes / use.daily_bytes
 
 
-def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: float) -> str | None:
+def describe_shortage(folder: str, use: DiskUse, max_gb: float, reserve_gb: float) -> str | None:
     """Describe a disk that will be full within two nights, with the remedy; None if there is enough space.
 
     Parameters
@@ -87,15 +87,15 @@ def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: flo
         The state folder, on that disk.
     use
         Space used and free.
-    keep_gb, reserve_gb
+    max_gb, reserve_gb
         GB that the files of jobs may use, and GB that must stay free.
     """
-    nights = estimate_nights_until_full(use, keep_gb * _GB, reserve_gb * _GB)
+    nights = estimate_nights_until_full(use, max_gb * _GB, reserve_gb * _GB)
     if nights > WARNING_NIGHTS:
         return None
     time = "now" if nights < 0.5 else "in about a night" if nights < 1.5 else "in about two nights"
     return (
         f"the disk of {folder} is full {time} ({use.free_bytes / _GB:.1f} GB free, "
-        f"{use.day_bytes / _GB:.1f} GB stored a day): free some space, or lower `fleet.keep` in fleet.yaml, "
-        "start the daemon again and `farm prune`"
+        f"{use.daily_bytes / _GB:.1f} GB stored a day): free some space, or lower `fleet.keep` in "
+        "fleet.yaml, start the daemon again and `farm prune`"
     )

@@ -82,16 +82,16 @@ def select_jobs(
         selected.
     """
     names = group_file_names_by_job(books)
-    user_counts = Counter(name for job_names in names.values() for name in job_names)
-    total_bytes = sum(sizes.get(name, 0) for name in user_counts)
+    reference_counts = Counter(name for job_names in names.values() for name in job_names)
+    total_bytes = sum(sizes.get(name, 0) for name in reference_counts)
     selected_jobs = []
     for job, ended_s in _list_candidates(books, min(backup_s, now_s - MIN_AGE_S)):
         if ended_s >= now_s - rules.days * DAY_S and total_bytes <= rules.max_bytes:
             break
         selected_jobs.append(job.id)
         for name in names[job.id] - _list_kept_names(job):
-            user_counts[name] -= 1
-            if user_counts[name] == 0:
+            reference_counts[name] -= 1
+            if reference_counts[name] == 0:
                 total_bytes -= sizes.get(name, 0)
     return selected_jobs
 
@@ -123,14 +123,14 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
     ]
 
 
-def _list_candidates(books: Books, before_s: float) -> Iterable[tuple[Job, float]]:
-    """List the jobs that ended before a time and whose files may be deleted, in the order of their ends."""
+def _list_candidates(books: Books, cutoff_s: float) -> Iterable[tuple[Job, float]]:
+    """List the jobs that ended before a time, and whose files may be deleted, in the order of their ends."""
     unjudged_jobs = _find_unjudged_jobs(books)
     ended_jobs = [
         (job, job.ended_s)
         for job in books.jobs.values()
         if job.ended_s is not None
-        and job.ended_s < before_s
+        and job.ended_s < cutoff_s
         and _find_keep_reason(books, job, unjudged_jobs) is None
     ]
     return sorted(ended_jobs, key=lambda pair: (pair[1], pair[0].id))

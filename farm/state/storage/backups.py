@@ -98,7 +98,7 @@ class NightlyBackup:
                 self._clean_up(copy)
             self._report(None)
         except Exception as error:  # a failed backup must not stop the daemon
-            log.exception("the nightly backup of the database")
+            log.exception("the nightly backup of the database failed")
             self._report(
                 f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
             )

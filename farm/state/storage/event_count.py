@@ -6,7 +6,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-_SUFFIX = "-count"  # after the books' name
+_SUFFIX = "-count"  # appended to the name of the books
 
 
 class EventCount:
@@ -14,7 +14,7 @@ class EventCount:
 
     The number reveals lost commits: if a checksum in the write-ahead log is wrong, SQLite drops the rest of
     the log without an error. The file is not synced, so that its number may be too small after a power cut,
-    but never too large. Disk errors are ignored, because without the file only such a loss is not detected.
+    but never too large. Disk errors are ignored, because the file is only needed to detect such a loss.
     """
 
     def __init__(self, books: Path) -> None:

@@ -88,7 +88,7 @@ def list_files(folder: Path) -> dict[str, StoredFile]:
 def delete_files(
     folder: Path, names: Iterable[str], now_s: float, min_age_s: float = NEW_FILE_GRACE_S
 ) -> int:
-    """Delete files that the books do not name; return the number of bytes.
+    """Delete files that the books do not name; return the number of freed bytes.
 
     Recently stored files stay, because the event that names them may follow.
 

@@ -306,30 +306,30 @@ class Store:
         except sqlite3.Error as error:
             raise StoreError(f"the event log cannot be read: {error}") from error
 
-    def find_last_old_event(self, before_s: float, limit: int) -> int:
+    def find_last_old_event(self, cutoff_s: float, limit: int) -> int:
         """Find the last event that may be deleted: older than a time, or followed by `limit` newer events.
 
         The newest event is always kept, because its number shows that no commit is lost. Returns 0 if
         every event is kept.
         """
         (newest,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
-        (first_kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (before_s,)).fetchone()
+        (first_kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (cutoff_s,)).fetchone()
         last = max(newest if first_kept is None else first_kept - 1, newest - limit)
         (oldest,) = self._db.execute("SELECT coalesce(min(seq), 0) FROM event").fetchone()
         last = min(last, newest - 1)
         return int(last) if last >= oldest > 0 else 0
 
-    def count_events(self, last: int) -> int:
+    def count_events(self, last_number: int) -> int:
         """Count the events up to a number."""
-        (number,) = self._db.execute("SELECT count(*) FROM event WHERE seq <= ?", (last,)).fetchone()
+        (number,) = self._db.execute("SELECT count(*) FROM event WHERE seq <= ?", (last_number,)).fetchone()
         return int(number)
 
-    def delete_events(self, last: int, max_count: int = 2000) -> int:
+    def delete_events(self, last_number: int, max_count: int = 2000) -> int:
         """Delete up to `max_count` of the oldest events up to a number; return how many were deleted."""
         try:
             return self._db.execute(
                 "DELETE FROM event WHERE seq IN (SELECT seq FROM event WHERE seq <= ? ORDER BY seq LIMIT ?)",
-                (last, max_count),
+                (last_number, max_count),
             ).rowcount
         except sqlite3.Error as error:
             raise StoreError(f"old events cannot be deleted: {error}") from error

@@ -134,7 +134,7 @@ def _(event: ev.JobPaused, books: Books) -> Result:
     pauses = [
         request_pause(p, event.wanted) for p in books.list_open_prints(event.job) if p.cancel_reason is None
     ]
-    return put(books, *(attempt for attempt, _ in pauses)), tuple(send for _, send in pauses)
+    return put(books, *(attempt for attempt, _ in pauses)), tuple(instruction for _, instruction in pauses)
 
 
 @change.register

@@ -21,7 +21,7 @@ def _(event: ev.PlateAssigned, books: Books) -> Result:
         plate=plate.id,
         job=plate.job,
         printer=event.printer,
-        number=books.next_number,
+        number=books.next_print_number,
         assigned_s=event.at_s,
     )
     plate = replace_fields(plate, prints=(*plate.prints, attempt.id))

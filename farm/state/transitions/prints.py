@@ -39,24 +39,24 @@ def _(event: ev.PrintProgressed, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintWithdrawn, books: Books) -> Result:
-    cancelled_print, stop = request_cancel(_require_not_ending(event, books), event.reason)
+    cancelled_print, stop = request_cancel(_get_continuing_print(event, books), event.reason)
     return put(books, cancelled_print), (stop,)
 
 
 @change.register
 def _(event: ev.PauseRequested, books: Books) -> Result:
-    paused_print, send = request_pause(_require_not_ending(event, books), event.wanted)
-    return put(books, paused_print), (send,)
+    paused_print, instruction = request_pause(_get_continuing_print(event, books), event.wanted)
+    return put(books, paused_print), (instruction,)
 
 
 @change.register
 def _(event: ev.PrintFailRequested, books: Books) -> Result:
-    attempt = replace_fields(_require_not_ending(event, books), fail_reason=event.why)
+    attempt = replace_fields(_get_continuing_print(event, books), fail_reason=event.why)
     cancelled_print, stop = request_cancel(attempt, event.why)
     return put(books, cancelled_print), (stop,)
 
 
-def _require_not_ending(
+def _get_continuing_print(
     event: ev.PrintWithdrawn | ev.PauseRequested | ev.PrintFailRequested, books: Books
 ) -> Print:
     """Return the print of an event, which must not be ending.

@@ -76,7 +76,7 @@ class Gantt:
 
     Attributes
     ----------
-    key
+    legend_kinds
         Kinds of bars in the chart.
     names_width
         Width of the column of printer names; half a time label fits between it and the first bar.
@@ -85,7 +85,7 @@ class Gantt:
     height: int
     marks: tuple[TimeMark, ...]
     rows: tuple[Row, ...]
-    key: tuple[str, ...]
+    legend_kinds: tuple[str, ...]
     width: int = _WIDTH
     names_width: int = _LEFT - 40
     top: int = _TOP
@@ -171,5 +171,5 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
             for moment in axis.list_times(_MAX_MARKS)
         ),
         rows=rows,
-        key=tuple(kind for kind in KINDS if kind in kinds),
+        legend_kinds=tuple(kind for kind in KINDS if kind in kinds),
     )

@@ -44,7 +44,7 @@ class TemperatureChart:
 
     Attributes
     ----------
-    degrees
+    degree_marks
         Marks of the vertical axis: y, and degrees Celsius.
     since
         Time of the first reading.
@@ -52,7 +52,7 @@ class TemperatureChart:
 
     curves: tuple[Curve, ...]
     marks: tuple[TimeMark, ...]
-    degrees: tuple[tuple[float, int], ...]
+    degree_marks: tuple[tuple[float, int], ...]
     rows: tuple[TemperatureRow, ...]
     since: str
     hottest_c: int
@@ -106,7 +106,7 @@ def lay_out_temperatures(
             Curve("bed, target", "bed target", lay_out_curve(lambda reading: reading.bed_target_c)),
         ),
         marks=tuple(axis.list_marks()),
-        degrees=tuple((compute_y(degrees_c), degrees_c) for degrees_c in range(0, top_c + 1, _STEP_C)),
+        degree_marks=tuple((compute_y(degrees_c), degrees_c) for degrees_c in range(0, top_c + 1, _STEP_C)),
         rows=tuple(_make_row(reading, format_time) for reading in reversed(known_readings[::-step])),
         since=format_time(known_readings[0].at_s),
         hottest_c=hottest_c,

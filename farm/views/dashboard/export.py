@@ -9,7 +9,7 @@ from io import StringIO
 from farm import api
 from farm.text import flatten_text
 
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheets
+_FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheets
 _COLUMNS = (
     *("job", "name", "part", "printer", "state", "verdict", "fault", "reason", "why"),
     *("started", "ended", "took_s", "expected_s", "grams", "wasted", "submitted_by", "note"),
@@ -39,4 +39,4 @@ def _format_cell(value: object) -> str:
     if isinstance(value, int | float):
         return f"{value:.10g}"
     text = flatten_text(str(value))
-    return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
+    return f"'{text}" if text.lstrip().startswith(_FORMULA_PREFIXES) else text

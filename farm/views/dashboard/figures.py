@@ -18,11 +18,11 @@ class Figures:
     ----------
     name
         Common property of the prints: a printer, a material or a month.
-    prints
+    print_count
         Number of prints that were started, including cancelled ones.
-    good
+    good_count
         Number of prints that are done, except those that a person judged bad.
-    failed
+    failed_count
         Number of prints that failed or were judged bad.
     used_s, wasted_s
         Printing time of all prints, and of those that failed, were cancelled or are bad.
@@ -34,10 +34,10 @@ class Figures:
     """
 
     name: str
-    prints: int = 0
-    good: int = 0
-    failed: int = 0
-    cancelled: int = 0
+    print_count: int = 0
+    good_count: int = 0
+    failed_count: int = 0
+    cancelled_count: int = 0
     used_s: float = 0.0
     wasted_s: float = 0.0
     grams: float = 0.0
@@ -46,9 +46,10 @@ class Figures:
     actual_s: float = 0.0
 
     @property
-    def success(self) -> float | None:
+    def success_share(self) -> float | None:
         """Share of good prints among good and failed prints; None if there are no such prints."""
-        return self.good / (self.good + self.failed) if self.good + self.failed else None
+        decided_count = self.good_count + self.failed_count
+        return self.good_count / decided_count if decided_count else None
 
     @property
     def deviation(self) -> float | None:
@@ -76,10 +77,10 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
     bad = sum(attempt.state is PrintState.DONE and attempt.verdict is Verdict.BAD for attempt in ended_prints)
     return Figures(
         name=name,
-        prints=len(ended_prints),
-        good=len(ended_prints) - len(wasted_prints),
-        failed=bad + sum(attempt.state is PrintState.FAILED for attempt in ended_prints),
-        cancelled=sum(attempt.state is PrintState.CANCELLED for attempt in ended_prints),
+        print_count=len(ended_prints),
+        good_count=len(ended_prints) - len(wasted_prints),
+        failed_count=bad + sum(attempt.state is PrintState.FAILED for attempt in ended_prints),
+        cancelled_count=sum(attempt.state is PrintState.CANCELLED for attempt in ended_prints),
         used_s=sum(map(compute_duration_s, ended_prints)),
         wasted_s=sum(map(compute_duration_s, wasted_prints)),
         grams=sum(attempt.grams for attempt in ended_prints),
@@ -90,14 +91,14 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
 
 
 def group_figures(
-    prints: Iterable[Print], plates: Mapping[str, Plate], name: Callable[[Print], str]
+    prints: Iterable[Print], plates: Mapping[str, Plate], name_group: Callable[[Print], str]
 ) -> list[Figures]:
-    """Add up the figures of ended prints by group; `name` returns the group of a print."""
+    """Add up the figures of ended prints by group; `name_group` returns the group of a print."""
     groups: dict[str, list[Print]] = {}
     for attempt in prints:
-        groups.setdefault(name(attempt), []).append(attempt)
+        groups.setdefault(name_group(attempt), []).append(attempt)
     figures = (sum_figures(group, groups[group], plates) for group in sorted(groups))
-    return [group for group in figures if group.prints]
+    return [group for group in figures if group.print_count]
 
 
 def name_month(attempt: Print, zone: tzinfo) -> str:

@@ -152,7 +152,7 @@ def describe_fleet_timeline(
     past_s
         Time from the start of the timeline to now, in seconds.
     change
-        A what-if change to a job, with which the timeline shows the plan.
+        A what-if change to a job; the timeline then shows the plan with this change.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
 def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.JobView:
     books = context.books
     plates = list(books.list_plates(job))
-    contents = context.jobs.contents.find(books, job.id, lambda: _make_contents(context, job, plates))
+    contents = context.job_cache.contents.find(books, job.id, lambda: _make_contents(context, job, plates))
     contents.plates = _update_holds(context, contents.plates)
     figures = _describe_figures(context, job, plates, assembly_ratio)
     return api.JobView(**dict(figures), parts=contents.parts, plates=contents.plates)
@@ -86,7 +86,7 @@ def _describe_figures(
 ) -> api.JobFigures:
     """Describe a job without its parts and plates."""
     books = context.books
-    summary = context.jobs.summaries.find(books, job.id, lambda: summarise_job(books, job))
+    summary = context.job_cache.summaries.find(books, job.id, lambda: summarise_job(books, job))
     times = measure_times(context, job)
     assembly = measure_assembly(job, times.end_s, assembly_ratio)
     return api.JobFigures(
@@ -115,9 +115,9 @@ def _describe_figures(
         serial_s=job.serial_s,
         speedup=times.speedup,
         utilisation=times.utilisation,
-        printed=summary.printed,
-        good=summary.good,
-        printed_copies=summary.printed_copies,
+        printed=summary.printed_count,
+        good=summary.good_count,
+        printed_copies=summary.printed_copy_count,
         current_s=times.makespan_s,
         wasted_s=summary.wasted_s,
         wasted_grams=summary.wasted_grams,

@@ -36,7 +36,7 @@ class Run:
     is_open: bool
 
     @property
-    def length_s(self) -> float:
+    def duration_s(self) -> float:
         return max(0.0, self.ended_s - self.started_s)
 
 
@@ -49,7 +49,7 @@ class JobTimes:
     runs
         Intervals in which it was printed.
     elapsed_s
-        Parallel printing time so far: the length of all runs.
+        Parallel printing time so far: the total duration of all runs.
     makespan_s
         Parallel printing time: actual, or expected from current data.
     end_s
@@ -77,7 +77,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
     plates = [(plate, context.books.find_plate_state(plate)) for plate in context.books.list_plates(job)]
     runs = tuple(list_runs(job, prints, context.now_s))
     is_printed = job.state in (JobState.PRINTED, JobState.DONE)
-    elapsed_s = sum(run.length_s for run in runs) if runs else None
+    elapsed_s = sum(run.duration_s for run in runs) if runs else None
     remaining_s = None if job.state is not JobState.PRINTING else _estimate_remaining_s(context, plates)
     makespan_s, end_s = None, job.ended_s if is_printed else None
     if is_printed:
@@ -131,12 +131,12 @@ def _compute_utilisation(
     successes = [p for p in prints if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
     ended_runs = [run for run in runs if not run.is_open]
-    available_s = sum(len(run.printers) * run.length_s for run in ended_runs)
+    available_s = sum(len(run.printers) * run.duration_s for run in ended_runs)
     if not job.state.ended:
         present_printers = frozenset().union(*(run.printers for run in runs if run.is_open))
         planned_printers = frozenset(p.printer for p in unfinished_plates if not p.prints)
         used_printers = present_printers | planned_printers or frozenset(p.printer for p in unfinished_plates)
-        available_s += len(used_printers) * max(0.0, makespan_s - sum(run.length_s for run in ended_runs))
+        available_s += len(used_printers) * max(0.0, makespan_s - sum(run.duration_s for run in ended_runs))
     return busy_s / available_s if available_s else None
 
 

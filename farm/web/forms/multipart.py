@@ -28,7 +28,7 @@ logging.getLogger("python_multipart").setLevel(logging.ERROR)
 
 
 class BadForm(FarmError):
-    """Error of a form that cannot be read."""
+    """Error for a form that cannot be read."""
 
     code = ErrorCode.REFUSED
 
@@ -65,7 +65,7 @@ class FormReader:
         self._header_name = self._header_value = self._disposition = b""
         self._field: str | None = None  # name of the current field; None for the file
         self._value = b""
-        self._parts = self._field_bytes = 0
+        self._part_count = self._field_bytes = 0
         self._is_complete = False
         callbacks: MultipartCallbacks = {
             "on_part_begin": self._begin_part,
@@ -119,8 +119,8 @@ class FormReader:
         return self.fields.get(name, "").strip().lower() in ("true", "yes", "y", "1")
 
     def _begin_part(self) -> None:
-        self._parts += 1
-        if self._parts > MAX_PARTS:
+        self._part_count += 1
+        if self._part_count > MAX_PARTS:
             raise BadForm(f"the form has more than {MAX_PARTS} parts")
         self._header_name = self._header_value = self._disposition = self._value = b""
 

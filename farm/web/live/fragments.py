@@ -16,7 +16,7 @@ MAIN_ID = "main"
 """Id of the element that contains all fragments."""
 _FRAGMENT_PATTERN = re.compile(r"<!--live:([^>]*?)-->\s*(.*?)\s*<!--/live-->", re.DOTALL)
 _MAIN_PATTERN = re.compile(r'<main id="main">.*</main>', re.DOTALL)
-_VERSION = 'data-version=""'
+_VERSION_ATTRIBUTE = 'data-version=""'
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +55,11 @@ def split_page(page: str) -> Fragments:
 
 def publish_page(page: str) -> str:
     """Prepare a rendered page for a browser: remove the comments, and add the version of its content."""
-    if _VERSION not in page:
+    if _VERSION_ATTRIBUTE not in page:
         return page
     fragments = split_page(page)
     head, _, tail = page.partition('<main id="main">')
-    head = head.replace(_VERSION, f'data-version="{fragments.version}"', 1)
+    head = head.replace(_VERSION_ATTRIBUTE, f'data-version="{fragments.version}"', 1)
     return head + fragments.html + tail.rpartition("</main>")[2]
 
 

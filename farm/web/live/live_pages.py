@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 PageRenderer = Callable[[Reader, str, str], Awaitable[str]]
 """Function that renders a page for a reader from the variable part of its path and the query of its URL."""
 
-_PERIOD_S = 1.0
+_PERIOD_S = 1.0  # minimum time between two rounds
 _MAX_RENDERING_SHARE = 0.05  # share of the time that rendering may take
 _HEARTBEAT_S = 5.0
 _RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser connects again
@@ -38,7 +38,7 @@ class _Topic:
     def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds: int) -> None:
         self._render = render
         self._rounds = self._rounds_left = rounds
-        self.viewers, self.is_over = 0, False
+        self.viewer_count, self.is_over = 0, False
         self.fragments = split_page(page)
         self.version, self._message = self.fragments.version, b""
         self._previous_version: str | None = None
@@ -137,7 +137,7 @@ class LivePages:
             Returns whether the viewer may still see the page.
         """
         topic = await self.find_topic(address, role)
-        topic.viewers += 1  # before any await, because a round ends pages without viewers
+        topic.viewer_count += 1  # before any await, because a round ends pages without viewers
         self._start_refreshing()
         try:
             await topic.refresh_for_version(version)
@@ -149,7 +149,7 @@ class LivePages:
                 if version == topic.version and not topic.is_over:  # otherwise it has changed in the meantime
                     await topic.wait(_HEARTBEAT_S)
         finally:
-            topic.viewers -= 1
+            topic.viewer_count -= 1
 
     def _find_render(self, address: str, role: Role) -> tuple[Callable[[], Awaitable[str]], int]:
         path, _, query = address.partition("?")
@@ -170,7 +170,7 @@ class LivePages:
             await self._streams.wait(pause_s)
             spent_s = 0.0
             for key, topic in list(self._topics.items()):
-                if topic.viewers == 0 or self._streams.is_closed:
+                if topic.viewer_count == 0 or self._streams.is_closed:
                     self._end_topic(key)
                 else:
                     start_s = time.perf_counter()  # wall time, because a page may be rendered in a thread

@@ -33,18 +33,18 @@ class Bed:
         Last plate that was printed on the bed; None if there is none.
     awaits_verdict
         True if its part waits for a verdict.
-    seen
+    seen_print
         Id of the last print on the bed, or "none", because the form of an outdated page must not clear a
         later plate.
-    good
+    good_part
         Part of a failed print that may nevertheless be good.
     """
 
     printer: str
     plate: str | None
     awaits_verdict: bool
-    seen: str
-    good: str | None = None
+    seen_print: str
+    good_part: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +202,7 @@ def _describe_task(
     return Task(key, todo.code, text, names, task_jobs, beds, todo.times)
 
 
-def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
+def describe_bed(printer: api.PrinterView, good_part: str | None = None) -> Bed:
     """Describe the plate on the bed of a printer, and the questions about its part."""
     last_print = printer.last
     awaits_verdict = (
@@ -214,7 +214,7 @@ def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
         last_print.plate if last_print is not None else None,
         awaits_verdict,
         last_print_id,
-        good,
+        good_part,
     )
 
 

@@ -39,12 +39,12 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
 
     @router.post("/login")
     async def log_in_with_key(request: Request) -> Response:
-        key = callers.find_key(await _read_key(request), request.state.caller.address)
-        if isinstance(key, Refusal):
-            page = render_message(name, key.text, has_login_hint=True)
-            return HTMLResponse(page, key.status, {"www-authenticate": "Bearer"})
-        services.key_uses_s[key.key.id] = services.controller.clock.now()
-        return _redirect_home(cookie, services.sessions.open_with_key(key.key))
+        holder = callers.find_key(await _read_key(request), request.state.caller.address)
+        if isinstance(holder, Refusal):
+            page = render_message(name, holder.text, has_login_hint=True)
+            return HTMLResponse(page, holder.status, {"www-authenticate": "Bearer"})
+        services.key_uses_s[holder.key.id] = services.controller.clock.now()
+        return _redirect_home(cookie, services.sessions.open_with_key(holder.key))
 
     @router.post("/logout")
     async def log_out(request: Request) -> Response:

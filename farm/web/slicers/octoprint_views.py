@@ -98,9 +98,9 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
     file = dict.fromkeys(("name", "path", "origin", "size", "date"))
     if job is not None:
         file = {**file, **_name_file(job), "date": int(job.submitted_s)}
-    elapsed_s = left_s = completion = None
+    elapsed_s = remaining_s = completion = None
     if progress is not None:
-        left_s, completion = round(progress.remaining_s), progress.progress * 100
+        remaining_s, completion = round(progress.remaining_s), progress.progress * 100
         if 0 < progress.progress < 1:
             elapsed_s = round(progress.remaining_s * progress.progress / (1 - progress.progress))
     return {
@@ -115,8 +115,8 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
             "completion": completion,
             "filepos": None,
             "printTime": elapsed_s,
-            "printTimeLeft": left_s,
-            "printTimeLeftOrigin": None if left_s is None else "estimate",
+            "printTimeLeft": remaining_s,
+            "printTimeLeftOrigin": None if remaining_s is None else "estimate",
         },
         "state": READY if progress is None else _STATES.get(progress.state, _PRINTING),
     }

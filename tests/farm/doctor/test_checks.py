@@ -171,7 +171,7 @@ CASES = {
     ),
     "full disk": ({"free_spaces": (FreeSpace("/s", 10**6),)}, "problem", "room", "/s has 1 MB free"),
     "soon full": (
-        {"disk": DiskUse(free_bytes=3e9, stored_bytes=20e9, prunable_bytes=0.0, day_bytes=2e9)},
+        {"disk": DiskUse(free_bytes=3e9, stored_bytes=20e9, prunable_bytes=0.0, daily_bytes=2e9)},
         "warning",
         "room",
         "the disk of /s is full in about a night (3.0 GB free, 2.0 GB stored a day)",

@@ -26,7 +26,7 @@ def test_files_of_open_jobs_are_not_counted_as_prunable(tmp_path):
     disk_use = measure_disk(state, books, NOW_S, 1.0)
     assert disk_use.stored_bytes == 100 * len(list_named_files(books))
     assert disk_use.prunable_bytes == 600  # the picture stays
-    assert disk_use.day_bytes == 0.0  # all files are old
+    assert disk_use.daily_bytes == 0.0  # all files are old
     assert disk_use.free_bytes == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.05)
 
 
@@ -57,4 +57,4 @@ def test_stored_bytes_per_day_follow_the_time_scale(tmp_path):
     state.files.mkdir()
     (state.files / "a.gcode").write_bytes(b"x" * 100)
     clock = Clock(240.0, time.time())
-    assert measure_disk(state, books, clock.now(), clock.scale).day_bytes == 100.0
+    assert measure_disk(state, books, clock.now(), clock.scale).daily_bytes == 100.0

@@ -35,8 +35,8 @@ UPKEEP_WORDS = {
     "BedBecameUnknown": "bed unknown",
 }
 """Words for the kinds of events about the upkeep of a printer."""
-_MAX_UPKEEP = 15
-_IMAGES = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
+_MAX_UPKEEP_EVENTS = 15
+_IMAGE_TYPES = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
 
 def make_printer_page_routes(pages: PageContext) -> APIRouter:
@@ -54,7 +54,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
             context,
             name,
             controller.telemetry.list_temperatures(name, context.now_s),
-            services.streams.log.read_upkeep(name, _MAX_UPKEEP),
+            services.streams.log.read_upkeep(name, _MAX_UPKEEP_EVENTS),
             None if printer is None else printer.find_obstacle(),
             controller.scheduler.list_reservations().get(name),
         )
@@ -78,7 +78,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
 
     @router.get("/jobs/{number}/stills/{name}")
     async def show_still(number: int, name: str) -> Response:
-        media_type = _IMAGES.get(Path(name).suffix)
+        media_type = _IMAGE_TYPES.get(Path(name).suffix)
         if media_type is None:
             raise NotFoundError(f"{name!r} is not a picture")
         return FileResponse(await find_stored_file(services, number, name), media_type=media_type)
@@ -111,7 +111,7 @@ class ShownLine:
     """Line on the wire, with its time of day on the farm's clock."""
 
     at: str
-    sent: bool
+    is_sent: bool
     text: str
 
 

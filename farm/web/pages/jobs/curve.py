@@ -33,7 +33,7 @@ class Choice:
         Expected time of the end.
     """
 
-    printers: int
+    printer_count: int
     text: str
     x: float
     y: float
@@ -84,7 +84,7 @@ def lay_out_curve(
         time_s = by_number[number]
         end = make_text_time(start.timestamp() + time_s, now.timestamp(), now.tzinfo or UTC)
         return Choice(
-            printers=number,
+            printer_count=number,
             text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end.text}",
             x=_LEFT + (_WIDTH - _LEFT - _RIGHT) * (number - first) / (last - first),
             y=_TOP + (_HEIGHT - _TOP - _BOTTOM) * (1 - time_s / longest_s),

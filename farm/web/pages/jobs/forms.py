@@ -39,7 +39,7 @@ def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
         if seen_plan is not None and seen_plan != plan:
             raise RefusedError(f"the plan of job {number} has changed: review it again")
         await jobs.release(number, services.state, by, is_operator(request))
-        return answer_form(request, Note(f"Job {number} prints as soon as it can."))
+        return answer_form(request, Note(f"Job {number} will be printed as soon as possible."))
 
     @router.post("/jobs/{number}/keep")
     async def keep_plan(number: int, request: Request, by: CallerName) -> Response:

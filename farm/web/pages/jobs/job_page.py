@@ -54,7 +54,7 @@ class JobData:
         Names of its files.
     curve_job
         Job whose report has the curve; None for this job.
-    gcode
+    gcode_figures
         Figures of a person's own G-code.
     """
 
@@ -65,7 +65,7 @@ class JobData:
     report: Report = field(default_factory=Report)
     files: Sequence[str] = ()
     curve_job: int | None = None
-    gcode: Sequence[tuple[str, str]] = ()
+    gcode_figures: Sequence[tuple[str, str]] = ()
 
 
 def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None = None) -> str:
@@ -99,7 +99,7 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
         gantt=lay_out_job_gantt(data, now),
         curve=lay_out_job_curve(data, now) if job.options.dry_run else None,
         curve_job=data.curve_job or job.id,
-        figures=[*data.gcode, *_list_figures(job)],
+        figures=[*data.gcode_figures, *_list_figures(job)],
         can_report_assembly=can_report_assembly(job, reader.role),
         report=data.report,
         model=_MODEL_FILE if _MODEL_FILE in data.files else None,

@@ -32,7 +32,7 @@ class PartRow:
         Completed share of the open print, from 0 to 1; None if there is none.
     ends
         Expected or actual end of its print, as ISO 8601; None if unknown.
-    expected, total, actual
+    expected_time, total_time, actual_time
         Printing times: the planned time, the expected time of the open print according to its progress, and
         the actual time of the last print.
     why
@@ -49,9 +49,9 @@ class PartRow:
     kind: str
     progress: float | None
     ends: str | None
-    expected: str
-    total: str
-    actual: str
+    expected_time: str
+    total_time: str
+    actual_time: str
     filament: str
     why: Sentence
     warnings: Sequence[str]
@@ -97,9 +97,9 @@ def list_part_rows(
                 ends=slot.ends
                 if slot is not None
                 else (last_print.ended if last_print is not None else None),
-                expected=format_duration(plate.estimated_s),
-                total=_estimate_total_time(last_print, open_print, job.now),
-                actual=_describe_actual_time(last_print, plate.estimated_s),
+                expected_time=format_duration(plate.estimated_s),
+                total_time=_estimate_total_time(last_print, open_print, job.now),
+                actual_time=_describe_actual_time(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
                 why=_explain_wait_or_failure(plate, last_print),
                 warnings=plate.warnings,

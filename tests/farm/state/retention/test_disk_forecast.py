@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.state.retention import DiskUse, average_day_bytes, estimate_nights_until_full
+from farm.state.retention import DiskUse, compute_daily_bytes, estimate_nights_until_full
 
 GB = 1e9
 
@@ -37,12 +37,12 @@ _bytes = st.floats(0, 1e13)
     free_bytes=_bytes,
     stored_bytes=_bytes,
     prunable_bytes=_bytes,
-    day_bytes=st.floats(1, 1e12),
+    daily_bytes=st.floats(1, 1e12),
     max_bytes=_bytes,
     more_bytes=_bytes,
 )
 def test_more_free_space_is_never_full_earlier(
-    free_bytes, stored_bytes, prunable_bytes, day_bytes, max_bytes, more_bytes
+    free_bytes, stored_bytes, prunable_bytes, daily_bytes, max_bytes, more_bytes
 ):
     def forecast_nights(**changes):
         disk_use = DiskUse(
@@ -51,7 +51,7 @@ def test_more_free_space_is_never_full_earlier(
                     "free_bytes": free_bytes,
                     "stored_bytes": stored_bytes,
                     "prunable_bytes": prunable_bytes,
-                    "day_bytes": day_bytes,
+                    "daily_bytes": daily_bytes,
                 }
                 | changes
             )
@@ -61,13 +61,13 @@ def test_more_free_space_is_never_full_earlier(
     slack = 1 + 1e-9
     assert forecast_nights(free_bytes=free_bytes + more_bytes) * slack >= forecast_nights()
     assert forecast_nights(prunable_bytes=prunable_bytes + more_bytes) * slack >= forecast_nights()
-    assert forecast_nights(day_bytes=day_bytes + more_bytes) <= forecast_nights() * slack
+    assert forecast_nights(daily_bytes=daily_bytes + more_bytes) <= forecast_nights() * slack
 
 
 def test_busy_weekend_outweighs_a_quiet_week():
     quiet_days = [(6.5, 700), (5.5, 0)]
-    assert average_day_bytes(quiet_days) == pytest.approx(700 / 6.5)
-    assert average_day_bytes([*quiet_days, (1.0, 4000)]) == 2000.0
-    assert average_day_bytes([(30.0, 10**9)]) == 0.0
-    assert average_day_bytes([(0.1, 500)]) == 500.0  # a new farm
-    assert average_day_bytes([]) == 0.0
+    assert compute_daily_bytes(quiet_days) == pytest.approx(700 / 6.5)
+    assert compute_daily_bytes([*quiet_days, (1.0, 4000)]) == 2000.0
+    assert compute_daily_bytes([(30.0, 10**9)]) == 0.0
+    assert compute_daily_bytes([(0.1, 500)]) == 500.0  # a new farm
+    assert compute_daily_bytes([]) == 0.0

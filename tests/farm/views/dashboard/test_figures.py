@@ -33,8 +33,13 @@ def test_prints_are_counted_by_outcome():
         ],
         PLATES,
     )
-    assert (figures.prints, figures.good, figures.failed, figures.cancelled) == (5, 2, 2, 1)
-    assert figures.success == 0.5
+    assert (figures.print_count, figures.good_count, figures.failed_count, figures.cancelled_count) == (
+        5,
+        2,
+        2,
+        1,
+    )
+    assert figures.success_share == 0.5
     assert (figures.used_s, figures.wasted_s) == (400.0, 200.0)
     assert (figures.grams, figures.wasted_grams) == (11.5, 5.5)
     assert figures.deviation == pytest.approx(330.0 / 300.0 - 1)
@@ -63,7 +68,7 @@ PRINTS = st.builds(
 def test_groups_add_up_to_the_total_and_every_print_is_counted_once(prints):
     total = sum_figures("all", prints, PLATES)
     groups = group_figures(prints, PLATES, lambda row: row.printer)
-    assert total.prints == total.good + total.failed + total.cancelled
+    assert total.print_count == total.good_count + total.failed_count + total.cancelled_count
     assert total.wasted_grams <= total.grams + 1e-6
     for name in ("prints", "good", "failed", "cancelled", "used_s", "wasted_s", "grams", "expected_s"):
         assert sum(getattr(row, name) for row in groups) == pytest.approx(getattr(total, name))

@@ -38,8 +38,8 @@ def describe_filtered_history(**filters):
 
 def test_history_has_figures_jobs_and_prints():
     view = describe_filtered_history()
-    assert (view.total.prints, view.total.good, view.total.failed) == (4, 2, 2)
-    assert [(group.name, group.prints) for group in view.by_printer] == [("a", 2), ("b", 1), ("c", 1)]
+    assert (view.total.print_count, view.total.good_count, view.total.failed_count) == (4, 2, 2)
+    assert [(group.name, group.print_count) for group in view.by_printer] == [("a", 2), ("b", 1), ("c", 1)]
     assert [group.name for group in view.by_material] == ["PLA"]
     assert [group.name for group in view.by_month] == ["2023-11"]
     assert [(job.id, job.expected_s, job.actual_s) for job in view.jobs] == [(1, 100.0, 120.0)]
@@ -56,12 +56,12 @@ def test_history_has_figures_jobs_and_prints():
 )
 def test_prints_are_filtered(filters, prints):
     view = describe_filtered_history(**filters)
-    assert (view.total.prints, len(view.rows)) == (prints, prints)
+    assert (view.total.print_count, len(view.rows)) == (prints, prints)
 
 
 def test_long_history_is_shown_in_part_and_counted_in_full():
     view = describe_history(make_context(make_books_of_ten_days(), NOW_S), HistoryFilter(), max_rows=1)
-    assert (len(view.rows), view.hidden_count, view.total.prints) == (1, 3, 4)
+    assert (len(view.rows), view.hidden_count, view.total.print_count) == (1, 3, 4)
 
 
 def test_unknown_job_is_refused():

@@ -40,14 +40,14 @@ def test_fault_is_shown_with_its_stills_and_temperatures():
     (fault,) = page.faults
     assert (fault.part, fault.fault, fault.text) == ("1/p01", "thermal_runaway", "the nozzle got colder")
     assert [(still.moment, still.file) for still in fault.stills] == [("failure", "print-1-failure.png")]
-    assert (page.figures.prints, page.figures.failed) == (1, 1)
+    assert (page.figures.print_count, page.figures.failed_count) == (1, 1)
     assert [row.part for row in page.prints] == ["1/p01"]
     assert page.chart.hottest_c == 210
 
 
 def test_page_omits_faults_and_prints_of_other_printers():
     page = describe_page(make_failed_books(), "b")
-    assert (page.faults, page.prints, page.figures.prints, page.chart) == ([], [], 0, None)
+    assert (page.faults, page.prints, page.figures.print_count, page.chart) == ([], [], 0, None)
 
 
 def test_stills_of_a_pruned_job_are_omitted():

@@ -32,7 +32,9 @@ HOLDS = [Hold(code=HoldCode.PRINTER_BUSY, text="a is printing"), Hold(code=HoldC
 def make_context(books, cache, now_s, holds):
     """Make the context of a view with new hold objects, as the scheduler does."""
     copies = {plate: hold.model_copy() for plate, hold in holds.items()}
-    return ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s, plate_holds=copies, jobs=cache)
+    return ViewContext(
+        FLEET, books, {}, StateFolder(Path("/state")), now_s, plate_holds=copies, job_cache=cache
+    )
 
 
 def describe_all_jobs(books, cache, now_s, holds):

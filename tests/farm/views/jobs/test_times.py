@@ -95,7 +95,7 @@ def test_part_judged_bad_later_begins_another_run():
         make_printing_books(1), *make_attempt_events("x", "1/01", "a", 0.0, 100.0)[:2], bad_event
     )
     books, _ = apply_events(books, *make_attempt_events("y", "1/01", "a", 9100.0, 9200.0))
-    assert [item.length_s for item in compute_times(books, DAY_S).runs] == [100.0, 100.0]
+    assert [item.duration_s for item in compute_times(books, DAY_S).runs] == [100.0, 100.0]
 
 
 SPANS = st.lists(st.tuples(st.floats(0.0, 1e5), st.floats(1.0, 1e5)), min_size=1, max_size=6)
@@ -118,7 +118,7 @@ def test_runs_are_disjoint_and_each_print_is_in_one(spans):
     runs = list(list_runs(job, books.list_job_prints(job), at_s + DAY_S))
     assert len(runs) == len(spans) == len(job.reopenings) + 1
     assert all(item.ended_s <= next_run.started_s for item, next_run in pairwise(runs))
-    assert sum(item.length_s for item in runs) == pytest.approx(sum(duration_s for _, duration_s in spans))
+    assert sum(item.duration_s for item in runs) == pytest.approx(sum(duration_s for _, duration_s in spans))
 
 
 def test_job_of_older_books_has_one_run():
