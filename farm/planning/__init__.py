@@ -1,6 +1,6 @@
 """Planning of jobs: a submitted model becomes parts, and each part a plate for one printer.
 
-In the order of the work:
+Its modules, in the order in which a job passes through them:
 
 1. `inspection`: read and check a submission, before its job is accepted.
 2. `job_planner`: plan several jobs concurrently, on the event loop. `plan_builder` runs the steps of one

@@ -64,7 +64,7 @@ def select_possible_assignments(assignments: Iterable[Assignment], situation: Si
         if (
             plate is None
             or assignment.printer not in free
-            or plate.extra_printers == started_by_job[plate.job]
+            or plate.extra_printer_count == started_by_job[plate.job]
         ):
             continue
         if _can_take_plate(situation, fleet[assignment.printer], plate):
@@ -99,13 +99,13 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     reasons = HoldReasons(
         situation, frozenset(printer_by_plate.values()), situation.spare_printers, reached_limit
     )
-    extra_printers = situation.waiting_plates.extra_printers
+    extra_printer_counts = situation.waiting_plates.extra_printer_counts
     for plate in situation.waiting_plates:
-        if plate.id in printer_by_plate and plate.job in extra_printers:
-            extra_printers[plate.job] -= 1
+        if plate.id in printer_by_plate and plate.job in extra_printer_counts:
+            extra_printer_counts[plate.job] -= 1
     return {
         plate.id: reasons.make_job_limit_hold()
-        if extra_printers.get(plate.job) == 0
+        if extra_printer_counts.get(plate.job) == 0
         else reasons.find_hold(plate)
         for plate in situation.waiting_plates
         if plate.id not in printer_by_plate
@@ -136,7 +136,7 @@ def _match_plates(situation: Situation) -> dict[str, WaitingPlate]:
         order=FleetOrder.from_printers(free),
         planned_printers=situation.waiting_plates.planned_printers,
         spare_printers=situation.spare_printers,
-        extra_printers=situation.waiting_plates.extra_printers,
+        extra_printer_counts=situation.waiting_plates.extra_printer_counts,
         start_limit=_count_allowed_starts(situation),
         rules=situation.rules,
         now_s=situation.now_s,

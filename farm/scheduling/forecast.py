@@ -122,7 +122,7 @@ class _Simulation:
         self._fleet = {printer.name: make_idle(printer) for printer in usable_printers}
         self._order = FleetOrder.from_printers(self._fleet.values())
         self._planned_plates = Counter(plate.planned_printer for plate in situation.waiting_plates)
-        self._extra_printers = situation.waiting_plates.extra_printers
+        self._extra_printer_counts = situation.waiting_plates.extra_printer_counts
         self._heating_count = 0
         self._idle: set[str] = set()
         self._blocked_printers: set[str] = set()
@@ -201,8 +201,8 @@ class _Simulation:
         self._remaining_plates[job] -= 1
         if not self._remaining_plates[job] and self._spares.pop(job, 0):
             self._blocked_printers.clear()
-        if job in self._extra_printers:
-            self._extra_printers[job] += 1
+        if job in self._extra_printer_counts:
+            self._extra_printer_counts[job] += 1
             self._blocked_printers.clear()
 
     def _match_plates(self) -> bool:
@@ -221,7 +221,7 @@ class _Simulation:
             order=self._order,
             planned_printers=planned_printers,
             spare_printers=self._choose_spare_printers(planned_printers),
-            extra_printers=self._extra_printers,
+            extra_printer_counts=self._extra_printer_counts,
             start_limit=starts,
             rules=self._rules,
             now_s=self._now_s,
@@ -252,8 +252,8 @@ class _Simulation:
         self._push_change(self._now_s + plate.heating_s, _HEATING_END, name)
         self._push_change(end_s, _PRINT_END, plate.job)
         self._push_change(self._rules.find_bed_clear_s(end_s, CLEARING_TIME_S), _CLEARING_END, name)
-        if plate.job in self._extra_printers:
-            self._extra_printers[plate.job] -= 1
+        if plate.job in self._extra_printer_counts:
+            self._extra_printer_counts[plate.job] -= 1
         self._planned_plates[plate.planned_printer] -= 1
         if not self._planned_plates[plate.planned_printer]:
             del self._planned_plates[plate.planned_printer]
@@ -273,7 +273,7 @@ def make_idle(printer: FleetPrinter) -> FleetPrinter:
         is_booked=False,
         attention_reason=None,
         maintenance=None,
-        reel_uncertain=False,
+        is_reel_uncertain=False,
     )
 
 

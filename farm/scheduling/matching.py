@@ -94,7 +94,7 @@ class FleetPrinter:
     job: int | None = None  # number of the job that it is printing
     heats_until_s: float | None = None  # expected end of its heat-up
     grams: float | None = None  # on its reel, minus the grams that its open print needs; None: unknown
-    reel_uncertain: bool = False  # `grams` may be too high
+    is_reel_uncertain: bool = False  # `grams` may be too high
     time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints
     may_print_unattended: bool = True  # may print while nobody is present
     attended_reason: str = ""  # reason why it may not print unattended
@@ -131,7 +131,7 @@ class FleetPrinter:
                 text=f"the position of the filament in {self.name} is unknown: "
                 f"`farm cleared {self.name} --filament parked` (or at_nozzle) sets it",
             )
-        if self.reel_uncertain:
+        if self.is_reel_uncertain:
             return Hold(
                 code=HoldCode.REEL_UNCERTAIN,
                 text=f"the filament left on {self.name} is unknown since the database was restored: "
@@ -214,7 +214,7 @@ class WaitingPlate:
     first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
     is_repeat: bool = False  # it was printed before, but the print failed or its part is bad
-    extra_printers: int | None = None  # number of further printers that its job may use; None: no limit
+    extra_printer_count: int | None = None  # number of further printers that its job may use; None: no limit
     not_before_s: float | None = None
     glue_rank: int = 0  # place in the order in which the parts of its job are glued; 0: none
 
@@ -239,12 +239,12 @@ class WaitingPlate:
 
 
 def choose_spares(
-    printers: Iterable[FleetPrinter], planned_printers: Collection[str], spares: int
+    printers: Iterable[FleetPrinter], planned_printers: Collection[str], spare_count: int
 ) -> frozenset[str]:
-    """Return the `spares` largest free printers for which no waiting plate was planned."""
+    """Return the `spare_count` largest free printers for which no waiting plate was planned."""
     free = [p for p in printers if p.name not in planned_printers and p.find_obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
-    return frozenset(printer.name for printer in free[:spares])
+    return frozenset(printer.name for printer in free[:spare_count])
 
 
 def may_take_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:

@@ -59,7 +59,7 @@ class MatchingInputs:
         The printers for which the waiting plates were planned.
     spare_printers
         Free printers that are kept for plates that failed elsewhere.
-    extra_printers
+    extra_printer_counts
         Number of additional printers that a job may use; jobs without a limit are absent.
     start_limit
         Number of printers that may start to heat up now.
@@ -72,7 +72,7 @@ class MatchingInputs:
     order: FleetOrder
     planned_printers: Collection[str]
     spare_printers: Collection[str]
-    extra_printers: Mapping[int, int]
+    extra_printer_counts: Mapping[int, int]
     start_limit: int
     rules: StartRules
     now_s: float
@@ -85,30 +85,30 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     """
     matching = _Matching(inputs)
     max_starts = min(inputs.start_limit, len(inputs.free_printers))
-    extra_printers = dict(inputs.extra_printers)
+    extra_printer_counts = dict(inputs.extra_printer_counts)
     unplaced_plates: list[WaitingPlate] = []
     for (*_, job), plates in queue:
         for plate in plates:
             if len(matching.plate_by_printer) >= max_starts:
                 return matching.plate_by_printer
-            if extra_printers.get(job) == 0:
+            if extra_printer_counts.get(job) == 0:
                 break
             if not matching.may_place(plate):
                 continue
             if matching.place(plate):
-                if job in extra_printers:
-                    extra_printers[job] -= 1
+                if job in extra_printer_counts:
+                    extra_printer_counts[job] -= 1
             elif plate.failed_on:
                 unplaced_plates.append(plate)
     for plate in unplaced_plates:
         if len(matching.plate_by_printer) >= max_starts:
             break
         if (
-            extra_printers.get(plate.job) != 0
+            extra_printer_counts.get(plate.job) != 0
             and matching.place_on_any_printer(plate)
-            and plate.job in extra_printers
+            and plate.job in extra_printer_counts
         ):
-            extra_printers[plate.job] -= 1
+            extra_printer_counts[plate.job] -= 1
     return matching.plate_by_printer
 
 

@@ -63,9 +63,13 @@ class JobPlates:
         return tuple(plate for plate in self.plates if plate.is_repeat)
 
     @cached_property
-    def extra_printers(self) -> dict[int, int]:
+    def extra_printer_counts(self) -> dict[int, int]:
         """Number of additional printers for the job, by its number; empty for no limit."""
-        return {plate.job: plate.extra_printers for plate in self.plates if plate.extra_printers is not None}
+        return {
+            plate.job: plate.extra_printer_count
+            for plate in self.plates
+            if plate.extra_printer_count is not None
+        }
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,6 @@ class PlateQueue(Collection[WaitingPlate]):
         return chain.from_iterable(job.repeats for job in self.jobs)
 
     @property
-    def extra_printers(self) -> dict[int, int]:
+    def extra_printer_counts(self) -> dict[int, int]:
         """Number of additional printers that each job may use; jobs without a limit are absent."""
-        return dict(chain.from_iterable(job.extra_printers.items() for job in self.jobs))
+        return dict(chain.from_iterable(job.extra_printer_counts.items() for job in self.jobs))

@@ -62,7 +62,7 @@ def _describe_printer(
         if attempt is None
         else _find_start_s(attempt) + books.plates[attempt.plate].overhead_s,
         grams=_compute_free_grams(books, entry, attempt),
-        reel_uncertain=entry.reel is not None and entry.reel.uncertain,
+        is_reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factors=entry.time_factors,
         may_print_unattended=not attended_reason,
         attended_reason=attended_reason,
@@ -315,7 +315,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             feature_shares=plate.feature_shares,
             first_layer_s=plate.first_layer_s,
             failed_on=frozenset(p.printer for p in books.list_prints(plate) if p.state is PrintState.FAILED),
-            extra_printers=None
+            extra_printer_count=None
             if printers is None
             else max(0, printers - sum(1 for _ in books.list_open_prints(job.id))),
             is_repeat=bool(plate.prints),

@@ -17,7 +17,7 @@ from farm.wording import make_text_time
 
 DELAY_FACTOR = 1.05
 """Factor by which a print may take longer than expected."""
-GRAMS_RATIO, MIN_GRAMS = 1.05, 5.0
+GRAMS_RATIO, MIN_RESERVE_GRAMS = 1.05, 5.0
 """Filament that a reel must have for a plate: a factor on the plate's grams, and a minimum reserve."""
 FIRST_LAYERS_RESERVE_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
@@ -285,7 +285,7 @@ class StartRules:
 
 def compute_needed_grams(plate: WaitingPlate) -> float:
     """Return the grams that a reel must have for a plate, including the reserve."""
-    return max(plate.grams * GRAMS_RATIO, plate.grams + MIN_GRAMS)
+    return max(plate.grams * GRAMS_RATIO, plate.grams + MIN_RESERVE_GRAMS)
 
 
 def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:

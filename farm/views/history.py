@@ -47,7 +47,7 @@ def describe_night(context: ViewContext) -> api.NightView | None:
 
 
 def list_history(
-    context: ViewContext, job: int | None = None, printer: str | None = None, last: int = 100
+    context: ViewContext, job: int | None = None, printer: str | None = None, max_count: int = 100
 ) -> list[api.HistoryRow]:
     """List the last prints that ended, of all jobs or of one job or printer, oldest first."""
     ended_prints = [
@@ -56,11 +56,11 @@ def list_history(
         if attempt.state.ended and job in (None, attempt.job) and printer in (None, attempt.printer)
     ]
     ended_prints.sort(key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))
-    return [describe_ended_print(context, attempt) for attempt in ended_prints[-last:]]
+    return [describe_ended_print(context, attempt) for attempt in ended_prints[-max_count:]]
 
 
 def list_prints(
-    context: ViewContext, job: int | None, printer: str | None, state: PrintState | None, last: int
+    context: ViewContext, job: int | None, printer: str | None, state: PrintState | None, max_count: int
 ) -> list[api.PrintRow]:
     """List the last prints that were started, including open prints, in the order of their start."""
     prints = [
@@ -71,7 +71,7 @@ def list_prints(
         and state in (None, attempt.shown_state)
     ]
     prints.sort(key=lambda attempt: (attempt.assigned_s, attempt.number))
-    return [_make_print_row(context, attempt) for attempt in prints[-last:]]
+    return [_make_print_row(context, attempt) for attempt in prints[-max_count:]]
 
 
 def _make_print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
@@ -81,11 +81,11 @@ def _make_print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
     return row
 
 
-def list_jobs(context: ViewContext, state: JobState | None, last: int) -> list[api.JobRow]:
+def list_jobs(context: ViewContext, state: JobState | None, max_count: int) -> list[api.JobRow]:
     """List the last jobs that were submitted, in order of submission."""
     jobs = [job for job in context.books.jobs.values() if state in (None, job.state)]
     jobs.sort(key=lambda job: job.id)
-    return [_make_job_row(context, job) for job in jobs[-last:]]
+    return [_make_job_row(context, job) for job in jobs[-max_count:]]
 
 
 def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:

@@ -14,14 +14,14 @@ from farm.api import NETWORK_PREFIX
 from farm.model import Role
 from farm.web.access import LIVENESS_PATH, METRICS_PATH, find_role, is_public
 
-_REF = "#/components/schemas/"
-_PROBLEM = {"content": {"application/json": {"schema": {"$ref": f"{_REF}Problem"}}}}
-_ERRORS = {
+_REFERENCE_PREFIX = "#/components/schemas/"
+_PROBLEM = {"content": {"application/json": {"schema": {"$ref": f"{_REFERENCE_PREFIX}Problem"}}}}
+_ERROR_RESPONSES = {
     "4XX": {"description": "The request is refused; the error text gives the remedy.", **_PROBLEM},
     "500": {"description": "The daemon failed.", **_PROBLEM},
 }
 _INVALID_STATUS = "422"  # FastAPI's status for an invalid request; this application uses 400
-_KEYS = {
+_SECURITY_SCHEMES = {
     "key": {"type": "apiKey", "in": "header", "name": "X-Api-Key"},
     "bearer": {"type": "http", "scheme": "bearer"},
 }
@@ -58,8 +58,8 @@ def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
     document["paths"] = paths
     components = document["components"]
     components["schemas"]["Problem"] = api.Problem.model_json_schema()
-    components["securitySchemes"] = _KEYS
-    document["security"] = [{name: []} for name in _KEYS]
+    components["securitySchemes"] = _SECURITY_SCHEMES
+    document["security"] = [{name: []} for name in _SECURITY_SCHEMES]
     components["schemas"] = _select_used_schemas(paths, components["schemas"])
     return document
 
@@ -83,7 +83,7 @@ def _complete_operation(operation: dict[str, Any], verb: str, path: str, role: R
     return {
         **operation,
         "operationId": "_".join([verb, *words]),
-        "responses": {**answers, **_ERRORS},
+        "responses": {**answers, **_ERROR_RESPONSES},
         **({"security": []} if role is None else {"x-role": str(role)}),
     }
 
@@ -103,8 +103,8 @@ def _select_used_schemas(paths: dict[str, Any], schemas: dict[str, Any]) -> dict
 def _find_references(value: Any) -> Iterator[str]:
     if isinstance(value, dict):
         reference = value.get("$ref")
-        if isinstance(reference, str) and reference.startswith(_REF):
-            yield reference.removeprefix(_REF)
+        if isinstance(reference, str) and reference.startswith(_REFERENCE_PREFIX):
+            yield reference.removeprefix(_REFERENCE_PREFIX)
         for item in value.values():
             yield from _find_references(item)
     elif isinstance(value, list):

@@ -157,7 +157,7 @@ def _reassign_parts(
     return tuple(replace(part, printer=new_printers[part.printer]) for part in parts)
 
 
-DEADLINE_MARGIN = 1.1
+DEADLINE_MARGIN_RATIO = 1.1
 """Margin of `--done-by` for planning time and for prints that take longer than expected."""
 
 
@@ -231,7 +231,7 @@ class ModelCutter:
         would not be finished.
         """
         copies, printers = task.options.copies, len(task.printers)
-        limit_s = None if task.time_limit_s is None else task.time_limit_s / DEADLINE_MARGIN
+        limit_s = None if task.time_limit_s is None else task.time_limit_s / DEADLINE_MARGIN_RATIO
         has_count = task.options.printers is not None and limit_s is None
         one_part = None if has_count and copies < printers else self.keep_whole()
         if one_part is not None and (
@@ -258,7 +258,7 @@ class ModelCutter:
 
     def cut_within_time(self, time_limit_s: float) -> Decomposition:
         """Cut the model into the fewest parts that finish within a time with a margin, or finish first."""
-        limit_s = time_limit_s / DEADLINE_MARGIN
+        limit_s = time_limit_s / DEADLINE_MARGIN_RATIO
         whole = self.keep_whole()
         if whole is not None and whole.makespan_s <= limit_s:
             return whole

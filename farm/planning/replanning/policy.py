@@ -170,7 +170,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     max_pieces = min(
         len(free_printers),
         MAX_PIECES,
-        len(free_printers) if plate.extra_printers is None else plate.extra_printers,
+        len(free_printers) if plate.extra_printer_count is None else plate.extra_printer_count,
     )
     if max_pieces < 2:
         return None
@@ -246,7 +246,7 @@ def _find_best_printer(
         for p in free_printers
         if _differs_in_kind(plate, p) and p.name not in plate.failed_on and _could_start(plate, p, situation)
     ]
-    if plate.extra_printers == 0 or not startable_printers:
+    if plate.extra_printer_count == 0 or not startable_printers:
         return None
     return min(startable_printers, key=lambda p: (_estimate_sliced_s(plate, p), p.name))
 

@@ -3,22 +3,22 @@
 from farm.state.lifecycles.lifecycle import NEW, InvalidTransition, Lifecycle, PrinterState, State, Transition
 from farm.state.lifecycles.tables import (
     FARM_WIDE_EVENTS,
-    JOB,
+    JOB_LIFECYCLE,
     LIFECYCLES,
-    PLATE,
-    PRINT,
-    PRINTER,
+    PLATE_LIFECYCLE,
+    PRINT_LIFECYCLE,
+    PRINTER_LIFECYCLE,
     find_printer_state,
 )
 
 __all__ = [
     "FARM_WIDE_EVENTS",
-    "JOB",
+    "JOB_LIFECYCLE",
     "LIFECYCLES",
     "NEW",
-    "PLATE",
-    "PRINT",
-    "PRINTER",
+    "PLATE_LIFECYCLE",
+    "PRINT_LIFECYCLE",
+    "PRINTER_LIFECYCLE",
     "InvalidTransition",
     "Lifecycle",
     "PrinterState",

@@ -54,7 +54,7 @@ def _make_row(event: Kind, starts: Iterable[State | None], ends: Iterable[State]
 _LIVE_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
 _DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 """States that are derived from a job's plates."""
-JOB = Lifecycle(
+JOB_LIFECYCLE = Lifecycle(
     entity="job",
     key="job",
     states=JobState,
@@ -93,7 +93,7 @@ JOB = Lifecycle(
 )
 
 _UNPRINTED_STATES = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
-PLATE = Lifecycle(
+PLATE_LIFECYCLE = Lifecycle(
     entity="plate",
     key="plate",
     states=PlateState,
@@ -143,7 +143,7 @@ PLATE = Lifecycle(
 )
 
 _OPEN_STATES = tuple(state for state in PrintState if not state.ended)
-PRINT = Lifecycle(
+PRINT_LIFECYCLE = Lifecycle(
     entity="print",
     key="print_id",
     states=PrintState,
@@ -162,7 +162,7 @@ PRINT = Lifecycle(
 )
 
 _IDLE_STATES = (PrinterState.CLEAR, PrinterState.NOT_CLEAR, PrinterState.UNKNOWN)
-PRINTER = Lifecycle(
+PRINTER_LIFECYCLE = Lifecycle(
     entity="printer",
     key="printer",
     states=PrinterState,
@@ -194,7 +194,7 @@ PRINTER = Lifecycle(
     ),
 )
 
-LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
+LIFECYCLES = (JOB_LIFECYCLE, PLATE_LIFECYCLE, PRINT_LIFECYCLE, PRINTER_LIFECYCLE)
 FARM_WIDE_EVENTS: frozenset[Kind] = frozenset(
     {
         *(ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed),

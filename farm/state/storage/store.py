@@ -211,7 +211,7 @@ class Store:
         """Raise DamagedBooks if the checksum of a row does not match: SQLite does not detect that."""
         tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
         if {sql for (sql,) in tables} != EXPECTED_TABLES:
-            raise DamagedBooks(f"the database {self._path} is damaged: it has other tables")
+            raise DamagedBooks(f"the database {self._path} is damaged: it has unexpected tables")
         for table in TABLES.values():
             changed_row = self._db.execute(CHANGED_ROW_QUERY.format(table)).fetchone()
             if changed_row is not None:

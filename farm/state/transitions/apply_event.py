@@ -9,7 +9,7 @@ from farm.errors import NotFoundError
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.consequences import Result
-from farm.state.lifecycles import LIFECYCLES, NEW, PRINTER, InvalidTransition, Lifecycle, State
+from farm.state.lifecycles import LIFECYCLES, NEW, PRINTER_LIFECYCLE, InvalidTransition, Lifecycle, State
 from farm.state.transitions.rules import change
 
 
@@ -83,7 +83,7 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
 def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
     if isinstance(key, int):
         books.get_job(key)
-    if lifecycle is PRINTER:
+    if lifecycle is PRINTER_LIFECYCLE:
         books.get_printer(str(key))
     raise NotFoundError(f"there is no {lifecycle.entity} {key}")
 

@@ -8,7 +8,7 @@ from farm.state import events as ev
 from farm.state import restore
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, end_job, request_pause, update_job_state
-from farm.state.lifecycles import JOB, InvalidTransition
+from farm.state.lifecycles import JOB_LIFECYCLE, InvalidTransition
 from farm.state.plate_state import PlateState
 from farm.state.retention import find_keep_reason
 from farm.state.transitions.rules import change
@@ -47,7 +47,9 @@ def _(event: ev.PlanRevised, books: Books) -> Result:
     previous = books.get_job(event.job)
     plates = list(books.list_plates(previous))
     if any(books.find_plate_state(plate) is not PlateState.WAITING or plate.prints for plate in plates):
-        raise InvalidTransition(event, JOB, previous.id, previous.state, "one of its plates has started")
+        raise InvalidTransition(
+            event, JOB_LIFECYCLE, previous.id, previous.state, "one of its plates has started"
+        )
     job = replace_fields(_apply_plan(previous, event), revisions=previous.revisions + 1)
     removed_plates = [plate for plate in plates if plate.id not in job.plates]
     replaced_plates = [replace_fields(plate, replaced_by=job.plates) for plate in removed_plates]
@@ -119,7 +121,7 @@ def _(event: ev.JobPruned, books: Books) -> Result:
     job = books.get_job(event.job)
     keep_reason = find_keep_reason(books, job)
     if keep_reason is not None:
-        raise InvalidTransition(event, JOB, job.id, job.state, keep_reason)
+        raise InvalidTransition(event, JOB_LIFECYCLE, job.id, job.state, keep_reason)
     job = replace_fields(job, pruned_s=event.at_s, part_pictures=event.part_pictures)
     return put(books, job), (ev.LinkFiles(job=job.id),)
 

@@ -8,7 +8,7 @@ from farm.model import JobState, Print, Verdict
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, cancel_plate, update_job_state
-from farm.state.lifecycles import JOB, InvalidTransition
+from farm.state.lifecycles import JOB_LIFECYCLE, InvalidTransition
 from farm.state.plate_state import find_successful_print
 from farm.state.transitions.rules import change
 
@@ -33,7 +33,7 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
     plate = books.plates[event.plate]
     job = books.get_job(plate.job)
     if job.state is not JobState.PRINTING:
-        raise InvalidTransition(event, JOB, job.id, job.state)
+        raise InvalidTransition(event, JOB_LIFECYCLE, job.id, job.state)
     kept_fields = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
     plates = [replace_fields(new, **kept_fields) for new in event.plates]
     names = tuple(new.id for new in plates)
@@ -78,7 +78,9 @@ def _(event: ev.ReprintRequested, books: Books) -> Result:
     plate = books.plates[event.plate]
     job = books.get_job(plate.job)
     if job.pruned_s is not None:
-        raise InvalidTransition(event, JOB, job.id, job.state, "pruned: its files are no longer kept")
+        raise InvalidTransition(
+            event, JOB_LIFECYCLE, job.id, job.state, "pruned: its files are no longer kept"
+        )
     successful_print = find_successful_print(books.list_prints(plate))
     if successful_print is not None:
         books = put(books, replace_fields(successful_print, verdict=Verdict.BAD, verdict_why=event.why))

@@ -16,7 +16,7 @@ from farm.state.consequences import (
     update_job_state,
 )
 from farm.state.faults import LOSSES, UNCOUNTED_FAULTS, FarmFault
-from farm.state.lifecycles import PRINT, InvalidTransition
+from farm.state.lifecycles import PRINT_LIFECYCLE, InvalidTransition
 from farm.state.printer_speed import learn_speed
 from farm.state.reels import compute_used_grams, subtract_grams
 from farm.state.transitions.rules import change
@@ -69,7 +69,7 @@ def _get_continuing_print(
     attempt = books.prints[event.print_id]
     if attempt.cancel_reason is not None:
         reason = f"{attempt.state} and being ended ({attempt.cancel_reason})"
-        raise InvalidTransition(event, PRINT, attempt.id, attempt.state, reason)
+        raise InvalidTransition(event, PRINT_LIFECYCLE, attempt.id, attempt.state, reason)
     return attempt
 
 

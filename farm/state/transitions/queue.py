@@ -12,7 +12,7 @@ from farm.model import Job
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result
-from farm.state.lifecycles import JOB, InvalidTransition
+from farm.state.lifecycles import JOB_LIFECYCLE, InvalidTransition
 from farm.state.transitions.rules import change
 
 
@@ -22,7 +22,7 @@ def _(event: ev.JobMoved, books: Books) -> Result:
     numbers = [job.id for job in other_jobs]
     if event.before is not None and event.before not in numbers:
         target = books.get_job(event.before)
-        raise InvalidTransition(event, JOB, target.id, target.state, "not in the queue")
+        raise InvalidTransition(event, JOB_LIFECYCLE, target.id, target.state, "not in the queue")
     place = len(other_jobs) if event.before is None else numbers.index(event.before)
     return put(books, *_place_job(books.get_job(event.job), other_jobs, place, max(books.jobs))), ()
 

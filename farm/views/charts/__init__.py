@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from farm.views.charts.axis import TimeAxis, TimeMark
 from farm.views.charts.gantt import (
-    KINDS,
+    BAR_KINDS,
     Bar,
     Gantt,
     lay_out_gantt,
@@ -16,7 +16,7 @@ from farm.views.charts.gantt import (
 from farm.views.charts.temperature_chart import TemperatureChart, lay_out_temperatures
 
 __all__ = [
-    "KINDS",
+    "BAR_KINDS",
     "Bar",
     "Gantt",
     "TemperatureChart",

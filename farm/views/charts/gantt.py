@@ -19,7 +19,7 @@ _MAX_MARKS = 8  # approximate number of time marks
 _OTHER_JOB = "another job"
 EXPECTED_KIND = "expected"
 
-KINDS = ("good", "printed", "bad", "failed", "cancelled", "printing", EXPECTED_KIND, _OTHER_JOB)
+BAR_KINDS = ("good", "printed", "bad", "failed", "cancelled", "printing", EXPECTED_KIND, _OTHER_JOB)
 """Kinds of bars; `static/palette.css` has their colours."""
 
 
@@ -36,7 +36,7 @@ class Bar:
     Attributes
     ----------
     kind
-        One of `KINDS`.
+        One of `BAR_KINDS`.
     text
         Tooltip.
     time
@@ -93,7 +93,7 @@ class Gantt:
 
 
 def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
-    """Name the outcome of a print, as one of `KINDS`."""
+    """Name the outcome of a print, as one of `BAR_KINDS`."""
     if state is PrintState.DONE:
         return str(verdict) if verdict else "printed"
     return str(state) if state.ended else "printing"
@@ -171,5 +171,5 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
             for moment in axis.list_times(_MAX_MARKS)
         ),
         rows=rows,
-        legend_kinds=tuple(kind for kind in KINDS if kind in kinds),
+        legend_kinds=tuple(kind for kind in BAR_KINDS if kind in kinds),
     )

@@ -22,7 +22,7 @@ from farm.views.charts import lay_out_gantt, list_bars, load_palette, name_outco
 from farm.views.report.decomposition import Report
 
 _SIGNS = str.maketrans({"^": "", ".": "●"})  # characters of codes as they appear on parts
-_JPEG = b"\xff\xd8"
+_JPEG_PREFIX = b"\xff\xd8"
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,5 +181,5 @@ def _compare_times(last_print: api.PrintView | None, expected_s: float) -> str:
 
 
 def _make_data_url(picture: bytes) -> str:
-    kind = "jpeg" if picture.startswith(_JPEG) else "png"
+    kind = "jpeg" if picture.startswith(_JPEG_PREFIX) else "png"
     return f"data:image/{kind};base64,{b64encode(picture).decode()}"

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 MAX_PARTS = 20
 MAX_FIELD_BYTES = 64 * 1024
 """Limit on the values of all fields together."""
-_FORM = b"multipart/form-data"
+_FORM_TYPE = b"multipart/form-data"
 
 # It logs each malformed form as a warning, so anybody on the network could fill the log.
 logging.getLogger("python_multipart").setLevel(logging.ERROR)
@@ -57,7 +57,7 @@ class FormReader:
     def __init__(self, content_type: str) -> None:
         kind, options = parse_options_header(content_type)
         boundary = options.get(b"boundary")
-        if kind != _FORM or not boundary:
+        if kind != _FORM_TYPE or not boundary:
             raise BadForm("this is not a form (multipart/form-data) with a file in its field `file`")
         self.fields: dict[str, str] = {}
         self.file_name: str | None = None

@@ -32,14 +32,14 @@ POLICY = f"default-src 'none'; style-src 'sha256-{_STYLE_HASH}'; frame-ancestors
 """Content security policy of the page: it allows only its own style."""
 
 
-_LIMITS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to"}
+_LIMIT_WORDS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to"}
 
 
 @dataclass(frozen=True, slots=True)
 class _Parameter:
     name: str
     place: str
-    required: bool
+    is_required: bool
     value: Text
 
 
@@ -127,5 +127,5 @@ def describe_schema(schema: Mapping[str, Any]) -> Text:
         return (("object of ", ""), *describe_schema(schema["additionalProperties"]))
     if "const" in schema:
         return ((str(schema["const"]), ""),)
-    limits = [f"{word} {schema[name]}" for name, word in _LIMITS.items() if name in schema]
+    limits = [f"{word} {schema[name]}" for name, word in _LIMIT_WORDS.items() if name in schema]
     return ((" ".join([str(kind or "anything"), *limits]), ""),)

@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 from farm.model import TextTime
 from farm.text import format_moment
 
-_LAST_COMMAND = re.compile(r"(?:, then|; then|:) `farm [^`]*`$")
+_LAST_COMMAND_PATTERN = re.compile(r"(?:, then|; then|:) `farm [^`]*`$")
 
 
 class TimedText(Protocol):
@@ -42,7 +42,7 @@ def format_sentence(sentence: TimedText) -> Markup:
 
     A command at the end is left out, because the pages have a button for it.
     """
-    text = _LAST_COMMAND.sub("", sentence.text)
+    text = _LAST_COMMAND_PATTERN.sub("", sentence.text)
     pieces = text.split("`")
     if len(pieces) % 2 == 0:  # an unpaired backtick, such as in the name of a model
         return _format_times(text, sentence.times)

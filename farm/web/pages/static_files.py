@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
-_TYPES = {
+_MEDIA_TYPES = {
     ".css": "text/css; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
@@ -37,7 +37,7 @@ def load_static_files() -> Mapping[str, StaticFile]:
     for package, folder in _FOLDERS:
         source = files(package).joinpath(folder)
         for entry in sorted(source.iterdir(), key=lambda path: path.name) if source.is_dir() else ():
-            media_type = _TYPES.get(entry.name[entry.name.rfind(".") :])
+            media_type = _MEDIA_TYPES.get(entry.name[entry.name.rfind(".") :])
             if media_type is None:
                 continue
             content = entry.read_bytes()

@@ -19,7 +19,7 @@ class SlicerUpload(NamedTuple):
     """Job of an upload, and whether the slicer requested its print."""
 
     job: int
-    print_requested: bool
+    is_print_requested: bool
 
 
 async def submit_form(

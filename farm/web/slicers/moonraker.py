@@ -50,7 +50,7 @@ def make_moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
         job = controller.books.get_job(slicer_upload.job)
         path = format_file_path(job)
         response.headers["location"] = f"{address.root}/server/files/{_ROOT}/{quote(path)}"
-        is_queued = slicer_upload.print_requested and not job.options.hold
+        is_queued = slicer_upload.is_print_requested and not job.options.hold
         item = {"path": path, "root": _ROOT}
         return {"item": item, "print_started": False, "print_queued": is_queued, "action": "create_file"}
 

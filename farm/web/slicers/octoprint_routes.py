@@ -59,7 +59,7 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
             "files": {"local": {**file, "refs": {"resource": location}}},
             "done": True,
             "effectiveSelect": False,
-            "effectivePrint": slicer_upload.print_requested and not job.options.hold,
+            "effectivePrint": slicer_upload.is_print_requested and not job.options.hold,
         }
 
     return router

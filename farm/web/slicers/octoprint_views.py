@@ -21,15 +21,15 @@ API_VERSION = "0.1"
 SERVER_VERSION = "1.9.0"
 """Version of OctoPrint whose interface the farm implements; clients compare it."""
 READY = "Operational"
-_STATES = {
+_STATE_TEXTS = {
     PrintState.ASSIGNED: "Starting",
     PrintState.HEATING: "Starting",
     PrintState.PAUSED: "Paused",
     PrintState.ENDING: "Cancelling",
 }
-_PRINTING = "Printing"
-_PROFILE = "_default"
-_NUMBER = re.compile(r"[0-9]{1,9}")
+_PRINTING_TEXT = "Printing"
+_PROFILE_ID = "_default"
+_NUMBER_PATTERN = re.compile(r"[0-9]{1,9}")
 _FLAGS = {
     "operational": True,
     "printing": False,
@@ -118,7 +118,7 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
             "printTimeLeft": remaining_s,
             "printTimeLeftOrigin": None if remaining_s is None else "estimate",
         },
-        "state": READY if progress is None else _STATES.get(progress.state, _PRINTING),
+        "state": READY if progress is None else _STATE_TEXTS.get(progress.state, _PRINTING_TEXT),
     }
 
 
@@ -163,7 +163,7 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
     """
     folder, _, name = path.strip("/").rpartition("/")
     if folder:
-        numbered_job = jobs.get(int(folder)) if _NUMBER.fullmatch(folder) else None
+        numbered_job = jobs.get(int(folder)) if _NUMBER_PATTERN.fullmatch(folder) else None
         found_jobs = [numbered_job] if numbered_job is not None and numbered_job.name == name else []
     else:
         candidates = [job for job in jobs.values() if job.name == name and not job.state.ended]
@@ -191,13 +191,13 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
     )
     width_mm, depth_mm = smallest.bed_mm
     profile = {
-        "id": _PROFILE,
+        "id": _PROFILE_ID,
         "name": name,
         "model": " / ".join(sorted({PROFILES[section.model].title for section in shown_sections})),
         "color": "default",
         "current": True,
         "default": True,
-        "resource": f"{resource}/{_PROFILE}",
+        "resource": f"{resource}/{_PROFILE_ID}",
         "heatedBed": True,
         "heatedChamber": False,
         "volume": {
@@ -211,7 +211,7 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
         "extruder": {"count": 1, "nozzleDiameter": shown_sections[0].nozzle_mm, "offsets": [[0.0, 0.0]]},
         "axes": _describe_axes(smallest),
     }
-    return {"profiles": {_PROFILE: profile}}
+    return {"profiles": {_PROFILE_ID: profile}}
 
 
 def _describe_axes(profile: Profile) -> dict[str, Any]:
@@ -223,13 +223,13 @@ def _describe_axes(profile: Profile) -> dict[str, Any]:
 def describe_connection(name: str) -> dict[str, Any]:
     """Describe the connection, which is always established."""
     return {
-        "current": {"state": READY, "port": None, "baudrate": None, "printerProfile": _PROFILE},
+        "current": {"state": READY, "port": None, "baudrate": None, "printerProfile": _PROFILE_ID},
         "options": {
             "ports": [],
             "baudrates": [],
-            "printerProfiles": [{"id": _PROFILE, "name": name}],
+            "printerProfiles": [{"id": _PROFILE_ID, "name": name}],
             "portPreference": None,
             "baudratePreference": None,
-            "printerProfilePreference": _PROFILE,
+            "printerProfilePreference": _PROFILE_ID,
         },
     }

@@ -49,15 +49,15 @@ PUBLIC_SLICER_ROUTES = frozenset(
     for method, path in (("GET", APP_KEY_PROBE), ("POST", APP_KEY_REQUESTS), ("GET", APP_KEY_REQUEST))
 )
 """Routes that require no key, because a program requests a key with them."""
-_SLICER_PATH = re.compile(r"/(to|server|printer|plugin)/.*|/api/(?!v1(/|$)).*")
-_UPLOAD = re.compile(rf"(/to/[^/]+)?({FILES}|{MOONRAKER_UPLOAD})")
+_SLICER_PATH_PATTERN = re.compile(r"/(to|server|printer|plugin)/.*|/api/(?!v1(/|$)).*")
+_UPLOAD_PATTERN = re.compile(rf"(/to/[^/]+)?({FILES}|{MOONRAKER_UPLOAD})")
 
 
 def is_slicer_path(path: str) -> bool:
     """Return whether a path belongs to an interface for slicers, which gets errors as plain text."""
-    return _SLICER_PATH.fullmatch(path) is not None
+    return _SLICER_PATH_PATTERN.fullmatch(path) is not None
 
 
 def is_slicer_upload(path: str) -> bool:
     """Return whether a path receives uploads."""
-    return _UPLOAD.fullmatch(path) is not None
+    return _UPLOAD_PATTERN.fullmatch(path) is not None

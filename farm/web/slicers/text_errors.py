@@ -23,12 +23,12 @@ log = logging.getLogger(__name__)
 
 _STATUS_CODES = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.FAILED: 500, ErrorCode.ENGINE: 500}
 _BAD_REQUEST = 400
-_TEXT = "text/plain"  # without a charset, because Cura's plugin shows no text that has one
+_TEXT_TYPE = "text/plain"  # without a charset, because Cura's plugin shows no text that has one
 
 
 def make_text(text: str, status: int) -> Response:
     """Make a response of one line of plain text."""
-    return Response(flatten_text(text).encode(), status, {"content-type": _TEXT})
+    return Response(flatten_text(text).encode(), status, {"content-type": _TEXT_TYPE})
 
 
 class TextErrorRoute(APIRoute):

@@ -22,7 +22,11 @@ FLEET = (make_printer("a", is_booked=True, is_heating=True), make_printer("b", g
 
 @pytest.mark.parametrize(
     "plate_changes",
-    [{"extra_printers": 0}, {"not_before_s": 16 * 3600.0}, {"grams": 900.0, "failed_on": frozenset("c")}],
+    [
+        {"extra_printer_count": 0},
+        {"not_before_s": 16 * 3600.0},
+        {"grams": 900.0, "failed_on": frozenset("c")},
+    ],
 )
 @pytest.mark.parametrize("start_rules", [make_rules(), START_RULES])
 def test_no_printer_is_reserved_for_a_plate_that_may_not_start(plate_changes, start_rules):

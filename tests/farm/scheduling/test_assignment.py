@@ -170,19 +170,19 @@ def test_plate_is_moved_only_to_a_printer_with_a_sufficient_volume():
 
 
 def test_job_uses_at_most_the_requested_printers():
-    waiting_plates = [make_plate(f"1/0{i}", "ab"[i % 2], extra_printers=1) for i in range(4)]
+    waiting_plates = [make_plate(f"1/0{i}", "ab"[i % 2], extra_printer_count=1) for i in range(4)]
     assignments, holds = assign_with_holds(waiting_plates, [make_printer(name) for name in "abcd"])
     assert len(assignments) == 1
     assert {hold.code for hold in holds.values()} == {HoldCode.JOB_PRINTER_LIMIT}
-    assert assign_with_holds([make_plate("1/01", "a", extra_printers=0)], [make_printer("a")])[0] == []
+    assert assign_with_holds([make_plate("1/01", "a", extra_printer_count=0)], [make_printer("a")])[0] == []
 
 
 @given(plates, printers, st.integers(0, 5))
-def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, extra_printers):
+def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, extra_printer_count):
     assignments, _ = assign_with_holds(
-        [replace(plate, extra_printers=extra_printers) for plate in waiting_plates], fleet
+        [replace(plate, extra_printer_count=extra_printer_count) for plate in waiting_plates], fleet
     )
-    assert len(assignments) <= extra_printers
+    assert len(assignments) <= extra_printer_count
 
 
 def test_plate_of_an_earlier_job_comes_before_a_longer_one_of_a_later_job():
@@ -277,10 +277,12 @@ def test_only_starts_that_are_still_possible_are_selected(waiting_plates, fleet,
     possible_assignments = assignment.select_possible_assignments(assignments, later_situation)
     free_names = {p.name for p in later_situation.free_printers}
     assert all(item in assignments and item.printer in free_names for item in possible_assignments)
-    extra_printers = {
-        plate.job: plate.extra_printers for plate in waiting_plates if plate.extra_printers is not None
+    extra_printer_counts = {
+        plate.job: plate.extra_printer_count
+        for plate in waiting_plates
+        if plate.extra_printer_count is not None
     }
     plate_counts = Counter(
         plate.job for plate in waiting_plates if plate.id in {item.plate for item in possible_assignments}
     )
-    assert all(plate_counts[job] <= limit for job, limit in extra_printers.items())
+    assert all(plate_counts[job] <= limit for job, limit in extra_printer_counts.items())

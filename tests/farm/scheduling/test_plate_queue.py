@@ -14,7 +14,7 @@ plates = st.lists(
             job=job,
             priority=ranks_by_job[job][0],
             rank=ranks_by_job[job][1],
-            extra_printers={1: None, 2: 3, 3: 0}[job],
+            extra_printer_count={1: None, 2: 3, 3: 0}[job],
             requirements=Requirements(material, None, 0.4),
             **changes,
         ),
@@ -40,8 +40,8 @@ def test_summaries_of_a_queue_match_its_plates(waiting_plates):
     assert queue.demands == {plate.demand for plate in waiting_plates}
     assert queue.starts_s == {plate.not_before_s for plate in waiting_plates} - {None}
     assert list(queue.repeats) == [plate for plate in queue if plate.is_repeat]
-    assert queue.extra_printers == {
-        plate.job: plate.extra_printers for plate in waiting_plates if plate.job != 1
+    assert queue.extra_printer_counts == {
+        plate.job: plate.extra_printer_count for plate in waiting_plates if plate.job != 1
     }
 
 

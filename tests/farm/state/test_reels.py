@@ -75,4 +75,4 @@ def test_restored_reels_must_be_weighed_before_printing():
     assert item.printers == ["a"]
     books, _ = apply_events(books, loaded_event)
     assert not [item for item in list_requests(books, {}) if item.code == "reel"]
-    assert make_printer("a", reel_uncertain=True).find_obstacle().code is HoldCode.REEL_UNCERTAIN
+    assert make_printer("a", is_reel_uncertain=True).find_obstacle().code is HoldCode.REEL_UNCERTAIN

@@ -52,7 +52,7 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
         if curve is not None and not report.curve:
             curve_report = await _read_stored_report(services, curve)
             report = report.model_copy(update={"curve": curve_report.curve})
-        data = describe_job_page(services, number, report, curve)
+        data = collect_job_data(services, number, report, curve)
         return render_job_page(data, farm, reader, note)
 
     async def render_live(reader: Reader, number: str, query: str) -> str:
@@ -128,7 +128,7 @@ def _read_report(path: Path) -> Report:
     return parse_report(path.read_bytes())
 
 
-def describe_job_page(services: Services, number: int, report: Report, curve_job: int | None) -> JobData:
+def collect_job_data(services: Services, number: int, report: Report, curve_job: int | None) -> JobData:
     """Collect the data of a job's page. Raises NotFoundError for an unknown job."""
     controller = services.controller
     context = controller.build_view_context(services.state)

@@ -24,7 +24,7 @@ from farm.web.pages.submit.options import DEFAULTS, read_job_options
 from farm.web.pages.submit.submit_page import SUBMIT_PATH, list_choices, render_submit_page
 
 _SEE_OTHER, _BAD_REQUEST = 303, 400
-_REQUEST_ID = re.compile(r"[0-9a-f]{32}")
+_REQUEST_ID_PATTERN = re.compile(r"[0-9a-f]{32}")
 
 
 def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
@@ -54,7 +54,7 @@ def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
             return await asyncio.to_thread(name_filament, options, fleet.printers, fleet.fleet.materials)
 
         given_id = request.query_params.get("request", "")
-        request_id = given_id if _REQUEST_ID.fullmatch(given_id) else uuid.uuid4().hex
+        request_id = given_id if _REQUEST_ID_PATTERN.fullmatch(given_id) else uuid.uuid4().hex
         earlier_job = jobs.find_submission(request_id)
         if earlier_job is not None:
             return RedirectResponse(f"/jobs/{earlier_job}", _SEE_OTHER)

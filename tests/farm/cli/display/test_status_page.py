@@ -113,7 +113,7 @@ def test_verdict_on_a_part_is_shown():
         *(("um2-01", False), ("um2-02", True), ("um2-03", False)),
     ]
     assert [row.part for row in list_history(context, printer="um2-02")] == ["1/p02"]
-    assert list_history(context, last=1) == rows[-1:]
+    assert list_history(context, max_count=1) == rows[-1:]
 
 
 def test_tasks_share_a_line_only_if_they_fit():

@@ -20,7 +20,7 @@ from farm.control.controller import Controller
 from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link, PartPrintOptions, TimeFactors
 from farm.planning.inspection.inspect_submission import inspect_model
-from farm.planning.parts.decompose_job import DEADLINE_MARGIN, decompose_job
+from farm.planning.parts.decompose_job import DEADLINE_MARGIN_RATIO, decompose_job
 from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.plan import TooFewPrinters
 from farm.planning.printer_settings import build_settings_request, list_bed_boxes
@@ -85,7 +85,7 @@ def test_fewest_parts_that_end_in_time_are_cut(files, tmp_path):
     (whole_part,) = decompose_job(replace(task, time_limit_s=1e6)).parts
     whole_s = whole_part.price_s
     counts = [
-        len(decompose_job(replace(task, time_limit_s=share * whole_s * DEADLINE_MARGIN)).parts)
+        len(decompose_job(replace(task, time_limit_s=share * whole_s * DEADLINE_MARGIN_RATIO)).parts)
         for share in (1.0, 0.7, 0.01)
     ]
     assert counts == [1, 2, 3]

@@ -64,7 +64,7 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
     [
         ({}, {"family": UM2, "grams": 10.0}),  # too little filament
         ({"failed_on": frozenset("b")}, {"family": UM2}),
-        ({"extra_printers": 0}, {"family": UM2}),  # its job already uses its maximum number of printers
+        ({"extra_printer_count": 0}, {"family": UM2}),  # its job already uses its maximum number of printers
         ({"requirements": Requirements("generic_abs", None, 0.4, make_box(100.0), PLUS)}, {"family": UM2}),
         # The part is too high for the other family.
         (
@@ -141,7 +141,7 @@ def test_failed_part_is_cut_for_printers_not_needed_by_others():
     assert choice == policy.Recut("1/01", ("c", "d", "a"))
     short_part = make_part(duration_h=1.0)
     assert policy.choose_recut(short_part, make_situation([short_part], fleet, ATTENDED_RULES, NOW_S)) is None
-    part_for_two_printers = make_part(extra_printers=2)
+    part_for_two_printers = make_part(extra_printer_count=2)
     assert (
         len(
             policy.choose_recut(
@@ -152,8 +152,8 @@ def test_failed_part_is_cut_for_printers_not_needed_by_others():
     )
     assert (
         policy.choose_recut(
-            make_part(extra_printers=1),
-            make_situation([make_part(extra_printers=1)], fleet, ATTENDED_RULES, NOW_S),
+            make_part(extra_printer_count=1),
+            make_situation([make_part(extra_printer_count=1)], fleet, ATTENDED_RULES, NOW_S),
         )
         is None
     )
@@ -206,7 +206,7 @@ parts = st.builds(
     make_part,
     st.floats(0.5, 20.0),
     failed_on=st.frozensets(st.sampled_from("abcdef"), max_size=2),
-    extra_printers=st.none() | st.integers(0, 3),
+    extra_printer_count=st.none() | st.integers(0, 3),
     grams=st.floats(1, 150),
 )
 
@@ -230,7 +230,7 @@ def test_recut_requests_matching_free_printers_if_useful(part, fleet):
     if recut is not None:
         assert 2 <= len(set(recut.printers)) == len(recut.printers) <= policy.MAX_PIECES
         assert all(printers_by_name[name].find_obstacle() is None for name in recut.printers)
-        assert part.extra_printers is None or len(recut.printers) <= part.extra_printers
+        assert part.extra_printer_count is None or len(recut.printers) <= part.extra_printer_count
         assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOINING_TIME_S
     assert (
         policy.choose_reslice(

@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-from farm.views.charts import KINDS, load_palette
+from farm.views.charts import BAR_KINDS, load_palette
 
 OUTCOMES = ("waiting", "printing", "printed", "good", "bad", "failed", "cancelled", "other")
 STATIC_FOLDER = files("farm.web.pages").joinpath("static")
@@ -55,7 +55,7 @@ def test_outcomes_differ_and_their_text_can_be_read(is_dark):
 
 def test_colours_of_bars_are_defined_only_in_the_palette():
     palette = load_palette()
-    for kind in (*KINDS, "planned"):
+    for kind in (*BAR_KINDS, "planned"):
         assert f".bar-{kind.replace(' ', '-')}" in palette
     for name in ("farm.css", "charts.css"):
         text = STATIC_FOLDER.joinpath(name).read_text()

@@ -50,7 +50,7 @@ def test_paused_print_has_no_deviation():
 
 
 def test_figures_of_no_prints_have_no_success_rate():
-    assert sum_figures("all", [], PLATES).success is None
+    assert sum_figures("all", [], PLATES).success_share is None
 
 
 PRINTS = st.builds(
