@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_MAX_RELEVELS = 2  # after the first round, the times of the parts are accurate
+_MAX_RELEVELS = 2  # enough, because the times of the parts are accurate after the first
 _POLL_INTERVAL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
 
 

@@ -170,7 +170,7 @@ class _Simulation:
                 self._now_s = edge_s
                 self._blocked_printers.clear()
                 edge_s = self._find_next_edge_s()
-                if change_s == self._now_s:  # the end of a print first allows its job another printer
+                if change_s == self._now_s:  # first, a job may get another printer when its print ends
                     continue
             elif change_s == math.inf:
                 return

@@ -18,7 +18,7 @@ The forecast of 10,000 plates on 1,000 printers takes 0.3 s.
 """
 _MAX_AGE_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
 _MIN_INTERVAL_S = 5.0  # wall seconds between two forecasts
-_LARGE_QUEUE_INTERVAL_S = 45.0  # the same for a large queue
+_LARGE_QUEUE_INTERVAL_S = 45.0  # wall seconds between two forecasts of a large queue
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +91,6 @@ class ForecastCache:
         self, situation: Situation, books: Books, previous_ends: ExpectedEnds
     ) -> Iterator[None]:
         forecast = yield from forecast_in_steps(situation, include_bound=False)
-        if self._ends is previous_ends:  # else the clock was set meanwhile
+        if self._ends is previous_ends:  # otherwise, the clock was set meanwhile
             ends_s = {slot.plate: slot.ends_s for slot in forecast.slots}
             self._books, self._ends = books, ExpectedEnds(ends_s, situation.now_s)

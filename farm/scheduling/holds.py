@@ -210,7 +210,7 @@ class HoldReasons:
         fleet = situation.fleet
         self._obstacles = {name: printer.find_obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
-        self._groups: dict[tuple[Capabilities, ...], _PrinterGroup] = {}  # by mismatches
+        self._groups: dict[tuple[Capabilities, ...], _PrinterGroup] = {}  # by the kinds that do not match
         idle_printers = frozenset(name for name, hold in self._obstacles.items() if hold is None)
         self._idle_printers = idle_printers - assigned_printers
 

@@ -206,7 +206,7 @@ class WaitingPlate:
     planned_printer: str
     expected_s: float  # on the planned printer, heating included
     priority: int = 0  # plates of a higher priority are printed earlier
-    rank: float | None = None  # among jobs of equal priority; None: the job's number
+    rank: float | None = None  # rank among jobs of equal priority; None for the job's number
     grams: float = 0.0
     heating_s: float = 0.0  # part of `expected_s` apart from the layers
     time_factor: float = 1.0  # of the plate on the planned printer, included in `expected_s`

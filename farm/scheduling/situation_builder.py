@@ -174,7 +174,7 @@ class SituationBuilder:
         self._build_volumes = build_volumes
         self._printers: dict[str, _CachedPrinter] = {}
         self._fleet: Fleet | None = None
-        self._sections: dict[str, PrinterSection] = {}  # the enabled ones of that fleet, by name
+        self._sections: dict[str, PrinterSection] = {}  # enabled printers of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobDescription]] = {}
         # Jobs of the books, and the printers that the open ones request by name.
         self._named_printers: tuple[object, frozenset[str]] = (None, frozenset())

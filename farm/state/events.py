@@ -159,7 +159,7 @@ class PlateReplaced(Event):
     picture: str | None = None  # picture of the whole job, and the GLB, if there are new parts
     assembly: str | None = None
     decomposition: str | None = None  # the report on the cut
-    instructions: str | None = None  # to glue the pieces
+    instructions: str | None = None  # for gluing the pieces
 
 
 class PrintProgressed(Event):

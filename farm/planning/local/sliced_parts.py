@@ -24,7 +24,7 @@ from farm.planning.parts.slice_part import slice_part
 from slicing.plate import PlateResult
 from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
 
-MAX_RELEVELS = 2  # after the first round, the times of the parts are accurate
+MAX_RELEVELS = 2  # enough, because the times of the parts are accurate after the first
 
 
 @dataclass(frozen=True, slots=True)

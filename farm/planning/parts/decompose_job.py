@@ -243,7 +243,7 @@ class ModelCutter:
         for rounds, parts in iterate_part_counts(copies, printers, part_limit):
             if parts < min_parts and parts < part_limit:
                 continue
-            # Sorted, the fastest printer is first, as in `self.printers`.
+            # Sorted, so that the fastest printer is first, as in `self.printers`.
             chosen_indices = sorted(choose_evenly_spaced(by_kind, parts))
             cutter = replace(self, printers=[self.printers[i] for i in chosen_indices])
             try:

@@ -9,8 +9,8 @@ MIN_LEARNED_S = 600.0
 MAX_STARVED_SHARE = 0.01
 """Maximum share of a print for which a simulated printer may have waited for its host."""
 _IMPLAUSIBLE_RATIO = 2.0
-_MAX_DIFFERENCE = 0.1  # of one print's ratio from the factor; larger differences are limited to it
-_LATEST_WEIGHT = 0.25  # of the latest print in the mean
+_MAX_DIFFERENCE = 0.1  # maximum difference of a print's ratio from the factor; larger ones are reduced to it
+_LATEST_WEIGHT = 0.25  # weight of the latest print in the mean
 
 
 def shows_speed(expected_s: float, actual_s: float, starved_s: float = 0.0) -> bool:

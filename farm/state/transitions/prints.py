@@ -126,7 +126,7 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
         state, fault, reason = PrintState.FAILED, FarmFault.BY_A_PERSON, attempt.fail_reason
     elif state is PrintState.CANCELLED and attempt.cancel_reason is None and has_started:
         state = PrintState.FAILED  # not requested by the farm
-    # The print ended before the request reached its agent.
+    # A print may end before the request to fail it reaches its agent.
     if state is PrintState.DONE and attempt.fail_reason is not None:
         attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
     is_unknown = _is_end_unknown(event, attempt)

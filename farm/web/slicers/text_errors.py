@@ -41,12 +41,12 @@ class TextErrorRoute(APIRoute):
             try:
                 return await handle(request)
             except Exception as error:
-                return describe_error(error)
+                return make_error_response(error)
 
         return answer_request
 
 
-def describe_error(error: Exception) -> Response:
+def make_error_response(error: Exception) -> Response:
     """Make the response to a request that failed."""
     if isinstance(error, FarmError):
         return make_text(str(error), _STATUS_CODES.get(error.code, _BAD_REQUEST))

@@ -70,7 +70,8 @@ def test_groups_add_up_to_the_total_and_every_print_is_counted_once(prints):
     groups = group_figures(prints, PLATES, lambda row: row.printer)
     assert total.print_count == total.good_count + total.failed_count + total.cancelled_count
     assert total.wasted_grams <= total.grams + 1e-6
-    for name in ("prints", "good", "failed", "cancelled", "used_s", "wasted_s", "grams", "expected_s"):
+    counts = ("print_count", "good_count", "failed_count", "cancelled_count")
+    for name in (*counts, "used_s", "wasted_s", "grams", "expected_s"):
         assert sum(getattr(row, name) for row in groups) == pytest.approx(getattr(total, name))
 
 
