@@ -121,7 +121,7 @@ def main() -> None:
                 Situation(PlateQueue.from_plates(plates), tuple(unlimited_fleet), unrestricted_rules, NOW_S)
             )
         ),
-        "over_bound": (forecast.ends_s - NOW_S) / (forecast.lower_bound_s - NOW_S) - 1,
+        "over_bound": (forecast.end_s - NOW_S) / (forecast.lower_bound_s - NOW_S) - 1,
     }
     if options.json:
         print(json.dumps(report))

@@ -45,9 +45,9 @@ def build_planned_event(
         )
     if job.done_by_s is not None or job.assembled_by_s is not None:
         # Deadlines depend on the present state of the printers; the forecast above assumes idle printers.
-        ends_s = forecast_prints(situation.with_printers(tuple(printers))).ends_s
+        print_end_s = forecast_prints(situation.with_printers(tuple(printers))).end_s
         gluing_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
-        notices = (*notices, *_describe_lateness(job, ends_s, gluing_s, rules, now_s))
+        notices = (*notices, *_describe_lateness(job, print_end_s, gluing_s, rules, now_s))
     is_parallel = len({slot.printer for slot in forecast.slots}) == len(plan.plates)
     uses_plan_time = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
@@ -58,8 +58,8 @@ def build_planned_event(
         repairs=notices,
         scale=plan.scale,
         serial_s=plan.serial_s,
-        expected_s=plan.expected_s if uses_plan_time else forecast.ends_s - forecast.starts_s,
-        lower_bound_s=max(0.0, forecast.lower_bound_s - forecast.starts_s),
+        expected_s=plan.expected_s if uses_plan_time else forecast.end_s - forecast.start_s,
+        lower_bound_s=max(0.0, forecast.lower_bound_s - forecast.start_s),
         picture=plan.picture,
         assembly=plan.assembly,
         decomposition=plan.decomposition,
@@ -71,10 +71,13 @@ def build_planned_event(
 
 
 def _describe_lateness(
-    job: Job, ends_s: float, gluing_s: float, rules: StartRules, now_s: float
+    job: Job, print_end_s: float, gluing_s: float, rules: StartRules, now_s: float
 ) -> Iterator[str]:
     """Describe a deadline that will be missed; `gluing_s` is the time to glue the parts."""
-    deadlines = (("printed", job.done_by_s, ends_s), ("assembled", job.assembled_by_s, ends_s + gluing_s))
+    deadlines = (
+        ("printed", job.done_by_s, print_end_s),
+        ("assembled", job.assembled_by_s, print_end_s + gluing_s),
+    )
     for state, deadline_s, end_s in deadlines:
         if deadline_s is not None and end_s > deadline_s:
             deadline, earliest_time = (rules.format_moment(at_s, now_s) for at_s in (deadline_s, end_s))

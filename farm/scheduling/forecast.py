@@ -36,8 +36,8 @@ class Slot:
 
     plate: str
     printer: str
-    starts_s: float
-    ends_s: float
+    start_s: float
+    end_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +46,12 @@ class Forecast:
 
     slots: tuple[Slot, ...]
     unprintable_plates: tuple[str, ...]
-    ends_s: float  # end of the last slot; now if there is none
+    end_s: float  # end of the last slot; now if there is none
     lower_bound_s: float  # lower bound of the end for any order of the plates
 
     @property
-    def starts_s(self) -> float:
-        return min((slot.starts_s for slot in self.slots), default=self.ends_s)
+    def start_s(self) -> float:
+        return min((slot.start_s for slot in self.slots), default=self.end_s)
 
 
 def forecast_prints(situation: Situation, include_bound: bool = True) -> Forecast:
@@ -92,9 +92,9 @@ def forecast_in_steps(situation: Situation, include_bound: bool = True) -> Gener
     ] or fleet
     simulation = _Simulation(situation, usable_printers)
     yield from simulation.run()
-    slots = sorted(simulation.slots, key=lambda slot: (slot.starts_s, slot.printer))
+    slots = sorted(simulation.slots, key=lambda slot: (slot.start_s, slot.printer))
     unplaced_plates = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
-    ends_s = max((slot.ends_s for slot in slots), default=now_s)
+    end_s = max((slot.end_s for slot in slots), default=now_s)
     bound_s = now_s
     if include_bound:
         started_plates = {slot.plate for slot in slots}
@@ -103,7 +103,7 @@ def forecast_in_steps(situation: Situation, include_bound: bool = True) -> Gener
         bound_s = _compute_lower_bound_s(
             plates, _find_fitting_printers(plates, usable_printers), ready_times_s, rules, now_s
         )
-    return Forecast(tuple(slots), unplaced_plates, ends_s, min(bound_s, ends_s))
+    return Forecast(tuple(slots), unplaced_plates, end_s, min(bound_s, end_s))
 
 
 class _Simulation:

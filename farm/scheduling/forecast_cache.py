@@ -92,5 +92,5 @@ class ForecastCache:
     ) -> Iterator[None]:
         forecast = yield from forecast_in_steps(situation, include_bound=False)
         if self._ends is previous_ends:  # otherwise, the clock was set meanwhile
-            ends_s = {slot.plate: slot.ends_s for slot in forecast.slots}
+            ends_s = {slot.plate: slot.end_s for slot in forecast.slots}
             self._books, self._ends = books, ExpectedEnds(ends_s, situation.now_s)

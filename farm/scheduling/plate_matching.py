@@ -118,9 +118,8 @@ class _PrinterKind:
 
     capabilities: Capabilities
     names: list[str]
-    unassigned_printers: list[
-        str
-    ]  # some may be assigned; the best for a plate planned for another one is last
+    # The best printer for a plate that was planned for another one is last; assigned ones may remain.
+    unassigned_printers: list[str]
     grams: float  # largest amount on a reel
     window: StartWindow
 

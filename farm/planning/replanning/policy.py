@@ -92,7 +92,7 @@ class EndForecast:
                 for p in situation.printers
             )
             situation = situation.with_printers(tuple(inspected_printers))
-        return {slot.plate: slot.ends_s for slot in forecast_prints(situation, include_bound=False).slots}
+        return {slot.plate: slot.end_s for slot in forecast_prints(situation, include_bound=False).slots}
 
 
 def compute_expected_end_s(plate: WaitingPlate, situation: Situation) -> float:

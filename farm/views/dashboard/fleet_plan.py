@@ -27,8 +27,8 @@ class TimelinePrint:
     job: int
     part: str
     kind: str
-    starts_s: float
-    ends_s: float
+    start_s: float
+    end_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class FleetPlan:
         ends_s: dict[int, float] = {}
         for slot in self.prints:
             if slot.kind in (PLANNED_KIND, "printing"):
-                ends_s[slot.job] = max(slot.ends_s, ends_s.get(slot.job, slot.ends_s))
+                ends_s[slot.job] = max(slot.end_s, ends_s.get(slot.job, slot.end_s))
         return ends_s
 
 
@@ -67,13 +67,13 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
             plates[slot.plate].job,
             plates[slot.plate].parts[0],
             PLANNED_KIND,
-            slot.starts_s,
-            slot.ends_s,
+            slot.start_s,
+            slot.end_s,
         )
         for slot in forecast.slots
     )
     prints = [*_list_started_prints(context, since_s), *planned_prints]
-    prints.sort(key=lambda slot: (slot.starts_s, slot.printer))
+    prints.sort(key=lambda slot: (slot.start_s, slot.printer))
     return FleetPlan(tuple(prints), forecast.unprintable_plates)
 
 
@@ -82,7 +82,7 @@ def _list_started_prints(context: ViewContext, since_s: float) -> Iterator[Timel
     for attempt in context.books.prints.values():
         if attempt.state.ended and (attempt.started_s is None or (attempt.ended_s or 0.0) < since_s):
             continue
-        starts_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
+        start_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
         part = context.books.plates[attempt.plate].parts[0]
         kind = name_outcome(attempt.state, attempt.verdict)
         yield TimelinePrint(
@@ -90,14 +90,14 @@ def _list_started_prints(context: ViewContext, since_s: float) -> Iterator[Timel
             attempt.job,
             part,
             kind,
-            starts_s,
-            _find_end_s(context, attempt, starts_s),
+            start_s,
+            _find_end_s(context, attempt, start_s),
         )
 
 
-def _find_end_s(context: ViewContext, attempt: Print, starts_s: float) -> float:
+def _find_end_s(context: ViewContext, attempt: Print, start_s: float) -> float:
     if attempt.ended_s is not None:
-        return max(starts_s, attempt.ended_s)
+        return max(start_s, attempt.ended_s)
     return context.now_s + max(60.0, context.estimate_remaining_s(attempt))
 
 

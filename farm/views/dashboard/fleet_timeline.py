@@ -195,15 +195,15 @@ def _make_shift(context: ViewContext, shift: JobShift) -> Shift:
 
 def _lay_out_chart(context: ViewContext, situation: Situation, plan: FleetPlan, since_s: float) -> Chart:
     """Lay out a plan over its whole time, up to eight days from now."""
-    last_s = max((slot.ends_s for slot in plan.prints), default=context.now_s) + _MARGIN_S
-    first_s = min((slot.starts_s for slot in plan.prints), default=context.now_s) - _MARGIN_S
+    last_s = max((slot.end_s for slot in plan.prints), default=context.now_s) + _MARGIN_S
+    first_s = min((slot.start_s for slot in plan.prints), default=context.now_s) - _MARGIN_S
     begin_s = max(since_s, min(first_s, context.now_s - _MARGIN_S))
     end_s = min(max(last_s, begin_s + _MIN_SPAN_S), context.now_s + _MAX_SPAN_S)
     axis = TimeAxis(begin_s, end_s, _LEFT, _WIDTH - _LEFT - _RIGHT, context.fleet.zone)
     rows = []
     names = dict.fromkeys([*context.fleet.names, *(slot.printer for slot in plan.prints)])
     for number, name in enumerate(names):
-        bars = (slot for slot in plan.prints if slot.printer == name and slot.starts_s < end_s)
+        bars = (slot for slot in plan.prints if slot.printer == name and slot.start_s < end_s)
         rows.append(
             Row(
                 name,
@@ -232,12 +232,12 @@ def _lay_out_bands(axis: TimeAxis, spans: Sequence[tuple[float, float]]) -> tupl
 
 
 def _lay_out_bar(context: ViewContext, axis: TimeAxis, slot: TimelinePrint) -> Bar:
-    x = axis.compute_x(slot.starts_s)
-    width = max(3.0, axis.compute_x(slot.ends_s) - x - 1.0)
+    x = axis.compute_x(slot.start_s)
+    width = max(3.0, axis.compute_x(slot.end_s) - x - 1.0)
     label = " ".join(filter(None, (SIGNS[slot.kind], slot.part)))
     if len(label) * _CHARACTER_WIDTH > width:
         label = SIGNS[slot.kind] if width > 2 * _CHARACTER_WIDTH else ""
-    duration = format_duration(slot.ends_s - slot.starts_s)
+    duration = format_duration(slot.end_s - slot.start_s)
     text = f"{slot.part} ({context.books.jobs[slot.job].name}) on {slot.printer}: {slot.kind}, {duration}"
     return Bar(x, width, slot.kind, label, text, slot.job)
 
@@ -249,6 +249,6 @@ def _make_table_row(context: ViewContext, slot: TimelinePrint) -> TableRow:
         name=context.books.jobs[slot.job].name,
         part=slot.part,
         kind=slot.kind,
-        starts=context.format_time(slot.starts_s) or "",
-        ends=context.format_time(slot.ends_s) or "",
+        starts=context.format_time(slot.start_s) or "",
+        ends=context.format_time(slot.end_s) or "",
     )

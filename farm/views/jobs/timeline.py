@@ -49,9 +49,9 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     bound_s = forecast_prints(situation.with_waiting_plates(own_plates)).lower_bound_s
     expected_slots = [slot for slot in forecast.slots if slot.plate in plates]
     slots = [*_list_started_slots(plates.values(), books), *expected_slots]
-    slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
-    begin_s = min((slot.starts_s for slot in slots), default=context.now_s)
-    end_s = max((slot.ends_s for slot in slots), default=context.now_s)
+    slots.sort(key=lambda slot: (slot.start_s, slot.printer))
+    begin_s = min((slot.start_s for slot in slots), default=context.now_s)
+    end_s = max((slot.end_s for slot in slots), default=context.now_s)
     return api.Timeline(
         job=job.id,
         now=context.format_time(context.now_s) or "",
@@ -73,10 +73,10 @@ def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]
         for attempt in books.list_prints(plate):
             factors = books.get_printer(attempt.printer).time_factors
             start_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
-            ends_s = attempt.ended_s
-            if ends_s is None:
-                ends_s = start_s + plate.compute_expected_s(factors)
-            yield Slot(plate.id, attempt.printer, start_s, ends_s)
+            end_s = attempt.ended_s
+            if end_s is None:
+                end_s = start_s + plate.compute_expected_s(factors)
+            yield Slot(plate.id, attempt.printer, start_s, end_s)
 
 
 def _make_slot_view(slot: Slot, plate: Plate, context: ViewContext) -> api.SlotView:
@@ -84,8 +84,8 @@ def _make_slot_view(slot: Slot, plate: Plate, context: ViewContext) -> api.SlotV
         plate=slot.plate,
         parts=list(plate.parts),
         printer=slot.printer,
-        starts=context.format_time(slot.starts_s) or "",
-        ends=context.format_time(slot.ends_s) or "",
+        starts=context.format_time(slot.start_s) or "",
+        ends=context.format_time(slot.end_s) or "",
         grams=plate.grams,
         price=plate.price,
     )

@@ -80,9 +80,9 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, offset_s, ran
     for name, slots in itertools.groupby(
         sorted(forecast.slots, key=lambda s: s.printer), lambda s: s.printer
     ):
-        ordered_slots = sorted(slots, key=lambda slot: slot.starts_s)
+        ordered_slots = sorted(slots, key=lambda slot: slot.start_s)
         for slot, next_slot in itertools.pairwise(ordered_slots):
-            assert next_slot.starts_s >= slot.ends_s + CLEARING_TIME_S
+            assert next_slot.start_s >= slot.end_s + CLEARING_TIME_S
         reel_grams = printers_by_name[name].grams
         assert (
             reel_grams is None or sum(plates_by_id[slot.plate].grams for slot in ordered_slots) <= reel_grams
@@ -90,12 +90,12 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, offset_s, ran
     for slot in forecast.slots:
         plate, printer = plates_by_id[slot.plate], printers_by_name[slot.printer]
         assert plate.requirements.matches(printer.capabilities)
-        assert slot.starts_s >= now_s
-        assert slot.ends_s - slot.starts_s == pytest.approx(compute_printing_s(plate, printer))
-        assert start_rules.find_start(plate, printer, slot.starts_s).at_s == slot.starts_s
-        heating_slots = [s for s in forecast.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
+        assert slot.start_s >= now_s
+        assert slot.end_s - slot.start_s == pytest.approx(compute_printing_s(plate, printer))
+        assert start_rules.find_start(plate, printer, slot.start_s).at_s == slot.start_s
+        heating_slots = [s for s in forecast.slots if s.start_s <= slot.start_s < s.start_s + 300.0]
         assert start_rules.max_heating is None or len(heating_slots) <= start_rules.max_heating
-    assert now_s <= forecast.lower_bound_s <= forecast.ends_s
+    assert now_s <= forecast.lower_bound_s <= forecast.end_s
     for items in (plates, fleet):
         random.shuffle(items)
     assert make_forecast(plates, fleet, start_rules, now_s) == forecast
@@ -112,15 +112,15 @@ def test_bound_is_below_the_end_of_every_order(durations_s, printer_count):
     )
     assert forecast.lower_bound_s <= best_end_s * (1 + 1e-9)
     rounds = -(-len(durations_s) // printer_count)
-    assert forecast.ends_s <= 4 / 3 * best_end_s + len(durations_s) * CLEARING_TIME_S
-    assert rounds > 1 or forecast.ends_s == pytest.approx(best_end_s)
+    assert forecast.end_s <= 4 / 3 * best_end_s + len(durations_s) * CLEARING_TIME_S
+    assert rounds > 1 or forecast.end_s == pytest.approx(best_end_s)
 
 
 def test_second_round_waits_for_a_cleared_bed():
     start_rules = make_rules(attended=("mon-fri 08:00-18:00",))
     plates = [make_plate("1/01", "a", expected_s=4 * HOUR_S), make_plate("1/02", "a", expected_s=2 * HOUR_S)]
     forecast = make_forecast(plates, [make_printer("a")], start_rules, MONDAY_S + 17 * HOUR_S)
-    assert [slot.starts_s - MONDAY_S for slot in forecast.slots] == [
+    assert [slot.start_s - MONDAY_S for slot in forecast.slots] == [
         17 * HOUR_S,
         32 * HOUR_S + CLEARING_TIME_S,
     ]
@@ -129,7 +129,7 @@ def test_second_round_waits_for_a_cleared_bed():
 def test_heating_limit_delays_starts():
     plates = [make_plate(f"1/{i}", "abc"[i], expected_s=HOUR_S, heating_s=600.0) for i in range(3)]
     forecast = make_forecast(plates, [make_printer(name) for name in "abc"], make_rules(max_heating=2), 0.0)
-    assert [slot.starts_s for slot in forecast.slots] == [0.0, 0.0, 600.0]
+    assert [slot.start_s for slot in forecast.slots] == [0.0, 0.0, 600.0]
 
 
 def test_absent_printer_is_not_used():
