@@ -53,7 +53,7 @@ class StartWindow:
         The start time.
     quiet_start_s
         Start of the current or next quiet hours.
-    attended_until_s
+    attended_end_s
         End of the attended hours; minus infinity outside of them.
     may_print_unattended, first_layers_attended
         True if the printers may print unattended; True if first layers must be attended.
@@ -61,7 +61,7 @@ class StartWindow:
 
     at_s: float
     quiet_start_s: float
-    attended_until_s: float
+    attended_end_s: float
     may_print_unattended: bool
     first_layers_attended: bool
 
@@ -73,8 +73,8 @@ class StartWindow:
         if at_s + plate.expected_s * DELAY_FACTOR > self.quiet_start_s:
             return False
         if not self.may_print_unattended:
-            return at_s + (plate.expected_s * DELAY_FACTOR + CLEARING_RESERVE_S) <= self.attended_until_s
-        return not self.first_layers_attended or at_s + plate.first_layer_s <= self.attended_until_s
+            return at_s + (plate.expected_s * DELAY_FACTOR + CLEARING_RESERVE_S) <= self.attended_end_s
+        return not self.first_layers_attended or at_s + plate.first_layer_s <= self.attended_end_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class StartRules:
         return make_text_time(at_s, now_s, self.zone)
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
-        """Find the earliest time, not before `from_s`, at which hours allow a plate to start on a printer.
+        """Find the earliest time from `from_s` at which the hours allow a plate to start on a printer.
 
         A print must end before quiet hours begin, and may not start unattended if it needs a person.
         """
@@ -145,7 +145,7 @@ class StartRules:
         return StartWindow(
             at_s=at_s,
             quiet_start_s=math.inf if quiet is None else quiet[0],
-            attended_until_s=-math.inf if attended_span is None else attended_span[1],
+            attended_end_s=-math.inf if attended_span is None else attended_span[1],
             may_print_unattended=may_print_unattended,
             first_layers_attended=self.first_layers_attended,
         )

@@ -82,7 +82,7 @@ class PlanRevisions:
 
     @property
     def reserved_printers(self) -> dict[str, str]:
-        """Printers for which jobs are being planned again, with the job."""
+        """Printers for which jobs are being planned again, each with its job."""
         return {name: f"job {order.job}" for order in self._running.values() for name in order.printers}
 
     @property

@@ -287,7 +287,7 @@ def test_own_gcode_is_shown_with_size_layers_and_time():
     assert list_gcode_figures(job, books.list_plates(job)) == figures
     assert list_gcode_figures(job, ()) == figures[:1]
     assert list_gcode_figures(books.get_job(1), books.list_plates(job)) == []
-    page = render_page(replace(make_data(books), gcode=figures))
+    page = render_page(replace(make_data(books), gcode_figures=figures))
     assert "<dt>Layers</dt><dd>10</dd>" in page
 
 
