@@ -56,7 +56,7 @@ class HostListener(Protocol):
 def compute_report_interval_s(printers: int) -> float:
     """Compute the seconds between two reports of a printing printer, for a number of printers.
 
-    Up to 200 printers report every second. In larger fleets each reports less often, but at least every
+    Up to 200 printers report every second. In larger fleets, each reports less often, but at least every
     five seconds, to limit the number of reports that the daemon reads per second.
     """
     return min(_MAX_REPORT_INTERVAL_S, max(1.0, printers / _REPORTS_PER_S))
@@ -294,7 +294,7 @@ class Hosts:
             if record.state is not None and record.state.update.phase is not UpdatePhase.CURRENT
         )
         if outdated_hosts:
-            log.info("%s updates the agents of %s", by, " ".join(outdated_hosts))
+            log.info("%s is updating the agents of %s", by, " ".join(outdated_hosts))
             self._rollout = ()
             self._listener.warn("update", None)
         return outdated_hosts

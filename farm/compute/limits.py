@@ -14,7 +14,7 @@ class Limit:
     work_name
         Name of the work, for messages.
     urgent
-        True if the work is quick and a user waits for it; it then starts before other work.
+        True if the work is quick and a user is waiting for it; it then starts before other work.
     """
 
     work_name: str

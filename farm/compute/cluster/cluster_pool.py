@@ -62,7 +62,7 @@ ConnectionFactory = Callable[
 class ClusterPool:
     """Pool on a cluster; see `farm.compute.pool.Pool`.
 
-    Work without known files runs on this computer, because it is quick and a person waits for it. When the
+    Work without known files runs on this computer, because it is quick and a person is waiting. When the
     cluster has had no usable worker for `cluster_state.WORKER_TIMEOUT_S`, all work runs on this computer
     until the cluster has one.
 

@@ -72,6 +72,6 @@ def make_session_routes(services: Services) -> APIRouter:
 
     @router.post("/sessions/end")
     async def end_sessions(by: OperatorName) -> api.EndedSessions:
-        return services.sessions.end_all(by)
+        return services.sessions.end_all_sessions(by)
 
     return router

@@ -132,7 +132,7 @@ def test_ended_sessions_are_removed_from_the_books(farm):
         session = farm.find_session(farm.open_session())
         farm.wait(1.0)
         assert session is not None
-        farm.sessions.end_all("ann")
+        farm.sessions.end_all_sessions("ann")
     assert len(farm.controller.books.keys) == 1
     assert len(farm.store.load().keys) == 1
 
@@ -140,7 +140,7 @@ def test_ended_sessions_are_removed_from_the_books(farm):
 def test_end_of_all_sessions_also_voids_links(farm):
     texts = [farm.open_session(user) for user in ("ann", "bob")]
     token = farm.sessions.make_link("eve", Role.PRINT)
-    assert farm.sessions.end_all("ann").ended == 2
+    assert farm.sessions.end_all_sessions("ann").ended == 2
     assert [farm.find_session(text) for text in texts] == [None, None]
     assert {event["by"] for event in list_events(farm, "KeyRevoked")} == {"ann"}
     with pytest.raises(NotFoundError):
