@@ -17,6 +17,7 @@ import shapely
 
 from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
+from slicing.hidden_walls.inner_walls import removes_inner_walls
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
 from slicing.hidden_walls.sides import Indices, find_level_lines, find_long_layers
 from slicing.hidden_walls.travel import OuterWalls, shorten_route
@@ -119,6 +120,8 @@ class _Plan:
 def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) -> bytes:
     """Print the pieces of inner walls in the order and direction with the least travel.
 
+    Walls stay as they are unless `removes_inner_walls`: else a longer travel might need a retraction.
+
     Parameters
     ----------
     gcode
@@ -132,9 +135,16 @@ def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) 
     -------
     bytes
         G-code with the same lines in another order; the same object if no order saves travel.
+
+    Raises
+    ------
+    SliceRejected
+        `FLAVOUR` if the changed file cannot be read; see `read_toolpath`.
     """
-    outer_walls = OuterWalls(path)
     segments: dict[int, list[Segment]] = {}
+    if not removes_inner_walls(settings):
+        return gcode
+    outer_walls = OuterWalls(path)
     for chain in _list_chains(path, settings):
         area = outer_walls.build_travel_area(int(path.layer[chain.moves[-1]]))
         plan = _find_best_plan(chain, area)

@@ -120,6 +120,11 @@ def test_walls_stay_as_they_are(reorder, options):
     assert reorder(gcode)[0] is gcode
 
 
+def test_walls_stay_as_they_are_if_long_travel_retracts(reorder):
+    gcode = write_layers(RING, removed={2})
+    assert reorder(gcode, retraction_combing_max_distance="30")[0] is gcode
+
+
 @given(
     radii_mm=st.lists(st.floats(10.0, 40.0), min_size=5, max_size=12),
     removed=st.sets(st.integers(0, 11), min_size=1, max_size=3),
