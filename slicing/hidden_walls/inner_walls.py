@@ -23,18 +23,18 @@ from slicing.hidden_walls.sides import (
     Indices,
     find_bed_points,
     find_level_lines,
-    find_long_layers,
     list_side_runs,
     list_wall_lines,
+    measure_spare_times_s,
 )
 from slicing.hidden_walls.travel import shorten_travel
 from slicing.settings import EngineSettings
 
 MIN_REMOVED_MM = 10.0
 """Minimum length that is removed from a wall."""
-_LAYER_TIME_RATIO = 2.0
-"""Minimum ratio of a layer's time to the minimum layer time at which its inner walls are removed; they take
-at most half of the layer's time."""
+_SAVED_TIME_MARGIN = 1.1
+"""Factor of the time of a removed line at its speed, because the head also accelerates less often. A layer
+never becomes shorter than the minimum layer time."""
 _CLOSURE_TOLERANCE_MM = 0.02
 """Maximum distance between the ends of a closed loop."""
 
@@ -125,8 +125,8 @@ def _find_removal(
     """Find the moves of inner walls at the depth `wall_depth_mm` that are removed."""
     count = len(path.layer)
     removal = _Removal(np.zeros(count), np.zeros(count), np.zeros(count, np.bool_), [])
-    min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
-    is_line = find_level_lines(path) & find_long_layers(path, min_time_s) & (path.layer > 0)
+    spare_s = measure_spare_times_s(path, float(settings.extruder["cool_min_layer_time"]))
+    is_line = find_level_lines(path) & (path.layer > 0)
     walls = np.flatnonzero(is_line & path.is_feature("WALL-INNER"))
     if len(walls) == 0:
         return removal
@@ -134,19 +134,22 @@ def _find_removal(
     side_numbers = _find_sides(loops, points_mm, sides, wall_depth_mm)
     for loop in loops:
         for moves in _list_loop_runs(loop, side_numbers[loop.moves] >= 0):
+            layer = int(path.layer[moves[0]])
             starts_mm, deltas_mm = points_mm[0][moves], points_mm[1][moves] - points_mm[0][moves]
             lengths_mm = np.hypot(*deltas_mm.T)
             is_whole = loop.is_closed and len(moves) == len(loop.moves)
             first, last = _trim_run(lengths_mm, 0.0 if is_whole else RUN_OUT_MM)
-            if float(((last - first) * lengths_mm).sum()) < MIN_REMOVED_MM:
+            removed_mm = (last - first) * lengths_mm
+            saved_s = _SAVED_TIME_MARGIN * float((removed_mm * 60.0 / path.feed_mm_min[moves]).sum())
+            if float(removed_mm.sum()) < MIN_REMOVED_MM or saved_s > spare_s.get(layer, 0.0):
                 continue
             ends_mm = [starts_mm + share[:, None] * deltas_mm for share in (first, last)]
-            layer = int(path.layer[moves[0]])
             stretches = _list_stretches(layer, side_numbers[moves], ends_mm, last > first, sides)
             if all(backing.supports(stretch) for stretch in stretches):
                 removal.first_share[moves], removal.last_share[moves] = first, last
                 removal.is_skipped[moves] = is_whole
                 removal.stretches.extend(stretches)
+                spare_s[layer] -= saved_s
     return removal
 
 

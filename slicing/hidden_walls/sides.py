@@ -93,6 +93,16 @@ def find_long_layers(path: Toolpath, min_time_s: float) -> Bools:
     return is_long
 
 
+def measure_spare_times_s(path: Toolpath, min_time_s: float) -> dict[int, float]:
+    """Measure by how many seconds each layer exceeds a minimum time, according to the comments."""
+    spare_s, first, elapsed_s = {}, 0, 0.0
+    for move, end_s in path.list_layer_ends():
+        if move > first:
+            spare_s[int(path.layer[move - 1])] = end_s - elapsed_s - min_time_s
+        first, elapsed_s = move, end_s
+    return spare_s
+
+
 def list_side_runs(
     walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_depth_mm: float
 ) -> Iterator[Indices]:

@@ -19,16 +19,16 @@ from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
 from slicing.hidden_walls.inner_walls import removes_inner_walls
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
-from slicing.hidden_walls.sides import Indices, find_level_lines, find_long_layers
+from slicing.hidden_walls.sides import Indices, find_level_lines, measure_spare_times_s
 from slicing.hidden_walls.travel import OuterWalls, shorten_route
 from slicing.settings import EngineSettings
 
 MIN_SAVED_MM = 2.0  # minimum travel that another order saves in a layer
 MAX_PIECES = 4  # maximum number of pieces whose order is changed; there are n! 2^n orders
 MAX_TRIED_ORDERS = 6  # maximum number of orders whose travel is planned, the best by straight lines first
-_LAYER_TIME_RATIO = 2.0
-"""Minimum ratio of a layer's time to the minimum layer time at which its walls are printed in another order;
-travel takes less than half of the layer's time."""
+_SAVED_TIME_MARGIN = 1.5
+"""Factor of the time of the saved travel at its speed, because the head also accelerates less often. A layer
+never becomes shorter than the minimum layer time."""
 _CLOSED_MM = 0.02
 
 Point = tuple[float, float]
@@ -145,10 +145,14 @@ def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) 
     if not removes_inner_walls(settings):
         return gcode
     outer_walls = OuterWalls(path)
-    for chain in _list_chains(path, settings):
-        area = outer_walls.build_travel_area(int(path.layer[chain.moves[-1]]))
-        plan = _find_best_plan(chain, area)
-        if plan is not None and plan.travel_mm < chain.travel_mm - MIN_SAVED_MM:
+    spare_s = measure_spare_times_s(path, float(settings.extruder["cool_min_layer_time"]))
+    for chain in _list_chains(path):
+        layer = int(path.layer[chain.moves[-1]])
+        plan = _find_best_plan(chain, outer_walls.build_travel_area(layer))
+        saved_mm = 0.0 if plan is None else chain.travel_mm - plan.travel_mm
+        saved_s = _SAVED_TIME_MARGIN * saved_mm / settings.speed_travel_mm_s
+        if plan is not None and saved_mm > MIN_SAVED_MM and saved_s <= spare_s.get(layer, 0.0):
+            spare_s[layer] -= saved_s
             segments |= _list_segments(path, chain, plan, 60.0 * settings.speed_travel_mm_s)
     if not segments:
         return gcode
@@ -156,14 +160,12 @@ def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) 
     return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
 
 
-def _list_chains(path: Toolpath, settings: EngineSettings) -> Iterator[_Chain]:
+def _list_chains(path: Toolpath) -> Iterator[_Chain]:
     """Yield the chains that include a piece of an interrupted wall."""
     is_line = find_level_lines(path)
     is_wall = is_line & path.is_feature("WALL-INNER")
     is_travel = (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0)
     begins_outer = np.append(is_line & path.is_feature("WALL-OUTER"), False)
-    min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
-    is_long = find_long_layers(path, min_time_s) & (path.layer > 0)
     extruded_per_mm = measure_extrusion_per_mm(path)
     lengths_mm = np.hypot(*(path.end - path.start)[:, :2].T)
     begins_after_command = np.zeros(len(is_wall) + 1, np.bool_)
@@ -175,7 +177,7 @@ def _list_chains(path: Toolpath, settings: EngineSettings) -> Iterator[_Chain]:
     for low, high in bounds.tolist():
         moves = np.arange(low, high + 1)
         walls = moves[is_wall[moves]]
-        if len(walls) == 0 or not begins_outer[high + 1] or not is_long[walls].all():
+        if len(walls) == 0 or not begins_outer[high + 1] or path.layer[walls[0]] <= 0:
             continue
         if len(np.unique(path.layer[[*walls, high + 1]])) > 1:
             continue

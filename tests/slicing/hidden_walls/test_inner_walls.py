@@ -47,6 +47,12 @@ def sum_lengths_mm(lines_mm):
     return float(np.linalg.norm(lines_mm[:, 1] - lines_mm[:, 0], axis=1).sum())
 
 
+def measure_layer_times_s(path):
+    """Return the time of each layer by its number, from the comments, which also divide layers."""
+    ends_s = {int(path.layer[move - 1]): end_s for move, end_s in path.list_layer_ends() if move}
+    return np.diff([0.0, *(ends_s[layer] for layer in sorted(ends_s) if layer >= 0)])
+
+
 def list_travel_mm(path, layers):
     is_travel = (path.extruded_mm == 0.0) & path.moves_head & np.isin(path.layer, layers)
     return np.stack((path.start[is_travel, :2], path.end[is_travel, :2]), axis=1) - CENTRE_MM
@@ -166,6 +172,19 @@ def test_travel_stays_within_the_outer_walls(slice_walls, sides):
     plain_mm, _ = list_lines(slice_walls(mesh=angle)[1], "WALL-INNER", INFILL_LAYERS)
     assert sum_lengths_mm(lines_mm) < 0.85 * sum_lengths_mm(plain_mm)
     assert all(ANGLE.covers(shapely.LineString(line_mm)) for line_mm in travel_mm)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.7, 0.98])
+def test_no_layer_becomes_shorter_than_the_minimum_time(slice_walls, make_settings, share):
+    """Check layers that take at least a minimum time, with little more than it at the largest share."""
+    _, plain_path = slice_walls()
+    plain_s = measure_layer_times_s(plain_path)
+    min_s = share * plain_s[INFILL_LAYERS.start : INFILL_LAYERS.stop].min()
+    _, path = slice_walls(RIGHT, LEFT, BACK, FRONT, settings=make_settings(cool_min_layer_time=min_s))
+    new_s = measure_layer_times_s(path)
+    assert new_s[INFILL_LAYERS.start : INFILL_LAYERS.stop].min() >= min_s - 0.01
+    kept_mm = sum_lengths_mm(list_lines(path, "WALL-INNER", INFILL_LAYERS)[0])
+    assert (kept_mm == 0.0) == (share < 0.9)
 
 
 def test_turned_block_saves_the_same_filament(slice_walls):
