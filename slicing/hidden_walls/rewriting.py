@@ -34,7 +34,7 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
     Parameters
     ----------
     gcode
-        G-code with one move in each line; relative moves, as at its end, are not changed.
+        G-code with one move in each line; relative moves, such as those at its end, are not changed.
     path
         Moves and comments of the same file.
     segments
@@ -85,7 +85,7 @@ def measure_extrusion_per_mm(path: Toolpath) -> Floats:
 
 
 def _is_replaceable(path: Toolpath) -> Bools:
-    """Mark the moves (n,) on one level, but for those of the feeder alone and those with a retraction."""
+    """Mark the moves (n,) at constant Z, except those of the feeder alone and those with a retraction."""
     is_level = path.end[:, 2] == path.start[:, 2]
     extruded_mm = path.extruded_mm
     return np.asarray(is_level & ((extruded_mm == 0.0) | (path.moves_head & (extruded_mm > 0.0))))

@@ -191,7 +191,7 @@ def _resolve_settings(
 def _reduce_hidden_layers(
     settings: EngineSettings, hidden_layers: HiddenLayers | None, part: PartSettings
 ) -> EngineSettings:
-    """Print fewer solid layers at the hidden faces of a part.
+    """Reduce the number of solid layers at the hidden faces of a part.
 
     CuraEngine takes `initial_bottom_layers` from the bed up; undersides above it keep `bottom_layers`.
     """
