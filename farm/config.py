@@ -108,12 +108,9 @@ class UploadsSection(_Section):
 class KeepSection(_Section):
     """The keys under `fleet.keep`: limits on files of ended jobs; figures and pictures always stay."""
 
-    days: Annotated[float, Field(ge=2, allow_inf_nan=False)] = (
-        90.0  # maximum age of the files of a job, and of events
-    )
-    gb: Annotated[float, Field(gt=0, allow_inf_nan=False)] = (
-        50.0  # maximum size of the files of all jobs; the oldest are deleted first
-    )
+    # Maximum age of events and of files, and maximum size of all files; the oldest are deleted first.
+    days: Annotated[float, Field(ge=2, allow_inf_nan=False)] = 90.0
+    gb: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 50.0
 
 
 class TlsSection(_Section):

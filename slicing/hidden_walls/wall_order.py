@@ -45,7 +45,7 @@ class _Piece:
 
     @property
     def is_closed(self) -> bool:
-        """Whether it ends where it begins."""
+        """True if it ends where it begins."""
         return dist(self.points_mm[0], self.points_mm[-1]) < _CLOSED_MM
 
     def join(self, following: _Piece) -> _Piece:

@@ -54,8 +54,7 @@ MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one start
 PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
-# Mean number of times that a search prices each part: for its slopes, and after its moves.
-MEAN_PRICING_COUNT = 10
+MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes of a part, for slopes and after moves
 
 
 def shift_planes(
@@ -345,7 +344,7 @@ class _PlaneShift:
         moved_numbers = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._record_effort(moved_numbers)
         arguments = moved_numbers, [parts[i] for i in moved_numbers], boxes_mm[moved_numbers]
-        recut_parts = list(self.problem.map(self._cut_part_in_old_poses, *arguments))
+        recut_parts = list(self.problem.map(self._recut_in_old_poses, *arguments))
         unposed_pieces = [
             piece
             for part, poses in recut_parts
@@ -359,9 +358,7 @@ class _PlaneShift:
             new_parts[i] = part.with_poses(all_poses) if all_poses else part
         return new_parts
 
-    def _cut_part_in_old_poses(
-        self, i: int, part: BoxPart, box_mm: Floats
-    ) -> tuple[BoxPart, list[Pose | None]]:
+    def _recut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
         """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
 
         The list is empty if the part breaks into pieces.
