@@ -42,12 +42,12 @@ from farm.http import (
     PeerProtocol,
     Services,
     StreamLimit,
-    check_operators,
+    check_operator_group,
     compute_connection_limit,
-    end_at_signals,
     listen,
     make_app,
     read_descriptor_limit,
+    stop_on_signals,
 )
 from farm.log_format import start_log
 from farm.paths import FarmPaths, StateFolder, read_anchor, write_anchor
@@ -146,7 +146,7 @@ class Daemon:
         await self._begin_upkeep(upkeep)
         network = self._start_network_server(services, dry_runs, connection_limit)
         try:
-            with end_at_signals(self._server):
+            with stop_on_signals(self._server):
                 await self._server.serve(sockets=[listener])
         finally:
             clock_task.cancel()
@@ -334,7 +334,7 @@ def run(fleet: Fleet, paths: FarmPaths) -> None:
     """
     start_log(fleet.fleet.log)
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
-    check_operators(fleet.fleet.operators)
+    check_operator_group(fleet.fleet.operators)
     if fleet.fleet.materials is not None:
         os.environ[OWN_MATERIALS_VARIABLE] = str(fleet.fleet.materials)  # the workers inherit it
     paths.state.make()

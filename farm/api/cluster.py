@@ -9,7 +9,7 @@ class ClusterWorkerView(View):
     """Worker of the cluster."""
 
     name: str
-    slots: int
+    slots: int  # number of tasks that it runs at the same time
     refused: str | None  # reason why it gets no tasks
 
 
@@ -29,5 +29,5 @@ class ClusterView(View):
     text: str
     workers: list[ClusterWorkerView]
     tasks: list[ClusterTaskView]
-    waiting: int
-    here: int
+    waiting: int  # number of tasks that wait for a worker
+    here: int  # number of tasks that this computer runs

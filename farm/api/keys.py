@@ -59,7 +59,7 @@ class AppKeyRequestView(View):
 class NetworkView(View):
     """Server for callers on the network (`web` in fleet.yaml)."""
 
-    address: str | None  # None: off
+    address: str | None  # null if it is off
     problem: str | None  # reason why it does not listen
 
 

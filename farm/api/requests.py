@@ -42,11 +42,11 @@ class ClearedRequest(View):
 
 
 class ClearedResponse(View):
-    """Response to a cleared bed. A bad part is printed again, unless it was cancelled."""
+    """Response to the report that a bed is clear. A bad part is printed again, unless it was cancelled."""
 
     again: str | None = None  # part that is printed again
     good: str | None = None  # part of a failed print that is good
-    printed_on: list[str] = Field(default_factory=list)  # printers that already reprint that part
+    printed_on: list[str] = Field(default_factory=list)  # printers that are already reprinting that part
 
 
 class NameResponse(View):

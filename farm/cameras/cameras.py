@@ -49,9 +49,9 @@ class _Camera:
     state: CameraState = field(default_factory=CameraState)
     latest_still: Image | None = None
     latest_still_s: float = 0.0
-    viewed_s: float = 0.0
+    last_viewed_s: float = 0.0
     fetch_task: asyncio.Task[Image] | None = None
-    store_after_s: float = 0.0  # earliest time to store a still again after a disk error
+    next_store_s: float = 0.0  # earliest time to store a still again after a disk error
 
 
 class Cameras:
@@ -64,9 +64,9 @@ class Cameras:
     state
         The state folder, with the file store.
     fetch
-        Fetches a still from an address.
+        Function that fetches a still from a URL.
     monotonic
-        Returns wall seconds.
+        Clock that returns wall seconds.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Cameras:
         camera = self._cameras.get(printer)
         if camera is None:
             raise NotFoundError(f"{printer} has no camera: give its address with `camera` in fleet.yaml")
-        now_s = camera.viewed_s = self._monotonic()
+        now_s = camera.last_viewed_s = self._monotonic()
         if camera.latest_still is not None and now_s - camera.latest_still_s < MAX_STILL_AGE_S:
             return camera.latest_still
         task = camera.fetch_task or self._begin_fetch(camera)
@@ -113,7 +113,7 @@ class Cameras:
         """Begin to fetch the stills that are due, and drop the stills that nobody views."""
         now_s = self._monotonic()
         for camera in self._cameras.values():
-            if now_s - max(camera.viewed_s, camera.latest_still_s) > _VIEWER_TIMEOUT_S:
+            if now_s - max(camera.last_viewed_s, camera.latest_still_s) > _VIEWER_TIMEOUT_S:
                 camera.latest_still = None
         controller = self._controller
         snapshots, farm_s = controller.telemetry.snapshots, controller.clock.now()
@@ -123,7 +123,7 @@ class Cameras:
             if (
                 due.printer in self._store_tasks
                 or camera.fetch_task is not None
-                or now_s < camera.store_after_s
+                or now_s < camera.next_store_s
             ):
                 continue
             task = self._begin_fetch(camera)
@@ -191,7 +191,7 @@ class Cameras:
         except CameraError:
             pass  # `_run_fetch` has logged it; a later tick tries again
         except (OSError, FarmError) as error:
-            self._cameras[due.printer].store_after_s = self._monotonic() + MAX_INTERVAL_S
+            self._cameras[due.printer].next_store_s = self._monotonic() + MAX_INTERVAL_S
             PrinterLog(log, due.printer).warning("a still cannot be stored: %s", error)
 
 

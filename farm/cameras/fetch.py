@@ -51,9 +51,9 @@ async def fetch_still(url: str) -> Image:
         raise CameraError(str(error)) from None
     except httpx.ConnectError as error:
         text = str(error) if "certificate" in str(error).lower() else "its connection was refused"
-        raise CameraError(f"it does not answer ({text})") from None
+        raise CameraError(f"it does not result ({text})") from None
     except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError, OSError) as error:
-        raise CameraError(f"it does not answer like a web server ({type(error).__name__})") from None
+        raise CameraError(f"it does not result like a web server ({type(error).__name__})") from None
 
 
 async def _fetch_image(url: httpx.URL) -> Image:
@@ -121,7 +121,7 @@ def _choose_authentication(response: httpx.Response, user: str, password: str) -
 
 
 def _resolve_redirect(url: httpx.URL, location: str) -> httpx.URL:
-    """Return the address of a redirect. Raises CameraError for another host, or a less secure address."""
+    """Return the target of a redirect. Raises CameraError for another host, or a less secure address."""
     target = url.join(location).copy_with(username=None, password=None)
     is_secure = target.scheme == "https" or (target.scheme, url.scheme) == ("http", "http")
     if target.host != url.host or not is_secure:
@@ -166,26 +166,26 @@ async def _look_up_addresses(url: httpx.URL) -> list[str]:
     port = url.port or (443 if url.scheme == "https" else 80)
 
     def look_up() -> None:
-        answer: list[str] | OSError | UnicodeError
+        result: list[str] | OSError | UnicodeError
         try:
             rows = socket.getaddrinfo(url.host, port, type=socket.SOCK_STREAM)
-            answer = list(dict.fromkeys(str(row[4][0]) for row in rows))
+            result = list(dict.fromkeys(str(row[4][0]) for row in rows))
         except (OSError, UnicodeError) as error:
-            answer = error
+            result = error
         with suppress(RuntimeError):  # raised if the loop has ended
-            loop.call_soon_threadsafe(set_answer, answer)
+            loop.call_soon_threadsafe(set_result, result)
 
-    def set_answer(answer: list[str] | OSError | UnicodeError) -> None:
+    def set_result(result: list[str] | OSError | UnicodeError) -> None:
         if not addresses.done():
-            addresses.set_result(answer)
+            addresses.set_result(result)
 
     if _is_address(url.host):
         return [url.host]
     Thread(target=look_up, name="camera look-up", daemon=True).start()
-    answer = await addresses
-    if isinstance(answer, list):
-        return answer
-    raise CameraError(f"its name {url.host} is unknown") from answer
+    result = await addresses
+    if isinstance(result, list):
+        return result
+    raise CameraError(f"its name {url.host} is unknown") from result
 
 
 def _is_address(host: str) -> bool:

@@ -30,14 +30,14 @@ class CameraState:
     ----------
     last_attempt_s
         Time at which the last attempt began.
-    failures
+    failure_count
         Number of attempts that have failed since the last still.
     problem
         Reason why the last attempt failed; None if it succeeded.
     """
 
     last_attempt_s: float | None = None
-    failures: int = 0
+    failure_count: int = 0
     problem: str | None = None
 
     def begin(self, now_s: float) -> CameraState:
@@ -46,18 +46,18 @@ class CameraState:
 
     def succeed(self) -> CameraState:
         """Return the state after a successful attempt."""
-        return replace(self, failures=0, problem=None)
+        return replace(self, failure_count=0, problem=None)
 
     def fail(self, problem: str) -> CameraState:
         """Return the state after an attempt that failed."""
-        return replace(self, failures=self.failures + 1, problem=problem)
+        return replace(self, failure_count=self.failure_count + 1, problem=problem)
 
     @property
     def next_attempt_s(self) -> float:
         """Earliest time of the next attempt."""
         if self.last_attempt_s is None:
             return 0.0
-        doublings = min(self.failures, 10)
+        doublings = min(self.failure_count, 10)
         return self.last_attempt_s + min(MAX_INTERVAL_S, MIN_INTERVAL_S * 2.0**doublings)
 
 
@@ -80,7 +80,7 @@ def find_due_stills(
     books
         The books.
     snapshots
-        The agents' latest reports, by printer.
+        The agents' latest snapshots, by printer.
     printers
         The printers with a camera.
     now_s, scale

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 
 _TIMEOUT_S = 1.0  # the user is waiting at the prompt
 Completions = list[tuple[str, str]]  # each with its description
-Complete = Callable[[typer.Context, str], Completions]
+CompletionFunction = Callable[[typer.Context, str], Completions]
 
 
-def _make_completion(list_words: Callable[[Names, typer.Context], Iterable[tuple[str, str]]]) -> Complete:
+def _make_completion(
+    list_words: Callable[[Names, typer.Context], Iterable[tuple[str, str]]],
+) -> CompletionFunction:
     """Make a completion function for typer from a function that lists all words."""
 
     def complete(context: typer.Context, incomplete: str) -> Completions:

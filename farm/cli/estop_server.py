@@ -55,9 +55,9 @@ class EstopServer:
     listener
         The socket to accept on.
     start_process
-        Starts the process that serves a request and answers on its connection.
+        Function that starts the process that serves a request and responds on its connection.
     read_uid
-        Returns the user at the other end of a connection.
+        Function that returns the user at the other end of a connection.
     """
 
     def __init__(

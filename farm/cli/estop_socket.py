@@ -35,14 +35,14 @@ class StopReport(_Line):
     """Progress or outcome of one printer's stop."""
 
     printer: str
-    seen_off: bool | None = None  # None: not decided yet
-    still: bool | None = None  # True: the printer is confirmed to stand still
+    seen_off: bool | None = None  # null until it is known
+    still: bool | None = None  # true if the printer is confirmed to stand still
     reset_after_s: float | None = None
     text: str
 
 
 class StopEnd(_Line):
-    """Last line of the answer."""
+    """Last line of the response."""
 
     over: Literal[True]
     error: str | None = None
@@ -50,7 +50,7 @@ class StopEnd(_Line):
 
 
 ReportCallback = Callable[[StopReport], None]
-_ANSWER_LINE: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopEnd)
+_RESPONSE_LINE: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopEnd)
 
 
 def find_estop_socket(paths: FarmPaths) -> Path | None:
@@ -84,12 +84,12 @@ def _find_owner(path: Path) -> int | None:
 
 
 def request_stop(path: Path, printers: list[str], report: ReportCallback) -> None:
-    """Send a request to stop printers over the socket, and report the answers.
+    """Send a request to stop printers over the socket, and report each line of the response.
 
     Raises
     ------
     FarmError
-        If there is no answer, or the stop fails.
+        If there is no response, or the stop fails.
     """
     message = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
     try:
@@ -99,28 +99,28 @@ def request_stop(path: Path, printers: list[str], report: ReportCallback) -> Non
             connection.sendall(StopRequest(printers=printers).model_dump_json().encode() + b"\n")
             with connection.makefile("r", encoding="utf-8") as lines:
                 for line in lines:
-                    answer = _ANSWER_LINE.validate_json(line)
-                    if isinstance(answer, StopEnd):
-                        if answer.error is not None:
-                            raise FarmError(answer.error, answer.code)
+                    response = _RESPONSE_LINE.validate_json(line)
+                    if isinstance(response, StopEnd):
+                        if response.error is not None:
+                            raise FarmError(response.error, response.code)
                         return
-                    report(answer)
+                    report(response)
     except PermissionError as error:
         raise FarmError(message.format("only members of its group may use it")) from error
-    except (OSError, ValueError) as error:  # ValueError: not a valid answer line
+    except (OSError, ValueError) as error:  # ValueError: a line of the response is not valid
         raise FarmError(message.format(error)) from error
     raise FarmError(message.format("it ended before it reported the result"))
 
 
 def serve_request(
-    request: TextIO, answers: TextIO, stop: Callable[[list[str], ReportCallback], None]
+    request: TextIO, responses: TextIO, stop: Callable[[list[str], ReportCallback], None]
 ) -> None:
     """Serve one stop request, reporting line by line; continue if the caller disconnects."""
 
     def send(line: BaseModel) -> None:
         try:
-            answers.write(line.model_dump_json() + "\n")
-            answers.flush()
+            responses.write(line.model_dump_json() + "\n")
+            responses.flush()
         except OSError:
             pass
 

@@ -33,7 +33,7 @@ class FetchedFiles:
 
 
 def is_picture(name: str) -> bool:
-    """Return whether the report of a job shows the file with a name."""
+    """Return whether the report of a job shows a file with this name."""
     return name.lower().endswith(_PICTURE_SUFFIXES)
 
 
@@ -59,7 +59,7 @@ def fetch_files(
     force
         True to overwrite files with other content.
     select
-        Returns whether to fetch the file with a name.
+        Function that returns whether to fetch the file with a given name.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def _fetch_file(client: Client, number: int, file: api.FileView, folder: Path, f
         if remaining_bytes or digest.hexdigest() != file.sha256:
             raise FarmError(f"{file.name} arrived damaged or incomplete: fetch it again")
         temporary.chmod(0o666 & ~_read_umask())
-        _refuse_overwriting(folder, [file], force)  # another file may have been written meanwhile
+        _refuse_overwriting(folder, [file], force)  # another file may have been written in the meantime
         temporary.replace(folder / file.name)
     finally:
         temporary.unlink(missing_ok=True)

@@ -18,7 +18,7 @@ from farm.views.report.decomposition import parse_report
 _MAX_PRINTS = 100_000
 _MAX_STILLS_BYTES = 50_000_000  # maximum size of all stills on a page
 FileFinder = Callable[[str], Path | None]
-"""Function that returns a readable file for a path in the daemon's answer; None if there is none."""
+"""Function that returns a readable file for a path in a response of the daemon; None if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ def render_report(client: Client, number: int, find_file: FileFinder) -> Report:
     number
         The job.
     find_file
-        Finds the files that the daemon names.
+        Function that finds the files that the daemon names.
     """
     view = client.fetch_job(number).job
     fleet = client.fetch_status().fleet

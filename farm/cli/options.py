@@ -113,13 +113,13 @@ def with_farm(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P,
 
 
 def _add_options(
-    command: Callable[Concatenate[FarmPaths, P], None], choices: Sequence[tuple[str, object]]
+    command: Callable[Concatenate[FarmPaths, P], None], path_options: Sequence[tuple[str, object]]
 ) -> Callable[P, None]:
-    """Add the options for the paths of a farm to a command, after its own options."""
+    """Add options that locate a farm to a command, after the command's own options."""
     signature = inspect.signature(command, eval_str=True)
     options = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
-        for name, option in choices
+        for name, option in path_options
     ]
     parameters = [*list(signature.parameters.values())[1:], *options]
 

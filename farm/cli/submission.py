@@ -13,7 +13,7 @@ from farm.cli.client import Client
 from farm.cli.display import (
     follow_job,
     print_json,
-    retry_over_restart,
+    retry_during_restart,
     show_progress,
     show_result,
     show_submitted_job,
@@ -46,10 +46,10 @@ class Submitter:
 
     def submit_model(self, model: Path) -> int:
         """Submit one model and show its job; return the exit code. Raises FarmError."""
-        answer = self._show_job_or_plan(self._upload_model(model))
+        response = self._show_job_or_plan(self._upload_model(model))
         if self.quiet:
-            print_json(answer)
-        return _find_exit_code(answer)
+            print_json(response)
+        return _find_exit_code(response)
 
     def submit_models(self, models: Iterable[Path]) -> int:
         """Submit several models, one job for each; a failure does not stop the others.
@@ -59,34 +59,34 @@ class Submitter:
         int
             Exit code of the first failed model; `ExitCode.DONE` if none failed.
         """
-        answers = [api.Submission(model=str(model)) for model in models]
+        submissions = [api.Submission(model=str(model)) for model in models]
         numbers: dict[int, int] = {}
-        for i, answer in enumerate(answers):
+        for i, submission in enumerate(submissions):
             try:
-                numbers[i] = self._upload_model(Path(answer.model))
+                numbers[i] = self._upload_model(Path(submission.model))
                 # Dry runs are finished one by one, because the daemon cancels those that no client polls.
                 if self.options.dry_run:
-                    answers[i] = self._finish_submission(answer, numbers.pop(i))
+                    submissions[i] = self._finish_submission(submission, numbers.pop(i))
             except FarmError as error:
-                answers[i] = _record_failure(answer, error)
+                submissions[i] = _record_failure(submission, error)
         for i, number in numbers.items():
             try:
-                answers[i] = self._finish_submission(answers[i], number)
+                submissions[i] = self._finish_submission(submissions[i], number)
             except FarmError as error:
-                answers[i] = _record_failure(answers[i], error)
+                submissions[i] = _record_failure(submissions[i], error)
         if self.quiet:
-            print_json(api.Submissions(submissions=answers))
-        failures = [answer for answer in answers if answer.exit_code]
+            print_json(api.Submissions(submissions=submissions))
+        failures = [submission for submission in submissions if submission.exit_code]
         if failures:
-            print_notice(f"{len(failures)} of {len(answers)} models failed")
+            print_notice(f"{len(failures)} of {len(submissions)} models failed")
         return failures[0].exit_code if failures else int(ExitCode.DONE)
 
     def _finish_submission(self, submission: api.Submission, number: int) -> api.Submission:
-        """Show a submitted job or its plan, and add it to the answer."""
-        answer = self._show_job_or_plan(number)
-        if isinstance(answer, api.Timeline):
-            return submission.model_copy(update={"timeline": answer})
-        return submission.model_copy(update={"job": answer.job, "exit_code": answer.job.exit_code})
+        """Show a submitted job or its plan, and add it to the submission."""
+        response = self._show_job_or_plan(number)
+        if isinstance(response, api.Timeline):
+            return submission.model_copy(update={"timeline": response})
+        return submission.model_copy(update={"job": response.job, "exit_code": response.job.exit_code})
 
     def _upload_model(self, model: Path) -> int:
         """Upload a model and return the number of its job."""
@@ -95,42 +95,42 @@ class Submitter:
             raise FarmError(f"{model}: {problem}; give the file of a model", ErrorCode.MODEL)
         try:
             with show_upload(self.quiet) as report:
-                answer = self.client.submit(model, self.options, report=report)
+                response = self.client.submit(model, self.options, report=report)
         except KeyboardInterrupt:
             print_notice(
                 f"{model.name} may have been submitted: check `farm status` before you submit it again"
             )
             raise
-        for notice in answer.notices:
+        for notice in response.notices:
             print_notice(notice)
-        return answer.job
+        return response.job
 
     def _show_job_or_plan(self, number: int) -> api.JobStatus | api.Timeline:
         return self._show_plan(number) if self.options.dry_run else self._show_job(number)
 
     def _show_job(self, number: int) -> api.JobStatus:
         """Show a submitted job; with `wait`, follow it to its end."""
-        answer = self.client.fetch_job(number)
+        response = self.client.fetch_job(number)
         if not self.quiet:
-            show_submitted_job(answer.job, self.wait)
+            show_submitted_job(response.job, self.wait)
         if self.wait:
             try:
-                answer = follow_job(self.client, number, quiet=self.quiet)
+                response = follow_job(self.client, number, quiet=self.quiet)
             except KeyboardInterrupt:
                 print_notice(f"job {number} continues; `farm status {number}` shows its progress")
                 raise
-        if not self.quiet and self.wait and (answer.job.parts or not answer.job.exit_code):
-            show_result(answer.job)
-        if answer.job.exit_code and answer.job.reason:
-            print_notice(f"job {number}: {answer.job.reason}")
-        return answer
+        if not self.quiet and self.wait and (response.job.parts or not response.job.exit_code):
+            show_result(response.job)
+        if response.job.exit_code and response.job.reason:
+            print_notice(f"job {number}: {response.job.reason}")
+        return response
 
     def _show_plan(self, number: int) -> api.Timeline:
         """Show the timeline of a planned job, and cancel the job, even after an error."""
         try:
             with show_progress(number, quiet=self.quiet) as update:
                 while True:
-                    job = retry_over_restart(lambda: self.client.fetch_job(number)).job
+                    job = retry_during_restart(lambda: self.client.fetch_job(number)).job
                     if job.state not in (JobState.QUEUED, JobState.PLANNING):
                         break
                     update(job)
@@ -160,12 +160,12 @@ def expand_patterns(models: Iterable[Path]) -> list[Path]:
     return paths
 
 
-def _find_exit_code(answer: api.JobStatus | api.Timeline) -> int:
-    return answer.job.exit_code if isinstance(answer, api.JobStatus) else int(ExitCode.DONE)
+def _find_exit_code(response: api.JobStatus | api.Timeline) -> int:
+    return response.job.exit_code if isinstance(response, api.JobStatus) else int(ExitCode.DONE)
 
 
 def _record_failure(submission: api.Submission, error: FarmError) -> api.Submission:
-    """Print the error of one model among several, and add it to its answer."""
+    """Print the error of one model among several, and add it to the submission."""
     text, name = " ".join(str(error).split()), Path(submission.model).name
     print_notice(text if name in text else f"{name}: {text}")
     return submission.model_copy(update={"error": text, "exit_code": int(error.exit_code)})

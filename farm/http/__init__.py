@@ -9,7 +9,7 @@ from farm.http.callers import (
     OperatorName,
     PeerProtocol,
     Person,
-    check_operators,
+    check_operator_group,
     identify_caller,
     is_operator,
     listen,
@@ -18,9 +18,9 @@ from farm.http.connections import (
     BoundedServer,
     WaitingConnection,
     compute_connection_limit,
-    end_at_signals,
     find_longest_waiting_connection,
     read_descriptor_limit,
+    stop_on_signals,
 )
 from farm.http.event_streams import EventStreams
 from farm.http.routes.files import find_stored_file, name_stored_files
@@ -46,11 +46,10 @@ __all__ = [
     "Uploads",
     "WaitingConnection",
     "add_routes",
-    "check_operators",
+    "check_operator_group",
     "clean_name",
     "compute_connection_limit",
     "describe_farm",
-    "end_at_signals",
     "find_longest_waiting_connection",
     "find_stored_file",
     "identify_caller",
@@ -60,4 +59,5 @@ __all__ = [
     "make_problem",
     "name_stored_files",
     "read_descriptor_limit",
+    "stop_on_signals",
 ]

@@ -22,7 +22,7 @@ class BodyLimit:
     app
         The application.
     is_upload
-        Returns whether a path receives uploads, which are exempt.
+        Function that returns whether a path receives uploads, which are exempt.
     """
 
     def __init__(self, app: ASGIApp, is_upload: Callable[[str], bool]) -> None:

@@ -61,7 +61,7 @@ class Person:
         return group is None or self.uid in (0, os.getuid()) or self.belongs_to(group)
 
     def belongs_to(self, group: str) -> bool:
-        """Return whether the person is in a group, by the group database or by the group of their process."""
+        """Return whether a group has the person as a member, or is the group of the person's process."""
         gid = _find_gid(group)
         try:
             return gid in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
@@ -69,19 +69,19 @@ class Person:
             return gid == self.gid
 
 
-def find_session_role(caller: Caller, operators: str | None) -> Role:
-    """Return the role of a caller's sessions; `operators` is `fleet.operators`."""
-    return Role.OPERATE if caller.is_operator(operators) else Role.PRINT
+def find_session_role(caller: Caller, operator_group: str | None) -> Role:
+    """Return the role of a caller's sessions; `operator_group` is `fleet.operators`."""
+    return Role.OPERATE if caller.is_operator(operator_group) else Role.PRINT
 
 
-def find_user_role(name: str, operators: str | None) -> Role | None:
-    """Return a user's present role according to this host's databases; None if the user was deleted.
+def find_user_role(name: str, operator_group: str | None) -> Role | None:
+    """Return a user's current role according to this host's databases; None if the user was deleted.
 
     Parameters
     ----------
     name
         Name of the user, as in `Person.name`.
-    operators
+    operator_group
         The group `fleet.operators`; None if every user is an operator.
     """
     if name.startswith(_UID_PREFIX):
@@ -92,7 +92,7 @@ def find_user_role(name: str, operators: str | None) -> Role | None:
         except KeyError:
             return None
         person = Person(user.pw_uid, user.pw_gid)
-    return find_session_role(person, operators)
+    return find_session_role(person, operator_group)
 
 
 class PeerProtocol(H11Protocol):
@@ -173,7 +173,7 @@ def _find_operator_group(request: Request) -> str | None:
     return group
 
 
-def check_operators(group: str | None) -> None:
+def check_operator_group(group: str | None) -> None:
     """Raise FleetFileError if `fleet.operators` names a group that this host does not have."""
     if group is not None and _find_gid(group) is None:
         raise FleetFileError(f"fleet.operators: there is no group {group}; `groupadd {group}` creates it")

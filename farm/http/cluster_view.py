@@ -29,7 +29,7 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
 
 
 def _describe_work(state: ClusterState) -> str:
-    """Describe where tasks run in one sentence."""
+    """Describe in one sentence where tasks run."""
     if state.place is Place.THIS_COMPUTER:
         tasks = format_count(state.local_count, "task") if state.local_count else "nothing to do"
         return f"no worker of {state.scheduler} for {state.loss_s:.0f} s: computing on this host, {tasks}"

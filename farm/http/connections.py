@@ -45,22 +45,24 @@ class WaitingConnection(Protocol):
         """Time at which it began to wait, on the event loop's clock; None if it does not wait."""
 
 
-def compute_connection_limit(descriptors: int, printers: int, workers: int) -> int:
+def compute_connection_limit(descriptor_limit: int, printer_count: int, worker_count: int) -> int:
     """Return the number of connections that leaves enough descriptors for agents and workers.
 
     Parameters
     ----------
-    descriptors
-        The soft limit of this process (RLIMIT_NOFILE).
-    printers, workers
+    descriptor_limit
+        Soft limit on the descriptors of this process (RLIMIT_NOFILE).
+    printer_count, worker_count
         Number of printers, and of workers.
     """
     reserved_descriptors = (
-        _RESERVED_DESCRIPTORS + _DESCRIPTORS_PER_PRINTER * printers + _DESCRIPTORS_PER_WORKER * workers
+        _RESERVED_DESCRIPTORS
+        + _DESCRIPTORS_PER_PRINTER * printer_count
+        + _DESCRIPTORS_PER_WORKER * worker_count
     )
     return max(
         _MIN_CONNECTIONS,
-        min(MAX_CONNECTIONS, (descriptors - reserved_descriptors) // _DESCRIPTORS_PER_CONNECTION),
+        min(MAX_CONNECTIONS, (descriptor_limit - reserved_descriptors) // _DESCRIPTORS_PER_CONNECTION),
     )
 
 
@@ -103,8 +105,8 @@ class RateLimitedLog:
 
 
 @contextlib.contextmanager
-def end_at_signals(server: uvicorn.Server) -> Iterator[None]:
-    """End a server at SIGINT and SIGTERM, so that the code after it runs."""
+def stop_on_signals(server: uvicorn.Server) -> Iterator[None]:
+    """Stop a server on SIGINT and SIGTERM, so that the code after it runs."""
     loop = asyncio.get_running_loop()
     for number in _STOP_SIGNALS:
         loop.add_signal_handler(number, server.handle_exit, number, None)
@@ -128,7 +130,7 @@ class BoundedServer(uvicorn.Server):
     limit
         Maximum number of connections at a time.
     stop_work
-        Ends the work that open requests wait for; called before the server waits for the requests.
+        Function that ends the work for which open requests wait; called before the server waits for them.
     """
 
     def __init__(
@@ -142,7 +144,7 @@ class BoundedServer(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Do nothing: `end_at_signals` handles signals.
+        """Do nothing: `stop_on_signals` handles signals.
 
         Once its server has ended, uvicorn raises the signal again, which would end the process before it has
         closed its agents, workers and database. Besides, this process has several servers.
@@ -234,7 +236,7 @@ class BoundedServer(uvicorn.Server):
                 self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def make_room(self, connection: socket.socket) -> None:
-        """Wait until the limit allows a new connection; close the one that has waited longest for its client.
+        """Make room for a new connection: at the limit, close the one that has waited longest for its client.
 
         Raises
         ------

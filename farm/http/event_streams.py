@@ -17,7 +17,7 @@ _POLLS_PER_HEARTBEAT = 30  # number of polls without an event between two heartb
 class EventLog(Protocol):
     """Log of all events, numbered from 1."""
 
-    def find_last_event(self) -> int:
+    def find_last_event_number(self) -> int:
         """Return the number of the last event. Raises StoreError."""
 
     def read_events(self, after: int, limit: int) -> Sequence[EventRow]:
@@ -30,7 +30,7 @@ class EventLog(Protocol):
 class EmptyEventLog:
     """Log without events."""
 
-    def find_last_event(self) -> int:
+    def find_last_event_number(self) -> int:
         """Return 0."""
         return 0
 
@@ -61,24 +61,24 @@ class EventStreams(StreamLimit):
         self.log, self._poll_interval_s = log, poll_interval_s
 
     async def follow(
-        self, after: int, is_allowed: Callable[[], bool], wait: bool
+        self, last_number: int, is_allowed: Callable[[], bool], wait: bool
     ) -> AsyncIterator[list[EventRow]]:
         """Yield events as they are committed, and an empty list at intervals while there are none.
 
         Parameters
         ----------
-        after
+        last_number
             Number of the last event that the caller has.
         is_allowed
-            Returns whether the caller may still see events.
+            Function that returns whether the caller may still see events.
         wait
             Whether to wait for further events at the end of the log.
         """
         idle_polls = 0
         while is_allowed() and not self.is_closed:
-            rows = list(self.log.read_events(after, _MAX_BATCH_EVENTS))
+            rows = list(self.log.read_events(last_number, _MAX_BATCH_EVENTS))
             if rows:
-                after, idle_polls = rows[-1].number, 0
+                last_number, idle_polls = rows[-1].number, 0
                 yield rows
                 await asyncio.sleep(0.0)  # lets other tasks run even if the client reads at once
                 continue

@@ -25,7 +25,7 @@ from farm.paths import StateFolder
 from farm.views import ViewContext
 
 
-async def refuse_replacing(name: str) -> None:
+async def refuse_replacement(name: str) -> None:
     """Refuse to replace an agent, because the farm has no agents."""
     raise RefusedError(f"{name} has no agent")
 
@@ -40,10 +40,12 @@ async def refuse_reading(printer: str) -> list[WireLine]:
     raise RefusedError(f"{printer} has no agent")
 
 
-async def refuse_pruning(by: str, dry_run: bool) -> api.PruneResponse:
+async def refuse_pruning(operator_name: str, dry_run: bool) -> api.PruneResponse:
     """Refuse to prune, because the daemon runs without upkeep."""
     action = "preview a prune" if dry_run else "prune"
-    raise RefusedError(f"{by} cannot {action}: this daemon runs without upkeep, and keeps all jobs")
+    raise RefusedError(
+        f"{operator_name} cannot {action}: this daemon runs without upkeep, and keeps all jobs"
+    )
 
 
 @dataclass(slots=True)
@@ -88,16 +90,16 @@ class Services:
     hosts
         Hosts whose printers share one connection; None for a farm without agents.
     shut_down
-        Shuts the farm down; given True, stops all prints first.
+        Function that shuts the farm down; given True, it stops all prints first.
     prune
-        Deletes files and events beyond the limits of `fleet.keep`, for the named user; given True, only lists
-        them.
+        Function that deletes files and events beyond the limits of `fleet.keep`, for the named user; given
+        True, it only lists them.
     replace_agent
-        Replaces the agent of an idle printer.
+        Function that replaces the agent of an idle printer.
     fetch_still
-        Returns a still from the camera of a printer.
+        Function that returns a still from the camera of a printer.
     read_lines
-        Reads the last lines on the wire of a printer.
+        Function that reads the last lines on the wire of a printer.
     network
         State of the server for callers on the network.
     key_uses_s
@@ -109,13 +111,13 @@ class Services:
     page_streams
         Streams of pages in browsers.
     sessions
-        Commands on sessions of browsers.
+        Commands on the sessions of browsers.
     uploads
         Open uploads of all callers, whose total is limited.
     app_key_requests
         Requests of programs for keys.
     find_user_role
-        Returns the present role of a user, by user name and group of operators.
+        Function that returns the current role of a user, from the user's name and the group of operators.
     """
 
     controller: Controller
@@ -123,7 +125,7 @@ class Services:
     fleet_file: Path
     workers: Pool
     shut_down: Callable[[bool], Awaitable[None]]
-    replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
+    replace_agent: Callable[[str], Awaitable[None]] = refuse_replacement
     prune: Callable[[str, bool], Awaitable[api.PruneResponse]] = refuse_pruning
     fetch_still: Callable[[str], Awaitable[Image]] = refuse_stills
     read_lines: Callable[[str], Awaitable[list[WireLine]]] = refuse_reading

@@ -52,7 +52,7 @@ def check_quota(
     size_bytes: int,
     missing_bytes: Sequence[int],
     free_bytes: int,
-    open_jobs: int,
+    open_job_count: int,
 ) -> None:
     """Refuse an upload that exceeds the limits on number or size.
 
@@ -66,7 +66,7 @@ def check_quota(
         Bytes of each open upload that have not arrived yet.
     free_bytes
         Free space on the disk of the state folder.
-    open_jobs
+    open_job_count
         The number of jobs that have not ended.
 
     Raises
@@ -84,10 +84,10 @@ def check_quota(
             f"already receiving and checking {format_count(len(missing_bytes), 'model')}: submit {name} "
             "again in a moment, or raise `fleet.uploads.at_once` in fleet.yaml"
         )
-    if open_jobs >= quota.open_jobs:
+    if open_job_count >= quota.open_jobs:
         raise RefusedError(
-            f"{format_count(open_jobs, 'open job')} already: cancel some with `farm cancel JOB`, or raise "
-            "`fleet.uploads.open_jobs` in fleet.yaml"
+            f"{format_count(open_job_count, 'open job')} already: cancel some with `farm cancel JOB`, or "
+            "raise `fleet.uploads.open_jobs` in fleet.yaml"
         )
     remaining_bytes = free_bytes - sum(missing_bytes) - size_bytes
     if quota.free_gb and remaining_bytes < quota.free_gb * _GB:
@@ -169,7 +169,7 @@ class Uploads:
     workers
         Processes that inspect models.
     inspections
-        Receives the names of the models that are being inspected, by their files.
+        Names of the models that are being inspected, by their files; the uploads keep it up to date.
     """
 
     def __init__(
@@ -272,7 +272,7 @@ class Uploads:
             return await self.inspect(upload, name, options)
 
     def _check_quota(self, name: str, size_bytes: int) -> None:
-        """Refuse an upload that exceeds a limit in the present state of the farm."""
+        """Refuse an upload that exceeds a limit in the current state of the farm."""
         controller = self._controller
         check_quota(
             controller.fleet.fleet.uploads,

@@ -17,7 +17,7 @@ _MIN_CONNECTIONS = 4
 _SITE_BITS = 64  # length of an IPv6 prefix; one client may have all addresses with the same prefix
 
 
-def group_address(host: str) -> str | None:
+def find_client_network(host: str) -> str | None:
     """Return the address or network under which the connections of a client are counted.
 
     Parameters
@@ -69,7 +69,7 @@ class AddressLimitedServer(BoundedServer):
         RefusedError
             If the address has reached its limit, and none of its connections waits for the client.
         """
-        client = group_address(connection.getpeername()[0])
+        client = find_client_network(connection.getpeername()[0])
         while (
             client is not None
             and len(own_connections := self._list_connections(client)) >= self._address_limit
@@ -84,9 +84,9 @@ class AddressLimitedServer(BoundedServer):
     def find_abandoned_handshake(
         self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
     ) -> asyncio.Task[None] | None:
-        """Return the oldest handshake of an address with too many; otherwise see the base class."""
-        client = _find_peer(connection)
-        own_handshakes = [task for task, other in handshakes.items() if _find_peer(other) == client]
+        """Return the oldest handshake of an address at its limit; otherwise decide as the base class does."""
+        client = _find_peer_network(connection)
+        own_handshakes = [task for task, other in handshakes.items() if _find_peer_network(other) == client]
         if client is not None and len(own_handshakes) >= self._address_limit:
             return own_handshakes[0]
         return super().find_abandoned_handshake(handshakes, connection)
@@ -96,11 +96,11 @@ class AddressLimitedServer(BoundedServer):
         peers = (
             (connection, connection.transport.get_extra_info("peername")) for connection in self.connections
         )
-        return [connection for connection, peer in peers if peer and group_address(peer[0]) == client]
+        return [connection for connection, peer in peers if peer and find_client_network(peer[0]) == client]
 
 
-def _find_peer(connection: socket.socket) -> str | None:
+def _find_peer_network(connection: socket.socket) -> str | None:
     try:
-        return group_address(connection.getpeername()[0])
+        return find_client_network(connection.getpeername()[0])
     except OSError:  # the connection has been closed
         return None

@@ -37,19 +37,19 @@ from farm.web.actions import (
     make_print_form_routes,
     make_printer_form_routes,
 )
-from farm.web.address_limit import group_address
+from farm.web.address_limit import find_client_network
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
 from farm.web.cookies import SessionCookie
-from farm.web.guard import Refusal, check_head, check_host, check_origin, check_page
+from farm.web.guard import Refusal, check_head, check_host, check_origin, check_session_origin
 from farm.web.live import LivePages, make_live_routes
-from farm.web.metrics import CONTENT_TYPE, write_metrics
+from farm.web.metrics import CONTENT_TYPE, format_metrics
 from farm.web.notes import Notes
 from farm.web.openapi import describe_routes
 from farm.web.pages import (
     POLICY,
     SUBMIT_PATH,
     PageContext,
-    load_pages,
+    load_page_files,
     make_all_job_routes,
     make_history_routes,
     make_login_routes,
@@ -60,7 +60,7 @@ from farm.web.pages import (
     render_api_page,
     render_message,
 )
-from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text
+from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text_response
 
 _GZIP_LEVEL = 5
 _FILE_TYPES = ("text/plain", "model/*", "application/octet-stream", "application/vnd.ms-pki.stl")
@@ -106,34 +106,34 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     @app.get(METRICS_PATH, response_class=PlainTextResponse)
     async def send_metrics() -> Response:
         context = services.controller.build_view_context(services.state)
-        return Response(write_metrics(context, describe_farm(services)), media_type=CONTENT_TYPE)
+        return Response(format_metrics(context, describe_farm(services)), media_type=CONTENT_TYPE)
 
     @cache
-    def describe() -> dict[str, Any]:
+    def describe_network_routes() -> dict[str, Any]:
         return describe_routes(app.routes)  # first called during a request, when all routes exist
 
     @app.get(SCHEMA_PATH, include_in_schema=False)
     async def send_schema() -> Response:
-        return JSONResponse(describe())
+        return JSONResponse(describe_network_routes())
 
     @app.get(SCHEMA_PAGE_PATH, include_in_schema=False)
     async def show_schema_page() -> Response:
-        page = render_api_page(describe(), SCHEMA_PATH)
+        page = render_api_page(describe_network_routes(), SCHEMA_PATH)
         return HTMLResponse(page, headers={"content-security-policy": POLICY})
 
     cookie = SessionCookie.for_section(services.controller.fleet.web)
     callers = CallerFinder(services, cookie)
     app.include_router(make_login_routes(services, cookie, callers))
-    _add_pages(app, services, dry_runs)
+    _add_page_routes(app, services, dry_runs)
     return Guard(app, services, names, cookie, callers)
 
 
-def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
-    """Add the pages and their forms.
+def _add_page_routes(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
+    """Add the routes of the pages and of their forms.
 
     Templates and static files are loaded now, because an update may replace them while the daemon runs.
     """
-    load_pages()
+    load_page_files()
     load_report_templates()
     app.state.notes = notes = Notes()
     printers = PrinterCommands(services.controller)
@@ -168,7 +168,7 @@ class Guard:
     cookie
         Cookie of the sessions.
     callers
-        Finds the caller of a request.
+        Finder of the caller of a request.
     """
 
     def __init__(
@@ -207,9 +207,9 @@ class Guard:
         await response(scope, receive, send_with_headers)
 
     def _format_refusal(self, refusal: Refusal, path: str, headers: Mapping[str, str]) -> Response:
-        """Format a refusal as text for a slicer, as a page for a browser, or otherwise as JSON."""
+        """Format a refusal as text for a slicer, as a page for a browser, or as JSON for other clients."""
         if is_slicer_path(path):
-            return make_text(refusal.text, refusal.status)
+            return make_text_response(refusal.text, refusal.status)
         if "text/html" not in headers.get("accept", ""):
             return make_problem(refusal.text, ErrorCode.REFUSED, ExitCode.REFUSED, refusal.status)
         lacks_session = refusal.status == 401
@@ -221,7 +221,7 @@ class Guard:
         return response
 
     def _is_valid(self, caller: KeyHolder | Visitor) -> bool:
-        """Return whether a caller's key or session is still valid with the same role; if not, streams end."""
+        """Return whether a caller's key or session is still valid with the same role; if not, its streams end."""
         if isinstance(caller, Visitor):
             return True
         key = self._controller.books.keys.get(caller.key.id)
@@ -242,10 +242,11 @@ class Guard:
         if refusal is not None:
             return refusal
         client = (scope.get("client") or ("nobody",))[0]
-        address = group_address(client) or client
+        address = find_client_network(client) or client
         if is_public(method, path):
-            page = None if is_slicer_path(path) else check_page(method, *site)  # slicers are not browsers
-            return page or Visitor(address)
+            # slicers are not browsers
+            refusal = None if is_slicer_path(path) else check_session_origin(method, *site)
+            return refusal or Visitor(address)
         holder = self._callers.find(headers, address)
         if isinstance(holder, Refusal):
             return holder
@@ -256,7 +257,7 @@ class Guard:
         if not holder.role.allows(needed_role):
             return Refusal(403, f"this needs a key with the role {needed_role}; {key.name} has {holder.role}")
         if holder.has_session:
-            refusal = check_page(method, *site)
+            refusal = check_session_origin(method, *site)
             if refusal is not None:
                 return refusal
             self._callers.extend_session(key)

@@ -29,7 +29,7 @@ class KeyHolder:
     key
         The key or session.
     role
-        Present role of the caller.
+        Current role of the caller.
     """
 
     key: Key
@@ -101,14 +101,14 @@ class CallerFinder:
         """
         text = headers.get("x-api-key") or _read_bearer(headers.get("authorization", ""))
         if text:
-            return self.find_key(text, address)
+            return self.find_key_holder(text, address)
         text = self._cookie.read(headers.get("cookie", ""))
         if text:
-            return self.find_key(text, address, KeyKind.SESSION)
+            return self.find_key_holder(text, address, KeyKind.SESSION)
         return Refusal(401, "this needs a key: an operator creates one with `farm key add NAME`")
 
-    def find_key(self, text: str, address: str, kind: KeyKind = KeyKind.KEY) -> KeyHolder | Refusal:
-        """Find the caller with the text of a valid key or session; count a wrong text for the address."""
+    def find_key_holder(self, text: str, address: str, kind: KeyKind = KeyKind.KEY) -> KeyHolder | Refusal:
+        """Find the caller with the text of a valid key or session; count a wrong text against the address."""
         now_s = self._controller.clock.now()
         key = find_key(text, self._controller.books.keys, now_s, kind)
         if key is not None:
@@ -127,9 +127,9 @@ class CallerFinder:
         )
 
     def find_role(self, key: Key) -> Role | None:
-        """Return the present role of a valid key or session; None for a session whose user was deleted.
+        """Return the current role of a valid key or session; None for a session whose user was deleted.
 
-        The present role of its user limits the role of a session: a user who has left the group of operators
+        The current role of its user limits the role of a session: a user who has left the group of operators
         loses the role of an operator.
         """
         if key.user is None:

@@ -73,8 +73,8 @@ def check_origin(method: str, host: str | None, origin: str | None, fetch_site: 
     return None if is_allowed else Refusal(403, "this request comes from a page of another site")
 
 
-def check_page(method: str, origin: str | None, fetch_site: str | None) -> Refusal | None:
-    """Check that a request with an unsafe method and a session names its site, as every browser does.
+def check_session_origin(method: str, origin: str | None, fetch_site: str | None) -> Refusal | None:
+    """Check that a request with an unsafe method and a session names its site, as those of browsers do.
 
     `check_origin` has compared the site. Without this check, a form from another site would be accepted
     from a browser that sends neither header.

@@ -29,8 +29,8 @@ Rows = Iterable[tuple[tuple[str, ...], float | None]]
 """Pairs of label values and the value of a sample, which is None if there is no sample."""
 
 
-def write_metrics(context: ViewContext, status: api.Status) -> bytes:
-    """Write all metrics in Prometheus' text format.
+def format_metrics(context: ViewContext, status: api.Status) -> bytes:
+    """Format all metrics in the text format of Prometheus.
 
     Parameters
     ----------

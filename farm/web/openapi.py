@@ -49,12 +49,12 @@ def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
         title="farm", version=farm.__version__, description=_DESCRIPTION, routes=routes
     )
     paths: dict[str, Any] = {}
-    for path, verb, operation in _list_operations(document):
+    for path, method, operation in _list_operations(document):
         if not path.startswith(f"{NETWORK_PREFIX}/") and path not in (METRICS_PATH, LIVENESS_PATH):
-            continue  # a page, or a route in the interface of another print server
-        role = find_role(verb.upper(), path)
-        if role is not None or is_public(verb.upper(), path):
-            paths.setdefault(path, {})[verb] = _complete_operation(operation, verb, path, role)
+            continue  # a page, or a route in the API of another print server
+        role = find_role(method.upper(), path)
+        if role is not None or is_public(method.upper(), path):
+            paths.setdefault(path, {})[method] = _complete_operation(operation, method, path, role)
     document["paths"] = paths
     components = document["components"]
     components["schemas"]["Problem"] = api.Problem.model_json_schema()
@@ -66,24 +66,26 @@ def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
 
 def _list_operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
     for path, operations in document["paths"].items():
-        for verb, operation in operations.items():
-            yield path, verb, operation
+        for method, operation in operations.items():
+            yield path, method, operation
 
 
-def _complete_operation(operation: dict[str, Any], verb: str, path: str, role: Role | None) -> dict[str, Any]:
+def _complete_operation(
+    operation: dict[str, Any], method: str, path: str, role: Role | None
+) -> dict[str, Any]:
     """Add the role and the errors to the description of an operation."""
-    answers = {
-        status: answer for status, answer in operation["responses"].items() if status != _INVALID_STATUS
+    responses = {
+        status: response for status, response in operation["responses"].items() if status != _INVALID_STATUS
     }
-    for answer in answers.values():
-        json = answer.get("content", {}).get("application/json")
+    for response in responses.values():
+        json = response.get("content", {}).get("application/json")
         if json is not None and not json.get("schema"):
             json["schema"] = {"type": "null"}
     words = path.replace("{", "").replace("}", "").strip("/").split("/")
     return {
         **operation,
-        "operationId": "_".join([verb, *words]),
-        "responses": {**answers, **_ERROR_RESPONSES},
+        "operationId": "_".join([method, *words]),
+        "responses": {**responses, **_ERROR_RESPONSES},
         **({"security": []} if role is None else {"x-role": str(role)}),
     }
 

@@ -36,13 +36,13 @@ class NetworkServer:
     Parameters
     ----------
     section
-        The keys under `web`.
+        Section `web` of fleet.yaml.
     app
         The application.
     limit
         Maximum number of connections at a time.
     state
-        Receives the address, and the reason why the server is closed.
+        State in which the server records its address, and the reason why it is closed.
     """
 
     def __init__(self, section: WebSection, app: ASGIApp, limit: int, state: NetworkState) -> None:

@@ -52,12 +52,12 @@ class SocketConnection(HTTPConnection):
     It uses the HTTP client of the standard library, because its import is fast.
     """
 
-    def __init__(self, path: Path, connect_timeout_s: float, answer_timeout_s: float) -> None:
-        super().__init__("farm", timeout=answer_timeout_s, blocksize=_CHUNK_BYTES)
-        self._path, self._connect_timeout_s, self._answer_timeout_s = (
+    def __init__(self, path: Path, connect_timeout_s: float, response_timeout_s: float) -> None:
+        super().__init__("farm", timeout=response_timeout_s, blocksize=_CHUNK_BYTES)
+        self._path, self._connect_timeout_s, self._response_timeout_s = (
             path,
             connect_timeout_s,
-            answer_timeout_s,
+            response_timeout_s,
         )
 
     def connect(self) -> None:
@@ -65,27 +65,27 @@ class SocketConnection(HTTPConnection):
         try:
             connection.settimeout(self._connect_timeout_s)
             connection.connect(str(self._path))
-            connection.settimeout(self._answer_timeout_s)
+            connection.settimeout(self._response_timeout_s)
         except OSError:
             connection.close()
             raise
         self.sock = connection
 
 
-def open_connection(address: Address, connect_timeout_s: float, answer_timeout_s: float) -> HTTPConnection:
+def open_connection(address: Address, connect_timeout_s: float, response_timeout_s: float) -> HTTPConnection:
     """Make an HTTP connection, which is opened by its first request.
 
     Parameters
     ----------
     address
         The daemon.
-    connect_timeout_s, answer_timeout_s
-        Seconds to wait for a connection, and for an answer; on the network, only the latter is used.
+    connect_timeout_s, response_timeout_s
+        Seconds to wait for a connection, and for a response; on the network, only the latter is used.
     """
     if isinstance(address, Path):
-        return SocketConnection(address, connect_timeout_s, answer_timeout_s)
+        return SocketConnection(address, connect_timeout_s, response_timeout_s)
     kind = HTTPSConnection if address.scheme == "https" else HTTPConnection
-    return kind(address.netloc, timeout=answer_timeout_s, blocksize=_CHUNK_BYTES)
+    return kind(address.netloc, timeout=response_timeout_s, blocksize=_CHUNK_BYTES)
 
 
 def make_headers(address: Address) -> dict[str, str]:

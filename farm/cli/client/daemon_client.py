@@ -1,4 +1,4 @@
-"""Client of the daemon: requests and answers of `farm.api`, over its Unix socket or the network."""
+"""Client of the daemon: requests and responses of `farm.api`, over its Unix socket or the network."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ from farm.paths import FarmPaths
 from farm.text import describe_first_error
 
 View = TypeVar("View", bound=BaseModel)
-CONNECT_TIMEOUT_S, ANSWER_TIMEOUT_S = 5.0, 60.0
+CONNECT_TIMEOUT_S, RESPONSE_TIMEOUT_S = 5.0, 60.0
 SUBMISSION_TIMEOUT_S = 86400.0
-"""Seconds to wait for the answer to a submission, because a large broken model is repaired before the answer.
-The client polls the progress meanwhile."""
+"""Seconds to wait for the response to a submission, before which a large broken model is repaired.
+
+The client polls the progress while it waits."""
 _POLL_INTERVAL_S = 0.5
 _MAX_NAME_LENGTH = 200
 _MIN_ERROR_STATUS = 400  # lowest status code of an error
@@ -38,25 +39,25 @@ _CHUNK_BYTES = 1 << 20  # size of a chunk of a download
 class Client:
     """Client of one daemon.
 
-    Every method raises DaemonUnreachable, or the FarmError with which the daemon answered.
+    Every method raises DaemonUnreachable, or the FarmError that the daemon returned.
 
     Parameters
     ----------
     address
         The daemon's Unix socket, or its address on the network with a key.
-    answer_timeout_s, connect_timeout_s
-        Seconds to wait for an answer, and for a connection.
+    response_timeout_s, connect_timeout_s
+        Seconds to wait for a response, and for a connection.
     """
 
     def __init__(
         self,
         address: Address,
-        answer_timeout_s: float = ANSWER_TIMEOUT_S,
+        response_timeout_s: float = RESPONSE_TIMEOUT_S,
         connect_timeout_s: float = CONNECT_TIMEOUT_S,
     ) -> None:
-        self._address, self._answer_timeout_s, self._connect_timeout_s = (
+        self._address, self._response_timeout_s, self._connect_timeout_s = (
             address,
-            answer_timeout_s,
+            response_timeout_s,
             connect_timeout_s,
         )
 
@@ -92,8 +93,8 @@ class Client:
     def send_command(self, path: str, why: str | None = None) -> str:
         """Send a command about a job, a part or a printer; return the name of its target."""
         body = None if why is None else api.Reason(why=why)
-        answer = self._send("POST", path, body=body)
-        return _validate_answer(api.NameResponse, answer).name if answer else ""
+        response = self._send("POST", path, body=body)
+        return _validate_response(api.NameResponse, response).name if response else ""
 
     def load_reel(self, printer: str, request: api.LoadRequest) -> api.Reel:
         return self._request(api.Reel, "POST", f"/printers/{printer}/load", body=request)
@@ -130,10 +131,11 @@ class Client:
         self._send("GET", f"/jobs/{number}/files/{name}", write=write)
 
     def prune(self, dry_run: bool) -> api.PruneResponse:
-        """Delete expired files, or list them; the parts of each job are drawn first."""
+        """Delete expired files, or only list them in a dry run; the parts of each job are drawn first."""
         body = api.PruneRequest(dry_run=dry_run)
-        return _validate_answer(
-            api.PruneResponse, self._send("POST", "/prune", body=body, answer_timeout_s=SUBMISSION_TIMEOUT_S)
+        return _validate_response(
+            api.PruneResponse,
+            self._send("POST", "/prune", body=body, response_timeout_s=SUBMISSION_TIMEOUT_S),
         )
 
     def fetch_keys(self) -> api.Keys:
@@ -176,7 +178,7 @@ class Client:
         retry_s
             Seconds for which to retry.
         report
-            Called with the progress every half second.
+            Function that is called with the progress every half second.
         """
         params = {
             "request_id": uuid.uuid4().hex,
@@ -203,27 +205,27 @@ class Client:
         def send() -> None:
             try:
                 with model.open("rb") as file:
-                    answer = self._send(
-                        "POST", "/jobs", params=params, upload=file, answer_timeout_s=SUBMISSION_TIMEOUT_S
+                    response = self._send(
+                        "POST", "/jobs", params=params, upload=file, response_timeout_s=SUBMISSION_TIMEOUT_S
                     )
-                result.set_result(answer)
+                result.set_result(response)
             except BaseException as error:
                 result.set_exception(error)
 
         Thread(target=send, daemon=True).start()  # Ctrl-C does not wait for a daemon thread
-        last_answer_s = time.monotonic()
+        last_response_s = time.monotonic()
         while True:
             with suppress(TimeoutError):
-                return _validate_answer(api.SubmitResponse, result.result(_POLL_INTERVAL_S))
+                return _validate_response(api.SubmitResponse, result.result(_POLL_INTERVAL_S))
             try:
                 report(self._request(api.UploadView, "GET", f"/uploads/{params['request_id']}"))
             except DaemonUnreachable:
-                if time.monotonic() - last_answer_s > self._answer_timeout_s and not result.done():
+                if time.monotonic() - last_response_s > self._response_timeout_s and not result.done():
                     raise
             except FarmError:  # the upload has not started or has ended, or the daemon has an earlier version
-                last_answer_s = time.monotonic()
+                last_response_s = time.monotonic()
             else:
-                last_answer_s = time.monotonic()
+                last_response_s = time.monotonic()
 
     def _request(
         self,
@@ -234,7 +236,7 @@ class Client:
         params: Mapping[str, str | int] | None = None,
         body: BaseModel | None = None,
     ) -> View:
-        return _validate_answer(view, self._send(method, path, params=params, body=body))
+        return _validate_response(view, self._send(method, path, params=params, body=body))
 
     def _send(
         self,
@@ -244,7 +246,7 @@ class Client:
         params: Mapping[str, str | int] | None = None,
         body: BaseModel | None = None,
         upload: BinaryIO | None = None,
-        answer_timeout_s: float | None = None,
+        response_timeout_s: float | None = None,
         write: Callable[[bytes], None] | None = None,
     ) -> Any:
         target = make_target(self._address, quote(path)) + (f"?{urlencode(params)}" if params else "")
@@ -252,24 +254,24 @@ class Client:
         headers = make_headers(self._address)
         if body is not None:
             headers["Content-Type"] = "application/json"
-        answer_timeout_s = answer_timeout_s or self._answer_timeout_s
+        response_timeout_s = response_timeout_s or self._response_timeout_s
         try:
             with closing(
-                open_connection(self._address, self._connect_timeout_s, answer_timeout_s)
+                open_connection(self._address, self._connect_timeout_s, response_timeout_s)
             ) as connection:
-                # The daemon may answer before it has read the whole request.
+                # The daemon may respond before it has read the whole request.
                 with suppress(BrokenPipeError, ConnectionResetError):
                     connection.request(method, target, content, headers)
-                answer = connection.getresponse()
-                if write is not None and answer.status < _MIN_ERROR_STATUS:
-                    while chunk := answer.read(_CHUNK_BYTES):
+                response = connection.getresponse()
+                if write is not None and response.status < _MIN_ERROR_STATUS:
+                    while chunk := response.read(_CHUNK_BYTES):
                         write(chunk)
                     return None
-                text = answer.read()
+                text = response.read()
         except TimeoutError as error:
             raise DaemonUnreachable(
-                f"the daemon has not answered for {answer_timeout_s:g} s and may hang; the command may still "
-                "take effect: check `farm status`; `farm estop` works without the daemon"
+                f"the daemon has not answered for {response_timeout_s:g} s and may hang; the command may "
+                "still take effect: check `farm status`; `farm estop` works without the daemon"
             ) from error
         except PermissionError as error:
             raise DaemonUnreachable(
@@ -280,11 +282,11 @@ class Client:
             raise DaemonUnreachable(
                 f"no daemon answers on {self._address} ({cause}); {_make_advice(self._address)}"
             ) from error
-        return _read_answer(answer.status, text)
+        return _read_response(response.status, text)
 
 
-def _read_answer(status: int, text: bytes) -> Any:
-    """Read the JSON of an answer. Raises FarmError with the daemon's message if the daemon refused."""
+def _read_response(status: int, text: bytes) -> Any:
+    """Read the JSON of a response. Raises FarmError with the daemon's message if the daemon refused."""
     try:
         values = json.loads(text)
         if status < _MIN_ERROR_STATUS:
@@ -323,9 +325,9 @@ def _make_version_error(problem: object) -> FarmError:
     )
 
 
-def _validate_answer(view: type[View], answer: object) -> View:
-    """Validate an answer. Raises FarmError if the daemon has another version."""
+def _validate_response(view: type[View], response: object) -> View:
+    """Validate a response. Raises FarmError if the daemon has another version."""
     try:
-        return view.model_validate(answer)
+        return view.model_validate(response)
     except ValidationError as error:
         raise _make_version_error(describe_first_error(error.errors())) from error

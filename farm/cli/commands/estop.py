@@ -120,7 +120,7 @@ def _run_stops(targets: Mapping[str, Target], report: ReportCallback) -> Iterato
             if callable(target):
                 stops.append(pool.submit(_run_stop, target, partial(_report_progress, report, name), results))
             else:
-                by_host.setdefault(target.connection, []).append(target.start)
+                by_host.setdefault(target.connection, []).append(target.start_file)
         if by_host:
             from drivers.host.stop import stop_host  # slow to load
 
@@ -179,12 +179,12 @@ class HostTarget:
     ----------
     connection
         The host, the command that runs `farm host` there, and the name of the farm.
-    start
+    start_file
         Start file of the printer's agent.
     """
 
     connection: tuple[str, str, str]
-    start: StartFile
+    start_file: StartFile
 
 
 def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | None]:
@@ -205,10 +205,12 @@ def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | 
     for section in fleet.printers:
         name, relay = section.name, section.power_off_cmd
         if section.host is not None:
-            start = StartFile(name, section.model, section.port, power_off_cmd=relay)
+            start_file = StartFile(name, section.model, section.port, power_off_cmd=relay)
             remote = (section.host, section.host_command, fleet.fleet.name)
             has_service = runs_host_service(section.host_command)
-            targets[name] = HostTarget(remote, start) if has_service else _make_remote_stop(*remote, start)
+            targets[name] = (
+                HostTarget(remote, start_file) if has_service else _make_remote_stop(*remote, start_file)
+            )
         elif section.enabled and name not in targets:
             folder, firmware = paths.state.find_agent_folder(name), find_firmware(section.model)
             target = StopTarget(name, section.port, folder, firmware, relay)
@@ -222,7 +224,7 @@ def _make_local_stop(target: StopTarget) -> Stop:
     return lambda notify: stop_printer(target, notify=notify)
 
 
-def _make_remote_stop(host: str, command: str, farm: str, start: StartFile) -> Stop:
+def _make_remote_stop(host: str, command: str, farm: str, start_file: StartFile) -> Stop:
     from drivers.remote import stop_over_ssh  # slow to load, and most printers are on this host
 
-    return lambda _: stop_over_ssh(host, command, farm, start)
+    return lambda _: stop_over_ssh(host, command, farm, start_file)

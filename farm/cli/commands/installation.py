@@ -95,17 +95,17 @@ def _format_entry(name: str, model: str, port: str) -> str:
     return f'  - {{name: {name}, model: {model}, port: "{port}"}}'
 
 
-def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: str, yes: bool) -> None:
+def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], target: str, yes: bool) -> None:
     """Reset the board of an idle printer and check that it restarts, through its agent if one is running."""
     from drivers.discovery import verify_reset, verify_reset_through_agent
 
     section = next(
-        (section for section in sections if place == section.name or _is_same_port(place, section)), None
+        (section for section in sections if target == section.name or _is_same_port(target, section)), None
     )
-    if section is None and not place.startswith(("/", NET_PREFIX)):
+    if section is None and not target.startswith(("/", NET_PREFIX)):
         names = " ".join(section.name for section in sections)
         raise NotFoundError(
-            f"there is no printer {place}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
+            f"there is no printer {target}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
         )
     if section is not None and section.host is not None:
         raise RefusedError(
@@ -115,7 +115,7 @@ def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: s
         print(f"{section.name} is simulated: nothing to test")
         return
     if not yes:
-        print(f"This resets the board of {place}, which ends a print from its SD card.")
+        print(f"This resets the board of {target}, which ends a print from its SD card.")
         typer.confirm("Is the printer idle?", abort=True)
     try:
         if section is not None and is_locked(paths.state.find_agent_folder(section.name) / AGENT_LOCK):
@@ -124,12 +124,12 @@ def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: s
             return
         folder = paths.state.find_agent_folder(section.name) if section is not None else None
         firmware = find_firmware(_DEFAULT_MODEL if section is None else section.model)
-        model = verify_reset(section.port if section is not None else place, folder, firmware)
+        model = verify_reset(section.port if section is not None else target, folder, firmware)
     except DriverError as error:
         raise RefusedError(str(error)) from error
-    print(f"{place}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
+    print(f"{target}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
     if section is None:
-        print(_format_entry(_make_name({section.name for section in sections}), model, place))
+        print(_format_entry(_make_name({section.name for section in sections}), model, target))
     elif section.model != model:
         raise FarmError(
             f"{section.name} is an {model}, but fleet.yaml says {section.model}: change it there",

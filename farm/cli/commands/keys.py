@@ -94,25 +94,25 @@ def _add_key(client: Client, request: api.KeyRequest, json: bool) -> None:
         print_notice(f"{network.address} is not encrypted: for other hosts use `web.tls`, a proxy or a VPN")
 
 
-def _show_keys(answer: api.Keys, json: bool) -> None:
+def _show_keys(response: api.Keys, json: bool) -> None:
     if json:
-        print_json(answer)
+        print_json(response)
         return
-    network = answer.network
+    network = response.network
     print(f"network: {network.address or 'off'}{f' (closed: {network.problem})' if network.problem else ''}")
-    for request in answer.requests:
+    for request in response.requests:
         print(
             f"{request.app} at {request.address} is requesting a key: farm key grant {request.code}, or deny"
         )
-    if not answer.keys:
+    if not response.keys:
         print("there is no key; `farm key add NAME` adds one")
         return
     rows = []
-    for key in answer.keys:
-        end = f"valid until {format_time(key.expires, answer.now)}" if key.expires else "valid"
+    for key in response.keys:
+        end = f"valid until {format_time(key.expires, response.now)}" if key.expires else "valid"
         is_session = key.kind is KeyKind.SESSION
         state = ("ended" if is_session else "revoked") if key.revoked else end if key.valid else "expired"
-        created_text, used_text = (format_time(time, answer.now) for time in (key.created, key.used))
+        created_text, used_text = (format_time(time, response.now) for time in (key.created, key.used))
         rows.append(
             (key.id, key.name, str(key.kind), str(key.role), state, used_text, f"{created_text} by {key.by}")
         )

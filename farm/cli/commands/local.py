@@ -220,7 +220,7 @@ def coupon(
 
 
 def _exit(number: int, _: object) -> NoReturn:
-    """Exit as after Ctrl-C, which ends the engine and removes temporary files."""
+    """Exit as after Ctrl-C, so that the engine ends and temporary files are removed."""
     sys.exit(128 + number)
 
 

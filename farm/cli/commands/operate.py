@@ -47,7 +47,7 @@ def find_target_path(target: str) -> str:
     return f"/printers/{target}"
 
 
-def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
+def select_printers_to_clear(printers: Iterable[PrinterView]) -> list[str]:
     """Select the printers for `all`: those with a bed to clear.
 
     Absent printers and those in maintenance are left out, because a part may still be on the bed.
@@ -90,7 +90,7 @@ def cleared(
     if printers == ["all"]:
         if bad:
             raise typer.BadParameter("give the printers whose parts are bad, not all", param_hint="--bad")
-        printers = select_beds_to_clear(fleet.values())
+        printers = select_printers_to_clear(fleet.values())
         if not printers:
             print("no bed needs clearing")
     unknown = [name for name in printers if name not in fleet]
@@ -98,23 +98,26 @@ def cleared(
         raise NotFoundError(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet)}")
     request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why, good=good)
     for printer in printers:
-        answer = client.clear_bed(printer, request)
-        print("; ".join((f"{printer}: bed clear", *_describe_part(request, answer))))
+        response = client.clear_bed(printer, request)
+        print("; ".join((f"{printer}: bed clear", *_describe_part_outcome(request, response))))
 
 
-def _describe_part(request: ClearedRequest, answer: ClearedResponse) -> list[str]:
-    """Describe the consequences for the part that was on the bed."""
-    if request.bad and answer.again is None:
+def _describe_part_outcome(request: ClearedRequest, response: ClearedResponse) -> list[str]:
+    """Describe the outcome for the part that was on the bed: printed again, cancelled, or good."""
+    if request.bad and response.again is None:
         return ["its part was cancelled and is not printed again"]
     if request.bad:
-        return [f"part {answer.again} will be printed again"]
-    if answer.good is None:
+        return [f"part {response.again} will be printed again"]
+    if response.good is None:
         return []
     reprints = [
         f"{name} is already printing it again: stop that with `farm cancel {name}`"
-        for name in answer.printed_on
+        for name in response.printed_on
     ]
-    return [f"part {answer.good} is good" + ("" if reprints else " and will not be printed again"), *reprints]
+    return [
+        f"part {response.good} is good" + ("" if reprints else " and will not be printed again"),
+        *reprints,
+    ]
 
 
 @with_farm
@@ -155,8 +158,8 @@ def cancel(
             f"part {name} is cancelled; if it was being printed, clear the bed, then `farm cleared PRINTER`"
         )
         return
-    answer = client.cancel_job(int(target))
-    printers = sorted({plate.printer for plate in answer.job.plates if plate.printing})
+    response = client.cancel_job(int(target))
+    printers = sorted({plate.printer for plate in response.job.plates if plate.printing})
     print(f"job {target} is cancelled{_describe_ending(printers)}")
 
 
@@ -261,11 +264,11 @@ def assembled(
     json: Json = False,
 ) -> None:
     """Report that the parts of a job are glued, and how long that took."""
-    answer = connect(paths).record_assembly(job, AssembledRequest(minutes=minutes))
+    response = connect(paths).record_assembly(job, AssembledRequest(minutes=minutes))
     if json:
-        print_json(answer)
+        print_json(response)
         return
-    total_s = answer.job.submitted_to_assembled_s
+    total_s = response.job.submitted_to_assembled_s
     print(
         f"job {job}: assembled in {format_duration(60.0 * minutes)}"
         + (f", {format_duration(total_s)} after its submission" if total_s is not None else "")

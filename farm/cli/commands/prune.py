@@ -27,21 +27,21 @@ def prune(
     The database is backed up first. Files of open jobs, and of jobs that ended in the last two days, always
     stay.
     """
-    answer = Client(paths.socket).prune(dry_run)
+    response = Client(paths.socket).prune(dry_run)
     if json:
-        print_json(answer)
+        print_json(response)
         return
-    for line in describe_prune(answer):
+    for line in describe_prune(response):
         print(line)
 
 
-def describe_prune(answer: api.PruneResponse) -> list[str]:
+def describe_prune(response: api.PruneResponse) -> list[str]:
     """Describe the deleted jobs and amounts, one on each line; for a dry run, those that would be deleted."""
-    lines = [f"job {job.id}  {job.size_bytes / _GB:.2f} GB  {job.name}" for job in answer.jobs]
-    jobs = format_count(len(answer.jobs), "job")
-    verb = "would be pruned" if answer.dry_run else "pruned"
+    lines = [f"job {job.id}  {job.size_bytes / _GB:.2f} GB  {job.name}" for job in response.jobs]
+    jobs = format_count(len(response.jobs), "job")
+    verb = "would be pruned" if response.dry_run else "pruned"
     lines.append(
-        f"{jobs} {verb}: {answer.freed_bytes / _GB:.2f} GB freed, {answer.stored_bytes / _GB:.2f} GB kept, "
-        f"{format_count(answer.events, 'old event')} deleted"
+        f"{jobs} {verb}: {response.freed_bytes / _GB:.2f} GB freed, {response.stored_bytes / _GB:.2f} GB kept"
+        f", {format_count(response.events, 'old event')} deleted"
     )
     return lines

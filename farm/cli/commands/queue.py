@@ -54,11 +54,11 @@ def queue(
         client.reschedule_job(job, api.JobStart(at=at))
     elif job is not None:
         client.move_job(job, api.QueueMove(to=to, before=before))
-    answer = client.fetch_queue()
+    response = client.fetch_queue()
     if json:
-        print_json(answer)
+        print_json(response)
         return
-    if not answer.jobs:
+    if not response.jobs:
         print("no job is waiting")
         return
     rows = [
@@ -68,10 +68,10 @@ def queue(
             entry.name,
             str(entry.state),
             str(entry.waiting or ""),
-            format_time(entry.eta, answer.now),
+            format_time(entry.eta, response.now),
             entry.submitted_by or "",
         )
-        for place, entry in enumerate(answer.jobs, 1)
+        for place, entry in enumerate(response.jobs, 1)
     ]
     screen = open_console()
     for line in lay_out_table(_COLUMNS, rows, read_terminal_width(screen)):

@@ -23,7 +23,7 @@ from farm.cli.display import (
     read_terminal_width,
     render_job,
     render_status,
-    retry_over_restart,
+    retry_during_restart,
     show_job,
 )
 from farm.cli.notices import print_notice
@@ -80,8 +80,8 @@ def status(
     if watch and not json:
         _watch(client, job)
     elif job is not None:
-        answer = client.fetch_job(job)
-        print_json(answer) if json else show_job(answer.job)
+        response = client.fetch_job(job)
+        print_json(response) if json else show_job(response.job)
     else:
         _show_farm(client, json)
 
@@ -107,10 +107,10 @@ def _watch(client: Client, number: int | None) -> None:
     try:
         with Live(console=screen, auto_refresh=False, screen=True, vertical_overflow="crop") as live:
             while True:
-                live.update(retry_over_restart(lambda: draw(screen.height)), refresh=True)
+                live.update(retry_during_restart(lambda: draw(screen.height)), refresh=True)
                 time.sleep(_REFRESH_INTERVAL_S)
     finally:
-        screen.print(retry_over_restart(lambda: draw(None)))
+        screen.print(retry_during_restart(lambda: draw(None)))
 
 
 @with_farm
@@ -126,16 +126,16 @@ def history(
     json: Json = False,
 ) -> None:
     """List the latest prints: duration, deviation from the plan, filament and outcome."""
-    answer = connect(paths).fetch_history(job, printer, last)
+    response = connect(paths).fetch_history(job, printer, last)
     if json:
-        print_json(answer)
+        print_json(response)
         return
-    if not answer.prints:
+    if not response.prints:
         print("no print has ended")
         return
-    rows, now = [], answer.now
-    has_notes = any(row.note for row in answer.prints)
-    for row in answer.prints:
+    rows, now = [], response.now
+    has_notes = any(row.note for row in response.prints)
+    for row in response.prints:
         is_printed = row.state == "done" and row.expected_s
         deviation = format_deviation(row.took_s / row.expected_s - 1) if is_printed else ""
         reason = row.why if row.verdict else row.reason or row.fault
@@ -153,13 +153,13 @@ def history(
     columns = (*_HISTORY_COLUMNS, _NOTE_COLUMN) if has_notes else _HISTORY_COLUMNS
     for line in lay_out_table(columns, rows, read_terminal_width(screen)):
         screen.print(line)
-    wasted_rows = [row for row in answer.prints if row.wasted]
+    wasted_rows = [row for row in response.prints if row.wasted]
     grams = sum(row.grams for row in wasted_rows)
     screen.print(
-        f"{format_count(len(answer.prints), 'print')}, {len(wasted_rows)} of them wasted: "
+        f"{format_count(len(response.prints), 'print')}, {len(wasted_rows)} of them wasted: "
         f"{format_duration(sum(row.took_s for row in wasted_rows))}, {format_mass(grams)}"
     )
-    _show_speeds(answer.speeds, screen)
+    _show_speeds(response.speeds, screen)
 
 
 def _show_speeds(speeds: Sequence[api.PrinterSpeed], screen: Console) -> None:
@@ -230,26 +230,26 @@ def hosts(
             print(
                 f"agents are replaced when idle on {' '.join(updated_hosts.hosts)}, beginning with the first"
             )
-    answer = client.fetch_hosts()
+    response = client.fetch_hosts()
     if json:
-        print_json(answer)
+        print_json(response)
         return
-    if not answer.hosts:
+    if not response.hosts:
         print("no printer has a `host_command` that ends with `farm host`")
         return
     rows = [
         (
             host.host,
-            format_time(host.connected, answer.now)
+            format_time(host.connected, response.now)
             if host.connected
-            else f"lost {format_time(host.lost, answer.now)}",
+            else f"lost {format_time(host.lost, response.now)}",
             host.version or "",
             str(sum(agent.state == "printing" for agent in host.agents)),
             f"{sum(agent.pid is not None for agent in host.agents)} of {len(host.printers)}",
             str(len(host.ports)),
             host.waiting or "",
         )
-        for host in answer.hosts
+        for host in response.hosts
     ]
     screen = open_console()
     for line in lay_out_table(_HOST_COLUMNS, rows, read_terminal_width(screen)):

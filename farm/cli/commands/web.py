@@ -28,11 +28,11 @@ def web(
     """
     client = Client(paths.socket)
     if end_all:
-        answer = client.end_sessions()
+        response = client.end_sessions()
         if json:
-            print_json(answer)
+            print_json(response)
         else:
-            print(f"{format_count(answer.ended, 'session')} ended")
+            print(f"{format_count(response.ended, 'session')} ended")
         return
     link = client.make_login_link()
     if json:

@@ -46,13 +46,13 @@ def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
                 excess = max(0, sum(line_counts) - height)
                 line_counts[i] = max(min(line_counts[i], min_counts[i]), line_counts[i] - excess)
     lines = []
-    for block, number in zip(blocks, line_counts, strict=True):
-        lines += list(block.lines) if number == len(block.lines) else _shorten_block(block, number)
+    for block, line_count in zip(blocks, line_counts, strict=True):
+        lines += list(block.lines) if line_count == len(block.lines) else _shorten_block(block, line_count)
     return lines
 
 
-def _shorten_block(block: Block, number: int) -> list[Text]:
-    if number == 0:
+def _shorten_block(block: Block, line_count: int) -> list[Text]:
+    if line_count == 0:
         return []
-    rest = format_count(len(block.lines) - number + 1, f"more {block.noun}")
-    return [*block.lines[: number - 1], Text(f"... {rest}", style=NOTE_STYLE)]
+    rest = format_count(len(block.lines) - line_count + 1, f"more {block.noun}")
+    return [*block.lines[: line_count - 1], Text(f"... {rest}", style=NOTE_STYLE)]

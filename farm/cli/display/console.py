@@ -29,9 +29,9 @@ def read_terminal_width(screen: Console) -> int | None:
     return screen.width if screen.is_terminal else None
 
 
-def print_json(answer: BaseModel | dict[str, Any]) -> None:
+def print_json(content: BaseModel | dict[str, Any]) -> None:
     """Print one JSON object on stdout."""
-    if isinstance(answer, BaseModel):
-        print(answer.model_dump_json(by_alias=True, indent=2))
+    if isinstance(content, BaseModel):
+        print(content.model_dump_json(by_alias=True, indent=2))
     else:
-        print(json.dumps(answer, indent=2))
+        print(json.dumps(content, indent=2))

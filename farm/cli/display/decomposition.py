@@ -9,14 +9,14 @@ from farm.text import format_count, format_duration
 from farm.wording import format_filament
 
 
-def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) -> list[str]:
+def summarise_decomposition(report: dict[str, Any], printer_count: int, out: Path) -> list[str]:
     """Summarise a decomposition.
 
     Parameters
     ----------
     report
         The report, as `--json` prints it.
-    printers
+    printer_count
         The number of printers.
     out
         The folder with its files.
@@ -31,20 +31,21 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     part_range = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
     return [
         *([" ".join(report["repairs"])] if report["repairs"] else []),
-        *_summarise_times(report, printers),
+        *_summarise_times(report, printer_count),
         *_summarise_assembly(report),
         *_summarise_warnings(report),
         f"In {out}: {part_range}, assembly.png, assembly.glb, decomposition.json, instructions.html",
     ]
 
 
-def _summarise_times(report: dict[str, Any], printers: int) -> list[str]:
+def _summarise_times(report: dict[str, Any], printer_count: int) -> list[str]:
     parts, makespan_s = report["parts"], report["makespan_s"]
-    efficiency = report["serial_as_is_s"] / (printers * makespan_s)
+    efficiency = report["serial_as_is_s"] / (printer_count * makespan_s)
     single = format_duration(report["serial_s"])
     lines = [
         f"{format_count(len(parts), 'part')}: {format_duration(makespan_s)} on "
-        f"{format_count(printers, 'printer')}, {single} on a single large one; efficiency E {efficiency:.2f}"
+        f"{format_count(printer_count, 'printer')}, {single} on a single large one; "
+        f"efficiency E {efficiency:.2f}"
     ]
     if "sliced_makespan_s" in report:
         slowest = max(parts, key=lambda part: float(part["sliced_s"]))

@@ -25,7 +25,7 @@ _RESTART_TIMEOUT_S = 60.0  # a restarted daemon answers again within this time
 _POLL_INTERVAL_S = 0.5
 
 
-def retry_over_restart(request: Callable[[], T]) -> T:
+def retry_during_restart(request: Callable[[], T]) -> T:
     """Repeat a request while the daemon restarts.
 
     Raises
@@ -97,10 +97,10 @@ def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatu
     """Show a job's progress until its last part is printed, or it fails. Ctrl-C does not stop the job."""
     with show_progress(number, quiet) as update:
         while True:
-            answer = retry_over_restart(lambda: client.fetch_job(number))
-            update(answer.job)
-            if JobState(answer.job.state).ended:
-                return answer
+            response = retry_during_restart(lambda: client.fetch_job(number))
+            update(response.job)
+            if JobState(response.job.state).ended:
+                return response
             time.sleep(_POLL_INTERVAL_S)
 
 

@@ -1,4 +1,4 @@
-"""Status page: tasks of people, the last night, jobs and printers."""
+"""Status page: tasks for people, the last night, jobs and printers."""
 
 from __future__ import annotations
 
@@ -64,7 +64,9 @@ def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None)
         printers = sorted(printers, key=rank_urgency)
     headings, *table = lay_out_printers(printers, time, width)
     max_lines = 1 if brief else None  # lines of a job
-    live_lines = [line for lines in _list_live_lines(open_jobs, time, width) for line in lines[:max_lines]]
+    open_job_lines = [
+        line for lines in _list_open_job_lines(open_jobs, time, width) for line in lines[:max_lines]
+    ]
     ended_lines = [line for job in ended_jobs for line in _list_job_lines(job, time, width)[:max_lines]]
     night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
     cluster = [] if view.cluster is None else _fold_texts("COMPUTE", [view.cluster.text], "", width)
@@ -72,7 +74,7 @@ def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None)
         Block(wrap_text(_format_title(view.fleet), width, _INDENT)),
         Block(_list_task_lines(view.todo, width), rank=1, min_lines=4),
         Block(night, rank=4, min_lines=1),
-        Block(live_lines, rank=3, noun="job" if brief else "line", min_lines=4),
+        Block(open_job_lines, rank=3, noun="job" if brief else "line", min_lines=4),
         Block(_list_wait_lines(view.waits, width), rank=5, min_lines=2),
         Block(cluster, rank=4, min_lines=1),
         Block([headings], rank=2, min_lines=1),
@@ -94,7 +96,7 @@ def _format_title(fleet: api.FleetView) -> Text:
 
 
 def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
-    """List all tasks of people, on as few lines as possible."""
+    """List all tasks for people on as few lines as possible."""
     other_tasks = [item for item in todo if item.code not in _TASK_LABELS]
     tasks = [
         f"clear {format_count(len(item.printers), 'bed')}: {item.brief or shorten_names(item.printers)}"
@@ -103,7 +105,7 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
         for item in sorted(other_tasks, key=lambda item: item.code == "clear")
     ]
     for code, label in _TASK_LABELS.items():
-        briefs = _list_briefs(item for item in todo if item.code == code)
+        briefs = _summarise_tasks(item for item in todo if item.code == code)
         line = f"{label}: {', '.join(briefs)}"
         fits = _INDENT + len(line) <= (width or _PIPE_WIDTH)
         tasks += [line] if briefs and fits else [f"{label}: {brief}" for brief in briefs]
@@ -112,8 +114,8 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
     return _fold_texts("DO NOW", tasks, _TASK_GAP, width, URGENT_STYLE)
 
 
-def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
-    """List the tasks in brief; printers with the same problem, such as those on one hub, share one task."""
+def _summarise_tasks(items: Iterable[api.Todo]) -> list[str]:
+    """Summarise the tasks; printers with the same problem, such as those on one hub, share a summary."""
     problems: dict[str, list[tuple[str, str]]] = {}  # by the text without the printer's name
     briefs: list[str] = []
     for item in items:
@@ -168,7 +170,7 @@ def format_night(view: api.NightView) -> str:
     return f"{plates}{counts}; {format_mass(view.grams)}{waste}"
 
 
-def _list_live_lines(jobs: Sequence[api.JobSummary], now: str, width: int | None) -> Iterator[list[Text]]:
+def _list_open_job_lines(jobs: Sequence[api.JobSummary], now: str, width: int | None) -> Iterator[list[Text]]:
     """Yield the lines of each open job; queued jobs that wait for the same reason share their lines."""
     jobs_by_hold: dict[str, list[api.JobSummary]] = {}
     for job in jobs:
@@ -183,7 +185,7 @@ def _list_live_lines(jobs: Sequence[api.JobSummary], now: str, width: int | None
         elif job is same_hold[0]:
             numbers = shorten_names(str(held_job.id) for held_job in same_hold)
             names = join_counted_names(held_job.name[:_NAME_WIDTH] for held_job in same_hold)
-            text = f"{numbers} ({names}): {_list_job_facts(job, now)[0]}"
+            text = f"{numbers} ({names}): {_list_job_figures(job, now)[0]}"
             yield _fold_texts("JOBS", [text], "", width)
 
 
@@ -192,10 +194,10 @@ def _waits_in_queue(job: api.JobSummary) -> bool:
 
 
 def _list_job_lines(job: api.JobSummary, now: str, width: int | None) -> list[Text]:
-    first, *more = _list_job_facts(job, now)
+    first, *more = _list_job_figures(job, now)
     submitter = f" by {job.submitted_by}" if job.submitted_by else ""
-    facts = [f"{job.name[:_NAME_WIDTH]}{submitter}: {first}", *more]
-    texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
+    figures = [f"{job.name[:_NAME_WIDTH]}{submitter}: {first}", *more]
+    texts = [f"{figure};" for figure in figures[:-1]] + figures[-1:]
     label_style, text_style = (NOTE_STYLE, NOTE_STYLE) if _is_finished(job) else (HEADING_STYLE, "")
     lines = _fold_texts(f"JOB {job.id}", texts, " ", width, label_style, text_style)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
@@ -212,7 +214,7 @@ def _list_wait_lines(waits: Iterable[api.Wait], width: int | None) -> list[Text]
     return lines
 
 
-def _list_job_facts(job: api.JobSummary, now: str) -> list[str]:
+def _list_job_figures(job: api.JobSummary, now: str) -> list[str]:
     """List the progress and the figures of a job."""
     if job.progress is not None and not job.plate_count:
         return [format_planning(job.progress)]

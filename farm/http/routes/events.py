@@ -16,10 +16,10 @@ from farm.http.stream_limit import STREAM_TYPE, StreamResponse
 from farm.state.event_rows import EventRow
 from farm.views import describe_event
 
-_MAX_NUMBER = 2**63 - 1  # largest integer of SQLite
-_RETRY_FIELD = "retry: 5000\n\n"  # milliseconds after which a browser connects again
+_MAX_EVENT_NUMBER = 2**63 - 1  # largest integer of SQLite
+_RETRY_FIELD = "retry: 5000\n\n"  # milliseconds after which a browser reconnects
 _HEARTBEAT = ":\n\n"
-_ANSWERS: dict[int | str, dict[str, object]] = {
+_RESPONSES: dict[int | str, dict[str, object]] = {
     200: {"content": {STREAM_TYPE: {"schema": {"type": "string"}}}}
 }
 
@@ -35,35 +35,35 @@ def make_event_routes(services: Services) -> APIRouter:
     @router.get(
         "/events",
         response_class=StreamingResponse,
-        responses=_ANSWERS,
+        responses=_RESPONSES,
     )
     async def send_events(
         request: Request,
-        by: CallerName,
-        since: Annotated[int, Query(ge=0, le=_MAX_NUMBER)] | None = None,
+        caller_name: CallerName,
+        since: Annotated[int, Query(ge=0, le=_MAX_EVENT_NUMBER)] | None = None,
         wait: bool = True,
-        last_event_id: Annotated[int | None, Header(ge=0, le=_MAX_NUMBER)] = None,
+        last_event_id: Annotated[int | None, Header(ge=0, le=_MAX_EVENT_NUMBER)] = None,
     ) -> StreamingResponse:
-        """Send the events after a number and new ones as they happen; without a number, only new ones.
+        """Send the events after a given number, and new ones as they happen; without a number, only new ones.
 
-        Each is an EventView as JSON, with its number as the id. A stream ends when the daemon does, or when
-        the key is revoked. With `wait=false` it ends after the last event.
+        Each event is an EventView as JSON, with its number as the id. A stream ends when the daemon does, or
+        when the key is revoked. With `wait=false` it ends after the last event.
         """
-        newest = streams.log.find_last_event()
-        after = next((number for number in (last_event_id, since) if number is not None), newest)
-        if after > newest:
+        last_number = streams.log.find_last_event_number()
+        after = next((number for number in (last_event_id, since) if number is not None), last_number)
+        if after > last_number:
             raise RefusedError(
-                f"the last event is {newest}: the database was restored; begin with since={newest}"
+                f"the last event is {last_number}: the database was restored; begin with since={last_number}"
             )
         is_allowed: Callable[[], bool] = getattr(request.state, "is_allowed", lambda: True)
-        streams.check_caller(by)
+        streams.check_caller(caller_name)
 
         async def stream_events() -> AsyncIterator[str]:
             yield _RETRY_FIELD
             async for rows in streams.follow(after, is_allowed, wait):
                 yield describe_rows(rows)
 
-        return StreamResponse(stream_events(), streams.count_stream(by))
+        return StreamResponse(stream_events(), streams.count_stream(caller_name))
 
     return router
 

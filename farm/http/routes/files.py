@@ -25,7 +25,7 @@ def make_file_routes(services: Services) -> APIRouter:
     @router.get("/jobs/{number}/files")
     async def list_files(number: int) -> api.JobFiles:
         names = name_stored_files(controller.books, number)
-        rows = await asyncio.to_thread(_measure_files, services.state.files, names)
+        rows = await asyncio.to_thread(_list_existing_files, services.state.files, names)
         return api.JobFiles(job=number, files=rows)
 
     @router.get("/jobs/{number}/files/{name}", response_class=FileResponse, responses={200: _CONTENT})
@@ -73,7 +73,7 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
     raise NotFoundError(f"job {number} has no file {name!r}: it may have been pruned")
 
 
-def _measure_files(folder: Path, names: dict[str, str]) -> list[api.FileView]:
+def _list_existing_files(folder: Path, names: dict[str, str]) -> list[api.FileView]:
     """Return the files that exist, with their sizes; a stored file is named by its SHA-256."""
     rows = []
     for name, file_name in names.items():

@@ -26,8 +26,8 @@ def make_host_routes(services: Services) -> APIRouter:
         )
 
     @router.post("/hosts/update")
-    async def update_agents(by: OperatorName) -> api.HostUpdate:
-        hosts = () if services.hosts is None else services.hosts.begin_update(by)
+    async def update_agents(operator_name: OperatorName) -> api.HostUpdate:
+        hosts = () if services.hosts is None else services.hosts.begin_update(operator_name)
         if not hosts:
             raise RefusedError(
                 "the agents of all connected hosts already have the version of their host's service"

@@ -33,31 +33,35 @@ def make_job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) ->
         return describe_timeline(context, number, controller.situations.build_for_forecast())
 
     @router.post("/jobs/{number}/approve")
-    async def approve_job(number: int, request: api.ApproveRequest, by: OperatorName) -> None:
-        await jobs.approve(number, request.plan, services.state, by)
+    async def approve_job(number: int, request: api.ApproveRequest, operator_name: OperatorName) -> None:
+        await jobs.approve(number, request.plan, services.state, operator_name)
 
     @router.post("/jobs/{number}/assembled")
-    async def record_assembly(number: int, request: api.AssembledRequest, by: CallerName) -> api.JobStatus:
-        jobs.record_assembly(number, request.minutes, by)
+    async def record_assembly(
+        number: int, request: api.AssembledRequest, caller_name: CallerName
+    ) -> api.JobStatus:
+        jobs.record_assembly(number, request.minutes, caller_name)
         return await show_job(number)
 
     @router.post("/jobs/{number}/start")
-    async def reschedule_job(number: int, request: api.JobStart, by: OperatorName) -> api.JobStatus:
-        jobs.reschedule(number, request.at, by)
+    async def reschedule_job(
+        number: int, request: api.JobStart, operator_name: OperatorName
+    ) -> api.JobStatus:
+        jobs.reschedule(number, request.at, operator_name)
         return await show_job(number)
 
     @router.post("/jobs/{number}/cancel")
-    async def cancel_job(number: int, by: CallerName) -> api.JobStatus:
-        jobs.cancel(number, by)
+    async def cancel_job(number: int, caller_name: CallerName) -> api.JobStatus:
+        jobs.cancel(number, caller_name)
         return await show_job(number)
 
     @router.post("/jobs/{number}/pause")
-    async def pause_job(number: int, by: CallerName) -> None:
-        jobs.pause(number, True, by)
+    async def pause_job(number: int, caller_name: CallerName) -> None:
+        jobs.pause(number, True, caller_name)
 
     @router.post("/jobs/{number}/resume")
-    async def resume_job(number: int, by: CallerName) -> None:
-        jobs.pause(number, False, by)
+    async def resume_job(number: int, caller_name: CallerName) -> None:
+        jobs.pause(number, False, caller_name)
 
     return router
 
@@ -71,8 +75,8 @@ def make_queue_routes(services: Services, jobs: JobCommands) -> APIRouter:
         return describe_queue(controller.build_view_context(services.state))
 
     @router.post("/jobs/{number}/move")
-    async def move_job(number: int, request: api.QueueMove, by: OperatorName) -> api.Queue:
-        jobs.move(number, request, by)
+    async def move_job(number: int, request: api.QueueMove, operator_name: OperatorName) -> api.Queue:
+        jobs.move(number, request, operator_name)
         return await show_queue()
 
     return router
@@ -83,19 +87,23 @@ def make_part_routes(parts: PartCommands) -> APIRouter:
     router = APIRouter()
 
     @router.post("/jobs/{number}/parts/{part}/reprint")
-    async def reprint_part(number: int, part: str, request: api.Reason, by: CallerName) -> api.NameResponse:
-        return api.NameResponse(name=parts.reprint(number, part, request.why or "reprint requested", by))
+    async def reprint_part(
+        number: int, part: str, request: api.Reason, caller_name: CallerName
+    ) -> api.NameResponse:
+        return api.NameResponse(
+            name=parts.reprint(number, part, request.why or "reprint requested", caller_name)
+        )
 
     @router.post("/jobs/{number}/parts/{part}/cancel")
-    async def cancel_part(number: int, part: str, by: CallerName) -> api.NameResponse:
-        return api.NameResponse(name=parts.cancel(number, part, by))
+    async def cancel_part(number: int, part: str, caller_name: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.cancel(number, part, caller_name))
 
     @router.post("/jobs/{number}/parts/{part}/pause")
-    async def pause_part(number: int, part: str, by: CallerName) -> api.NameResponse:
-        return api.NameResponse(name=parts.pause(number, part, True, by))
+    async def pause_part(number: int, part: str, caller_name: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.pause(number, part, True, caller_name))
 
     @router.post("/jobs/{number}/parts/{part}/resume")
-    async def resume_part(number: int, part: str, by: CallerName) -> api.NameResponse:
-        return api.NameResponse(name=parts.pause(number, part, False, by))
+    async def resume_part(number: int, part: str, caller_name: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.pause(number, part, False, caller_name))
 
     return router

@@ -16,7 +16,7 @@ from farm.views import list_keys
 
 
 def make_key_routes(services: Services, keys: KeyCommands) -> APIRouter:
-    """Return the routes of keys, and of requests for keys by apps."""
+    """Return the routes of keys, and of the requests of programs for keys."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/keys")
@@ -33,16 +33,18 @@ def make_key_routes(services: Services, keys: KeyCommands) -> APIRouter:
         )
 
     @router.post("/keys")
-    async def add_key(request: api.KeyRequest, by: OperatorName) -> api.NewKey:
-        return keys.add(request, by)
+    async def add_key(request: api.KeyRequest, operator_name: OperatorName) -> api.NewKey:
+        return keys.add(request, operator_name)
 
     @router.post("/keys/{name}/revoke")
-    async def revoke_key(name: str, by: OperatorName) -> None:
-        keys.revoke(name, by)
+    async def revoke_key(name: str, operator_name: OperatorName) -> None:
+        keys.revoke(name, operator_name)
 
     @router.post("/keys/requests/{code}/grant")
-    async def grant_key(code: str, grant: api.AppKeyGrant, by: OperatorName) -> api.NameResponse:
-        return api.NameResponse(name=services.app_key_requests.grant(code, grant, by, keys, time.monotonic()))
+    async def grant_key(code: str, grant: api.AppKeyGrant, operator_name: OperatorName) -> api.NameResponse:
+        return api.NameResponse(
+            name=services.app_key_requests.grant(code, grant, operator_name, keys, time.monotonic())
+        )
 
     @router.post("/keys/requests/{code}/deny")
     async def deny_key(code: str, _: OperatorName) -> None:
@@ -71,7 +73,7 @@ def make_session_routes(services: Services) -> APIRouter:
         )
 
     @router.post("/sessions/end")
-    async def end_sessions(by: OperatorName) -> api.EndedSessions:
-        return services.sessions.end_all_sessions(by)
+    async def end_sessions(operator_name: OperatorName) -> api.EndedSessions:
+        return services.sessions.end_all_sessions(operator_name)
 
     return router

@@ -16,46 +16,48 @@ def make_printer_routes(services: Services, printers: PrinterCommands, parts: Pa
     router = APIRouter()
 
     @router.post("/printers/{name}/cleared")
-    async def clear_bed(name: str, request: api.ClearedRequest, by: OperatorName) -> api.ClearedResponse:
-        return printers.clear_bed(name, request, by)
+    async def clear_bed(
+        name: str, request: api.ClearedRequest, operator_name: OperatorName
+    ) -> api.ClearedResponse:
+        return printers.clear_bed(name, request, operator_name)
 
     @router.post("/printers/{name}/load")
-    async def load_reel(name: str, request: api.LoadRequest, by: OperatorName) -> api.Reel:
-        reel = await printers.load_reel(name, request, by)
+    async def load_reel(name: str, request: api.LoadRequest, operator_name: OperatorName) -> api.Reel:
+        reel = await printers.load_reel(name, request, operator_name)
         return api.Reel(**reel.model_dump(exclude={"uncertain"}))
 
     @router.post("/printers/{name}/pause")
-    async def pause_printer(name: str, by: CallerName) -> None:
-        printers.pause(name, True, by)
+    async def pause_printer(name: str, caller_name: CallerName) -> None:
+        printers.pause(name, True, caller_name)
 
     @router.post("/printers/{name}/resume")
-    async def resume_printer(name: str, by: CallerName) -> None:
-        printers.pause(name, False, by)
+    async def resume_printer(name: str, caller_name: CallerName) -> None:
+        printers.pause(name, False, caller_name)
 
     @router.post("/printers/{name}/fail")
-    async def fail_print(name: str, request: api.Reason, by: CallerName) -> None:
-        printers.fail_print(name, request.why or "failed by a user", by)
+    async def fail_print(name: str, request: api.Reason, caller_name: CallerName) -> None:
+        printers.fail_print(name, request.why or "failed by a user", caller_name)
 
     @router.post("/printers/{name}/cancel")
-    async def cancel_print(name: str, by: CallerName) -> api.NameResponse:
-        return api.NameResponse(name=parts.cancel_on_printer(name, by))
+    async def cancel_print(name: str, caller_name: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.cancel_on_printer(name, caller_name))
 
     @router.post("/printers/{name}/maintenance")
-    async def begin_maintenance(name: str, request: api.Reason, by: CallerName) -> None:
-        printers.begin_maintenance(name, request.why, by)
+    async def begin_maintenance(name: str, request: api.Reason, caller_name: CallerName) -> None:
+        printers.begin_maintenance(name, request.why, caller_name)
 
     @router.post("/printers/{name}/maintained")
-    async def end_maintenance(name: str, by: OperatorName) -> None:
-        printers.end_maintenance(name, by)
+    async def end_maintenance(name: str, operator_name: OperatorName) -> None:
+        printers.end_maintenance(name, operator_name)
 
     @router.post("/printers/{name}/replace")
-    async def replace_agent(name: str, by: OperatorName) -> None:
+    async def replace_agent(name: str, operator_name: OperatorName) -> None:
         if services.controller.books.find_open_print(name) is not None:
             raise RefusedError(f"{name} is printing: replace its agent after the print has ended")
         await services.replace_agent(name)
 
     @router.post("/outage/confirm")
-    async def confirm_outage(by: OperatorName) -> api.NameResponse:
-        return api.NameResponse(name=printers.confirm_outage(by))
+    async def confirm_outage(operator_name: OperatorName) -> api.NameResponse:
+        return api.NameResponse(name=printers.confirm_outage(operator_name))
 
     return router

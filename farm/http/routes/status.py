@@ -51,13 +51,13 @@ def make_status_routes(services: Services) -> APIRouter:
         )
 
     @router.post("/prune")
-    async def prune(request: api.PruneRequest, by: OperatorName) -> api.PruneResponse:
-        return await services.prune(by, request.dry_run)
+    async def prune(request: api.PruneRequest, operator_name: OperatorName) -> api.PruneResponse:
+        return await services.prune(operator_name, request.dry_run)
 
     @router.post("/down")
     async def shut_down(request: api.DownRequest, _: OperatorName) -> None:
         if not (request.now or request.wait):
-            _refuse_while_busy(services)
+            _check_farm_is_idle(services)
         await services.shut_down(request.now)
 
     return router
@@ -105,7 +105,7 @@ def make_list_routes(services: Services) -> APIRouter:
     return router
 
 
-def _refuse_while_busy(services: Services) -> None:
+def _check_farm_is_idle(services: Services) -> None:
     """Raise RefusedError while the farm is printing, planning or checking a submission."""
     books = services.controller.books
     printers = sorted({attempt.printer for attempt in books.list_open_prints()})
@@ -122,7 +122,7 @@ def _refuse_while_busy(services: Services) -> None:
     models = ", ".join(services.inspections.values())
     if models:
         raise RefusedError(
-            f"being checked: {models}; use --wait to accept what can be printed, or --now to refuse it"
+            f"being checked: {models}; use --wait to finish the checks, or --now to refuse these submissions"
         )
 
 
@@ -130,7 +130,7 @@ def describe_farm(services: Services) -> api.Status:
     """Describe the whole farm: tasks, last night, printers, jobs with their parts and plates."""
     context = services.controller.build_view_context(services.state)
     jobs = describe_jobs(context, select_shown_jobs(context.books))
-    return api.Status(**dict(_describe_figures(services, context)), jobs=jobs)
+    return api.Status(**dict(_describe_overview(services, context)), jobs=jobs)
 
 
 def summarise_farm(services: Services) -> api.StatusSummary:
@@ -138,13 +138,13 @@ def summarise_farm(services: Services) -> api.StatusSummary:
     context = services.controller.build_view_context(services.state)
     jobs = select_shown_jobs(context.books)
     return api.StatusSummary(
-        **dict(_describe_figures(services, context)),
+        **dict(_describe_overview(services, context)),
         jobs=summarise_jobs(context, jobs),
         waits=group_waits(context, jobs),
     )
 
 
-def _describe_figures(services: Services, context: ViewContext) -> api.FarmFigures:
+def _describe_overview(services: Services, context: ViewContext) -> api.FarmFigures:
     """Describe the whole farm without its jobs."""
     controller = services.controller
     fleet = controller.fleet

@@ -30,7 +30,7 @@ def make_upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         request_id: Annotated[str, Query(min_length=8, max_length=64)],
         name: Annotated[str, Query(min_length=1, max_length=200)],
         size: Annotated[int, Query(ge=0)],
-        by: CallerName,
+        caller_name: CallerName,
         options: str = "{}",
     ) -> api.SubmitResponse:
         job_options = parse_options(options)
@@ -44,7 +44,7 @@ def make_upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         )
         name = clean_name(name)
         model = await uploads.receive_model(request.stream(), request_id, name, size, job_options)
-        number, is_repeated = jobs.submit(request_id, name, model, job_options, by)
+        number, is_repeated = jobs.submit(request_id, name, model, job_options, caller_name)
         return api.SubmitResponse(
             job=number, again=is_repeated, notices=jobs.list_unusable_options(job_options)
         )

@@ -219,7 +219,7 @@ class Store:
                     f"the database {self._path} is damaged: {table} {changed_row[0]} was changed"
                 )
 
-    def find_last_event(self) -> int:
+    def find_last_event_number(self) -> int:
         """Return the number of the last event; 0 if there is none. Raises StoreError."""
         try:
             return self._find_last_event()

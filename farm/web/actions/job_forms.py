@@ -16,42 +16,42 @@ def make_job_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/jobs/{number}/approve")
-    async def approve_job(number: int, request: Request, by: OperatorName) -> Response:
+    async def approve_job(number: int, request: Request, operator_name: OperatorName) -> Response:
         plan = (await read_form(request, api.ApproveRequest)).plan
-        await jobs.approve(number, plan, services.state, by)
+        await jobs.approve(number, plan, services.state, operator_name)
         return answer_form(request, Note(f"Job {number} is approved."))
 
     @router.post("/jobs/{number}/move")
-    async def move_job(number: int, request: Request, by: OperatorName) -> Response:
-        jobs.move(number, await read_form(request, api.QueueMove), by)
+    async def move_job(number: int, request: Request, operator_name: OperatorName) -> Response:
+        jobs.move(number, await read_form(request, api.QueueMove), operator_name)
         return answer_form(request, Note(f"Job {number} has moved in the queue."))
 
     @router.post("/jobs/{number}/start")
-    async def reschedule_job(number: int, request: Request, by: OperatorName) -> Response:
+    async def reschedule_job(number: int, request: Request, operator_name: OperatorName) -> Response:
         at = (await read_form(request, api.JobStart)).at
-        jobs.reschedule(number, at, by)
+        jobs.reschedule(number, at, operator_name)
         time_text = "as soon as it can" if at == "now" else f"not before {at}"
         return answer_form(request, Note(f"Job {number} starts {time_text}."))
 
     @router.post("/jobs/{number}/cancel")
-    async def cancel_job(number: int, request: Request, by: CallerName) -> Response:
-        jobs.cancel(number, by)
+    async def cancel_job(number: int, request: Request, caller_name: CallerName) -> Response:
+        jobs.cancel(number, caller_name)
         return answer_form(request, Note(f"Job {number} is cancelled."))
 
     @router.post("/jobs/{number}/pause")
-    async def pause_job(number: int, request: Request, by: CallerName) -> Response:
-        jobs.pause(number, True, by)
+    async def pause_job(number: int, request: Request, caller_name: CallerName) -> Response:
+        jobs.pause(number, True, caller_name)
         return answer_form(request, Note(f"Job {number} is paused."))
 
     @router.post("/jobs/{number}/resume")
-    async def resume_job(number: int, request: Request, by: CallerName) -> Response:
-        jobs.pause(number, False, by)
+    async def resume_job(number: int, request: Request, caller_name: CallerName) -> Response:
+        jobs.pause(number, False, caller_name)
         return answer_form(request, Note(f"Job {number} continues."))
 
     @router.post("/jobs/{number}/assembled")
-    async def record_assembly(number: int, request: Request, by: CallerName) -> Response:
+    async def record_assembly(number: int, request: Request, caller_name: CallerName) -> Response:
         minutes = (await read_form(request, api.AssembledRequest)).minutes
-        jobs.record_assembly(number, minutes, by)
+        jobs.record_assembly(number, minutes, caller_name)
         return answer_form(request, Note(f"Job {number} is assembled, in {minutes:g} minutes."))
 
     return router
@@ -62,22 +62,24 @@ def make_part_form_routes(parts: PartCommands) -> APIRouter:
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/jobs/{number}/parts/{part}/reprint")
-    async def reprint_part(number: int, part: str, request: Request, by: CallerName) -> Response:
+    async def reprint_part(number: int, part: str, request: Request, caller_name: CallerName) -> Response:
         why = (await read_form(request, api.Reason)).why or "reprint requested"
-        return answer_form(request, Note(f"Part {parts.reprint(number, part, why, by)} is printed again."))
+        return answer_form(
+            request, Note(f"Part {parts.reprint(number, part, why, caller_name)} is printed again.")
+        )
 
     @router.post("/jobs/{number}/parts/{part}/cancel")
-    async def cancel_part(number: int, part: str, request: Request, by: CallerName) -> Response:
-        return answer_form(request, Note(f"Part {parts.cancel(number, part, by)} is cancelled."))
+    async def cancel_part(number: int, part: str, request: Request, caller_name: CallerName) -> Response:
+        return answer_form(request, Note(f"Part {parts.cancel(number, part, caller_name)} is cancelled."))
 
     @router.post("/jobs/{number}/parts/{part}/pause")
-    async def pause_part(number: int, part: str, request: Request, by: CallerName) -> Response:
-        parts.pause(number, part, True, by)
+    async def pause_part(number: int, part: str, request: Request, caller_name: CallerName) -> Response:
+        parts.pause(number, part, True, caller_name)
         return answer_form(request, Note(f"Part {part} is paused."))
 
     @router.post("/jobs/{number}/parts/{part}/resume")
-    async def resume_part(number: int, part: str, request: Request, by: CallerName) -> Response:
-        parts.pause(number, part, False, by)
+    async def resume_part(number: int, part: str, request: Request, caller_name: CallerName) -> Response:
+        parts.pause(number, part, False, caller_name)
         return answer_form(request, Note(f"Part {part} continues."))
 
     return router

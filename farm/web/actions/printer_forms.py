@@ -17,13 +17,13 @@ def make_printer_form_routes(printers: PrinterCommands) -> APIRouter:
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/printers/{name}/cleared")
-    async def clear_bed(name: str, request: Request, by: OperatorName) -> Response:
-        answer = printers.clear_bed(name, await read_form(request, api.ClearedRequest), by)
+    async def clear_bed(name: str, request: Request, operator_name: OperatorName) -> Response:
+        answer = printers.clear_bed(name, await read_form(request, api.ClearedRequest), operator_name)
         return answer_form(request, Note(describe_cleared_bed(name, answer)))
 
     @router.post("/printers/{name}/load")
-    async def load_reel(name: str, request: Request, by: OperatorName) -> Response:
-        reel = await printers.load_reel(name, await read_form(request, api.LoadRequest), by)
+    async def load_reel(name: str, request: Request, operator_name: OperatorName) -> Response:
+        reel = await printers.load_reel(name, await read_form(request, api.LoadRequest), operator_name)
         grams = "" if reel.grams is None else f", {reel.grams:.0f} g"
         colour = f" {reel.colour}" if reel.colour else ""
         return answer_form(
@@ -31,18 +31,18 @@ def make_printer_form_routes(printers: PrinterCommands) -> APIRouter:
         )
 
     @router.post("/printers/{name}/maintenance")
-    async def begin_maintenance(name: str, request: Request, by: CallerName) -> Response:
-        printers.begin_maintenance(name, (await read_form(request, api.Reason)).why, by)
+    async def begin_maintenance(name: str, request: Request, caller_name: CallerName) -> Response:
+        printers.begin_maintenance(name, (await read_form(request, api.Reason)).why, caller_name)
         return answer_form(request, Note(f"{name} takes no further plates."))
 
     @router.post("/printers/{name}/maintained")
-    async def end_maintenance(name: str, request: Request, by: OperatorName) -> Response:
-        printers.end_maintenance(name, by)
+    async def end_maintenance(name: str, request: Request, operator_name: OperatorName) -> Response:
+        printers.end_maintenance(name, operator_name)
         return answer_form(request, Note(f"{name} is back in use."))
 
     @router.post("/outage/confirm")
-    async def confirm_outage(request: Request, by: OperatorName) -> Response:
-        return answer_form(request, Note(f"{printers.confirm_outage(by)} may print again."))
+    async def confirm_outage(request: Request, operator_name: OperatorName) -> Response:
+        return answer_form(request, Note(f"{printers.confirm_outage(operator_name)} may print again."))
 
     return router
 
@@ -52,24 +52,24 @@ def make_print_form_routes(printers: PrinterCommands, parts: PartCommands) -> AP
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/printers/{name}/pause")
-    async def pause_printer(name: str, request: Request, by: CallerName) -> Response:
-        printers.pause(name, True, by)
+    async def pause_printer(name: str, request: Request, caller_name: CallerName) -> Response:
+        printers.pause(name, True, caller_name)
         return answer_form(request, Note(f"{name} pauses."))
 
     @router.post("/printers/{name}/resume")
-    async def resume_printer(name: str, request: Request, by: CallerName) -> Response:
-        printers.pause(name, False, by)
+    async def resume_printer(name: str, request: Request, caller_name: CallerName) -> Response:
+        printers.pause(name, False, caller_name)
         return answer_form(request, Note(f"{name} resumes."))
 
     @router.post("/printers/{name}/fail")
-    async def fail_print(name: str, request: Request, by: CallerName) -> Response:
+    async def fail_print(name: str, request: Request, caller_name: CallerName) -> Response:
         reason = await read_form(request, api.Reason)
-        printers.fail_print(name, reason.why or "failed by a user", by)
+        printers.fail_print(name, reason.why or "failed by a user", caller_name)
         return answer_form(request, Note(f"The print on {name} is stopped, and its part is printed again."))
 
     @router.post("/printers/{name}/cancel")
-    async def cancel_print(name: str, request: Request, by: CallerName) -> Response:
-        part = parts.cancel_on_printer(name, by)
+    async def cancel_print(name: str, request: Request, caller_name: CallerName) -> Response:
+        part = parts.cancel_on_printer(name, caller_name)
         return answer_form(request, Note(f"Part {part} on {name} is cancelled."))
 
     return router

@@ -27,7 +27,7 @@ ReadOptions = Callable[[FormReader], Awaitable[JobOptions]]
 class SubmittedForm(NamedTuple):
     """Form whose upload was submitted, and the number of its job."""
 
-    job: int
+    job_number: int
     form: FormReader
 
 
@@ -45,7 +45,7 @@ class FormUploads:
     jobs: JobCommands
 
     async def submit(
-        self, request: Request, request_id: str, read_options: ReadOptions, by: str
+        self, request: Request, request_id: str, read_options: ReadOptions, caller_name: str
     ) -> SubmittedForm:
         """Receive a form, and submit its file.
 
@@ -56,8 +56,8 @@ class FormUploads:
         request_id
             Id of the upload and of the submission.
         read_options
-            Reads the options of the job from the fields.
-        by
+            Function that reads the options of the job from the fields.
+        caller_name
             Name of the caller.
 
         Raises
@@ -86,7 +86,7 @@ class FormUploads:
             if int(size) <= _MAX_DISCARDED_BYTES and "expect" not in request.headers:
                 await _discard_rest(content)
             raise
-        number, _ = self.jobs.submit(request_id, name, model, options, by)
+        number, _ = self.jobs.submit(request_id, name, model, options, caller_name)
         return SubmittedForm(number, reader)
 
     async def _inspect_upload(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:

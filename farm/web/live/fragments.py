@@ -63,11 +63,13 @@ def publish_page(page: str) -> str:
     return head + fragments.html + tail.rpartition("</main>")[2]
 
 
-def find_changes(before: Fragments, after: Fragments) -> dict[str, str]:
+def find_changes(old_fragments: Fragments, new_fragments: Fragments) -> dict[str, str]:
     """Return the HTML of the changed elements by id.
 
     Returns the whole main element if fragments were added, removed or moved, or if the rest has changed.
     """
-    if before.frame != after.frame:
-        return {MAIN_ID: after.html}
-    return {name: html for name, html in after.elements.items() if before.elements[name] != html}
+    if old_fragments.frame != new_fragments.frame:
+        return {MAIN_ID: new_fragments.html}
+    return {
+        name: html for name, html in new_fragments.elements.items() if old_fragments.elements[name] != html
+    }

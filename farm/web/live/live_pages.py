@@ -28,12 +28,12 @@ PageRenderer = Callable[[Reader, str, str], Awaitable[str]]
 _PERIOD_S = 1.0  # minimum time between two rounds
 _MAX_RENDERING_SHARE = 0.05  # share of the time that rendering may take
 _HEARTBEAT_S = 5.0
-_RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser connects again
+_RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser reconnects
 _HEARTBEAT = b"event: beat\ndata:\n\n"
 
 
 class _Topic:
-    """Last rendering of one page for one role, which is renewed every few rounds."""
+    """Last rendering of one page for one role, with its viewers. It is renewed every few rounds."""
 
     def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds: int) -> None:
         self._render = render
@@ -75,7 +75,7 @@ class _Topic:
             async with asyncio.timeout(duration_s):
                 await self._change.wait()
 
-    def list_changes_since(self, version: str) -> bytes:
+    def format_changes_since(self, version: str) -> bytes:
         """Return the changes since a version: none, the last changes, or the whole page."""
         if version == self.version:
             return b""
@@ -90,7 +90,7 @@ class LivePages:
     Parameters
     ----------
     streams
-        Counter of the open streams, which ends them with the daemon.
+        Counter of the open streams, which end with the daemon.
     """
 
     def __init__(self, streams: StreamLimit) -> None:
@@ -107,18 +107,18 @@ class LivePages:
         path
             Path of the page with at most one variable, such as `/jobs/{number}`.
         render
-            Renders the page.
+            Function that renders the page.
         rounds
             Number of rounds, of a second or more, between two renderings.
         """
         self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds))
 
     async def find_topic(self, address: str, role: Role) -> _Topic:
-        """Return the last rendering of a page for a role. Raises FarmError if there is no such page."""
+        """Return the topic of a page for a role. Raises FarmError if there is no such page."""
         topic = self._topics.get((address, role))
         if topic is not None:
             return topic
-        render, rounds = self._find_render(address, role)
+        render, rounds = self._find_renderer(address, role)
         topic = _Topic(render, await render(), rounds)
         return self._topics.setdefault((address, role), topic)
 
@@ -134,7 +134,7 @@ class LivePages:
         version
             Version of the page in the viewer's browser.
         is_allowed
-            Returns whether the viewer may still see the page.
+            Function that returns whether the viewer may still see the page.
         """
         topic = await self.find_topic(address, role)
         topic.viewer_count += 1  # before any await, because a round ends pages without viewers
@@ -143,7 +143,7 @@ class LivePages:
             await topic.refresh_for_version(version)
             yield _RETRY
             while is_allowed() and not self._streams.is_closed and not topic.is_over:
-                message = topic.list_changes_since(version)
+                message = topic.format_changes_since(version)
                 version = topic.version
                 yield message or _HEARTBEAT
                 if version == topic.version and not topic.is_over:  # otherwise it has changed in the meantime
@@ -151,7 +151,7 @@ class LivePages:
         finally:
             topic.viewer_count -= 1
 
-    def _find_render(self, address: str, role: Role) -> tuple[Callable[[], Awaitable[str]], int]:
+    def _find_renderer(self, address: str, role: Role) -> tuple[Callable[[], Awaitable[str]], int]:
         path, _, query = address.partition("?")
         for pattern, render, rounds in self._pages:
             match = pattern.fullmatch(path)
@@ -188,7 +188,7 @@ class LivePages:
             self._end_topic(key)
 
     def _end_topic(self, key: tuple[str, Role]) -> None:
-        """Remove a page, and end the streams of its viewers."""
+        """Remove a topic, and end the streams of its viewers."""
         topic = self._topics.pop(key)
         topic.is_over = True
         topic.wake()

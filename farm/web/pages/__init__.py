@@ -7,7 +7,7 @@ from farm.web.pages.fleet import make_history_routes, make_printer_page_routes, 
 from farm.web.pages.jobs import make_all_job_routes
 from farm.web.pages.login_routes import make_login_routes
 from farm.web.pages.page_context import PageContext
-from farm.web.pages.rendering import load_pages, render_message
+from farm.web.pages.rendering import load_page_files, render_message
 from farm.web.pages.routes import make_page_routes
 from farm.web.pages.submit import SUBMIT_PATH, make_submit_routes
 
@@ -15,7 +15,7 @@ __all__ = [
     "POLICY",
     "SUBMIT_PATH",
     "PageContext",
-    "load_pages",
+    "load_page_files",
     "make_all_job_routes",
     "make_history_routes",
     "make_login_routes",

@@ -38,7 +38,7 @@ _LIMIT_WORDS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to"}
 @dataclass(frozen=True, slots=True)
 class _Parameter:
     name: str
-    place: str
+    location: str
     is_required: bool
     value: Text
 
@@ -52,17 +52,17 @@ class _Operation:
     role: str | None
     parameters: Sequence[_Parameter]
     bodies: Sequence[tuple[str, Text]]
-    answers: Sequence[tuple[str, Text]]
+    responses: Sequence[tuple[str, Text]]
 
 
-def render_api_page(document: Mapping[str, Any], address: str) -> str:
+def render_api_page(document: Mapping[str, Any], document_url: str) -> str:
     """Render the page from the OpenAPI description of the routes.
 
     Parameters
     ----------
     document
         The OpenAPI description.
-    address
+    document_url
         URL of the description, for a link.
     """
     info = document["info"]
@@ -70,7 +70,7 @@ def render_api_page(document: Mapping[str, Any], address: str) -> str:
         title=info["title"],
         version=info["version"],
         description=format_commands(info["description"]),
-        document=address,
+        document=document_url,
         style=_STYLE,
         operations=list(_list_operations(document)),
         objects=list(_list_objects(document)),
@@ -79,10 +79,10 @@ def render_api_page(document: Mapping[str, Any], address: str) -> str:
 
 def _list_operations(document: Mapping[str, Any]) -> Iterator[_Operation]:
     for path, operations in document["paths"].items():
-        for verb, operation in operations.items():
+        for method, operation in operations.items():
             yield _Operation(
                 id=operation["operationId"],
-                method=verb.upper(),
+                method=method.upper(),
                 path=path,
                 text=format_commands(operation.get("description") or f"{operation['summary']}."),
                 role=operation.get("x-role"),
@@ -91,7 +91,7 @@ def _list_operations(document: Mapping[str, Any]) -> Iterator[_Operation]:
                     for p in operation.get("parameters", ())
                 ],
                 bodies=_list_contents(operation.get("requestBody", {})),
-                answers=_list_contents(operation["responses"]["200"]),
+                responses=_list_contents(operation["responses"]["200"]),
             )
 
 

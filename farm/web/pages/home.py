@@ -87,7 +87,7 @@ class Tile:
 
     printer: api.PrinterView
     model: str
-    ends: str | None
+    end: str | None
     is_hot: bool
 
 
@@ -233,7 +233,7 @@ def list_tiles(status: api.Status) -> list[Tile]:
         )
         for printer in status.printers
     ]
-    return sorted(tiles, key=lambda tile: (tile.ends is None, tile.ends or "", tile.printer.name))
+    return sorted(tiles, key=lambda tile: (tile.end is None, tile.end or "", tile.printer.name))
 
 
 def _format_end(printer: api.PrinterView, now: str) -> str | None:

@@ -27,11 +27,11 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
     cookie
         The cookie of sessions.
     callers
-        Checks keys.
+        Finder of callers, which checks keys.
     """
     router, keys = APIRouter(include_in_schema=False), KeyCommands(services.controller)
     name = services.controller.fleet.fleet.name
-    _add_link_login(router, services, cookie)
+    _add_link_login_routes(router, services, cookie)
 
     @router.get("/login")
     async def show_key_login() -> Response:
@@ -39,7 +39,7 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
 
     @router.post("/login")
     async def log_in_with_key(request: Request) -> Response:
-        holder = callers.find_key(await _read_key(request), request.state.caller.address)
+        holder = callers.find_key_holder(await _read_key(request), request.state.caller.address)
         if isinstance(holder, Refusal):
             page = render_message(name, holder.text, has_login_hint=True)
             return HTMLResponse(page, holder.status, {"www-authenticate": "Bearer"})
@@ -61,7 +61,7 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
     return router
 
 
-def _add_link_login(router: APIRouter, services: Services, cookie: SessionCookie) -> None:
+def _add_link_login_routes(router: APIRouter, services: Services, cookie: SessionCookie) -> None:
     """Add the routes of log-in by a link."""
     name = services.controller.fleet.fleet.name
 

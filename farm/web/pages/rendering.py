@@ -92,9 +92,9 @@ def render_page(
     )
 
 
-def render_login(farm: str, user: str, role: Role) -> str:
-    """Render the page of a login link. Its button logs in, because a preview must not use the link up."""
-    return load_template("login.html").render(title=farm, user=user, role=role)
+def render_login(farm_name: str, user: str, role: Role) -> str:
+    """Render the page of a login link. Only its button logs in, so that previews do not use up the link."""
+    return load_template("login.html").render(title=farm_name, user=user, role=role)
 
 
 def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
@@ -115,7 +115,7 @@ def load_template(name: str) -> Template:
     return load_templates().get_template(name)
 
 
-def load_pages() -> None:
+def load_page_files() -> None:
     """Load all templates and static files."""
     load_templates()
     load_static_files()
@@ -130,8 +130,8 @@ def load_templates() -> Environment:
         "moment": format_time_element,
         "degrees": _format_degrees,
         "material": describe_material,
-        "share": partial(_format_known, format_share),
-        "deviation": partial(_format_known, format_deviation),
+        "share": partial(_format_optional_value, format_share),
+        "deviation": partial(_format_optional_value, format_deviation),
         "commands": format_commands,
         "sentence": format_sentence,
         "time_attributes": format_time_attributes,
@@ -168,7 +168,7 @@ def describe_value(value: str) -> str:
     return _VALUE_TEXTS.get(value, value.replace("_", " "))
 
 
-def _format_known(format_value: Callable[[float], str], value: float | None) -> str:
+def _format_optional_value(format_value: Callable[[float], str], value: float | None) -> str:
     return "–" if value is None else format_value(value)
 
 

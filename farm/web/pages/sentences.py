@@ -59,32 +59,32 @@ def format_commands(text: str) -> Markup:
 
 
 def _format_times(text: str, times: Sequence[TextTime]) -> Markup:
-    """Format a text, and convert the given times in it to elements."""
+    """Format a text, with the given times in it as elements."""
     moments = {time.text: time.at for time in times}
     if not moments:
         return escape(text)
     pattern = "|".join(map(re.escape, sorted(moments, key=len, reverse=True)))
     pieces = re.split(f"({pattern})", text)
     return Markup("").join(
-        _make_element(moments[piece], piece) if piece in moments else escape(piece) for piece in pieces
+        _make_time_element(moments[piece], piece) if piece in moments else escape(piece) for piece in pieces
     )
 
 
-def format_time_element(at: str | None, now: str) -> Markup:
+def format_time_element(time: str | None, now: str) -> Markup:
     """Format a time as an element.
 
     Parameters
     ----------
-    at, now
+    time, now
         The time, and the time of the view, as ISO 8601.
     """
-    if at is None:
+    if time is None:
         return Markup("")
-    return _make_element(at, format_moment(datetime.fromisoformat(at), datetime.fromisoformat(now)))
+    return _make_time_element(time, format_moment(datetime.fromisoformat(time), datetime.fromisoformat(now)))
 
 
-def _make_element(at: str, text: str) -> Markup:
-    return Markup('<time datetime="{}">{}</time>').format(at, text)
+def _make_time_element(time: str, text: str) -> Markup:
+    return Markup('<time datetime="{}">{}</time>').format(time, text)
 
 
 class NamedTime(Protocol):

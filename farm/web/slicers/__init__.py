@@ -1,6 +1,6 @@
-"""Interfaces of the print servers OctoPrint and Moonraker, through which slicers send files to the farm.
+"""APIs of the print servers OctoPrint and Moonraker, through which slicers send files to the farm.
 
-Each interface is served at the root for any printer that fits, and under `/to/PRINTER` for one printer.
+Each API is served at the root for any printer that fits, and under `/to/PRINTER` for one printer.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from farm.web.slicers.paths import (
     is_slicer_upload,
 )
 from farm.web.slicers.selection import Selection
-from farm.web.slicers.text_errors import make_text
+from farm.web.slicers.text_errors import make_text_response
 
 __all__ = [
     "PUBLIC_SLICER_ROUTES",
@@ -29,12 +29,12 @@ __all__ = [
     "add_slicer_routes",
     "is_slicer_path",
     "is_slicer_upload",
-    "make_text",
+    "make_text_response",
 ]
 
 
 def add_slicer_routes(app: FastAPI, services: Services) -> None:
-    """Add the routes of all interfaces to an application."""
+    """Add the routes of these APIs to an application."""
     jobs = JobCommands(services.controller, PrinterCommands(services.controller))
     selection = Selection()
     for prefix in PREFIXES:

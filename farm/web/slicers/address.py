@@ -22,7 +22,7 @@ class Address:
     printer
         Name of the printer; None for any printer that fits.
     root
-        Scheme, host and prefix of its URLs, without a slash at the end.
+        Scheme, host and prefix of its URLs, without a trailing slash.
     """
 
     printer: str | None

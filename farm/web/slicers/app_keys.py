@@ -14,7 +14,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 
 from farm.http import Services
-from farm.web.slicers.paths import APP_KEY_PROBE, APP_KEY_REQUEST, APP_KEY_REQUESTS
+from farm.web.slicers.paths import APP_KEY_PROBE_PATH, APP_KEY_REQUEST_PATH, APP_KEY_REQUESTS_PATH
 from farm.web.slicers.text_errors import TextErrorRoute
 
 _CREATED, _ACCEPTED, _NO_CONTENT = 201, 202, 204
@@ -31,18 +31,18 @@ def make_app_key_routes(services: Services) -> APIRouter:
     router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
     requests = services.app_key_requests
 
-    @router.get(APP_KEY_PROBE, status_code=_NO_CONTENT)
+    @router.get(APP_KEY_PROBE_PATH, status_code=_NO_CONTENT)
     async def report_support() -> None:
         """Report that programs may request keys."""
 
-    @router.post(APP_KEY_REQUESTS)
+    @router.post(APP_KEY_REQUESTS_PATH)
     async def request_key(request: Request, body: AppRequest) -> Response:
         request_url = str(request.url.replace(path=quote(request.url.path), query="", fragment=""))
         token = requests.add(body.app, request.state.caller.address, time.monotonic())
-        answer = {"app_token": token, "auth_dialog": request_url.removesuffix(APP_KEY_REQUESTS) + "/"}
-        return JSONResponse(answer, _CREATED, {"location": f"{request_url}/{token}"})
+        content = {"app_token": token, "auth_dialog": request_url.removesuffix(APP_KEY_REQUESTS_PATH) + "/"}
+        return JSONResponse(content, _CREATED, {"location": f"{request_url}/{token}"})
 
-    @router.get(APP_KEY_REQUEST)
+    @router.get(APP_KEY_REQUEST_PATH)
     async def poll_key(token: str) -> Response:
         key = requests.take_key(token, time.monotonic())
         if key is None:

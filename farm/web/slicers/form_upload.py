@@ -18,12 +18,12 @@ _MAX_NOTE_LENGTH = 200
 class SlicerUpload(NamedTuple):
     """Job of an upload, and whether the slicer requested its print."""
 
-    job: int
+    job_number: int
     is_print_requested: bool
 
 
 async def submit_form(
-    request: Request, uploads: Uploads, jobs: JobCommands, options: JobOptions, by: str
+    request: Request, uploads: Uploads, jobs: JobCommands, options: JobOptions, caller_name: str
 ) -> SlicerUpload:
     """Receive a form with a model or G-code, and submit it; without `print=true` the job is held.
 
@@ -35,7 +35,7 @@ async def submit_form(
         Components of the daemon.
     options
         Options of the job; the fields of the form are added.
-    by
+    caller_name
         Name of the caller.
 
     Raises
@@ -49,5 +49,7 @@ async def submit_form(
         form_options = {"hold": not form.is_true("print"), "note": folder or None}
         return JobOptions.model_validate({**options.model_dump(), **form_options})
 
-    job_form = await FormUploads(uploads, jobs).submit(request, uuid.uuid4().hex, read_options, by)
-    return SlicerUpload(job_form.job, job_form.form.is_true("print"))
+    submitted_form = await FormUploads(uploads, jobs).submit(
+        request, uuid.uuid4().hex, read_options, caller_name
+    )
+    return SlicerUpload(submitted_form.job_number, submitted_form.form.is_true("print"))

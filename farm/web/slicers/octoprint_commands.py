@@ -1,4 +1,4 @@
-"""Routes of commands in OctoPrint's interface: select, print, pause and cancel."""
+"""Routes of commands in the OctoPrint API: select, print, pause and cancel."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from farm.http import CallerName, Services, is_operator
 from farm.model import PrintState
 from farm.web.slicers.address import AddressParameter
 from farm.web.slicers.octoprint_views import find_job
-from farm.web.slicers.paths import FILE, FILE_OF_JOB
+from farm.web.slicers.paths import FILE_PATH, JOB_FILE_PATH
 from farm.web.slicers.selection import Selection
 from farm.web.slicers.text_errors import TextErrorRoute
 
@@ -34,7 +34,7 @@ class JobCommand(BaseModel):
     action: Literal["pause", "resume", "toggle"] = "toggle"
 
     def wants_pause(self, is_paused: bool) -> bool:
-        """Return whether the command pauses a print; `toggle` depends on its present state."""
+        """Return whether the command pauses a print; `toggle` pauses it unless it is paused."""
         return not is_paused if self.action == "toggle" else self.action == "pause"
 
 
@@ -58,28 +58,28 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
     controller = services.controller
     printers = PrinterCommands(controller)
     parts = PartCommands(controller, printers)
-    _add_file_command(router, services, jobs, selection)
+    _add_file_command_route(router, services, jobs, selection)
 
     @router.post("/api/job", status_code=_NO_CONTENT)
     async def command_job(
-        request: Request, body: JobCommand, address: AddressParameter, by: CallerName
+        request: Request, body: JobCommand, address: AddressParameter, caller_name: CallerName
     ) -> None:
-        job = selection.find(by, address, controller.books)
+        job = selection.find(caller_name, address, controller.books)
         if job is None:
             raise RefusedError("no file is selected, and nothing is printing at this address")
         open_print = None if address.printer is None else controller.books.find_open_print(address.printer)
         match body.command:
             case "start":
-                await jobs.release(job.id, services.state, by, is_operator(request))
+                await jobs.release(job.id, services.state, caller_name, is_operator(request))
             case "pause" if open_print is not None:
                 is_paused = open_print.pause_requested or open_print.state is PrintState.PAUSED
-                printers.pause(open_print.printer, body.wants_pause(is_paused), by)
+                printers.pause(open_print.printer, body.wants_pause(is_paused), caller_name)
             case "pause":
-                jobs.pause(job.id, body.wants_pause(job.paused), by)
+                jobs.pause(job.id, body.wants_pause(job.paused), caller_name)
             case "cancel" if open_print is not None:
-                parts.cancel_on_printer(open_print.printer, by)
+                parts.cancel_on_printer(open_print.printer, caller_name)
             case "cancel":
-                jobs.cancel(job.id, by)
+                jobs.cancel(job.id, caller_name)
             case _:
                 raise RefusedError(f"the farm has no command {body.command} for jobs")
 
@@ -91,22 +91,24 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
     return router
 
 
-def _add_file_command(router: APIRouter, services: Services, jobs: JobCommands, selection: Selection) -> None:
+def _add_file_command_route(
+    router: APIRouter, services: Services, jobs: JobCommands, selection: Selection
+) -> None:
     """Add the route of commands on files."""
 
-    @router.post(FILE, status_code=_NO_CONTENT)
-    @router.post(FILE_OF_JOB, status_code=_NO_CONTENT)
+    @router.post(FILE_PATH, status_code=_NO_CONTENT)
+    @router.post(JOB_FILE_PATH, status_code=_NO_CONTENT)
     async def command_file(
         request: Request,
         body: FileCommand,
         address: AddressParameter,
-        by: CallerName,
+        caller_name: CallerName,
         name: str,
         number: str = "",
     ) -> None:
         if body.command != "select":
             raise RefusedError(f"the farm has no command {body.command} for files")
-        job = find_job(services.controller.books.jobs, f"{number}/{name}", by)
+        job = find_job(services.controller.books.jobs, f"{number}/{name}", caller_name)
         if body.print:
-            await jobs.release(job.id, services.state, by, is_operator(request))
-        selection.select(by, address, job.id)
+            await jobs.release(job.id, services.state, caller_name, is_operator(request))
+        selection.select(caller_name, address, job.id)

@@ -1,4 +1,4 @@
-"""Routes of OctoPrint's interface, which PrusaSlicer, SuperSlicer, OrcaSlicer and a plugin of Cura use."""
+"""Routes of the OctoPrint API, which PrusaSlicer, SuperSlicer, OrcaSlicer and a Cura plugin use."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from farm.views import describe_printer
 from farm.web.slicers import octoprint_views as views
 from farm.web.slicers.address import Address, AddressParameter
 from farm.web.slicers.form_upload import submit_form
-from farm.web.slicers.paths import FILE, FILE_OF_JOB, FILES
+from farm.web.slicers.paths import FILE_PATH, FILES_PATH, JOB_FILE_PATH
 from farm.web.slicers.selection import Selection
 from farm.web.slicers.text_errors import TextErrorRoute
 
@@ -23,7 +23,7 @@ _CREATED = 201
 
 
 def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
-    """Return the routes of OctoPrint's interface for descriptions of the farm and for uploads.
+    """Return the routes of the OctoPrint API for descriptions of the farm and for uploads.
 
     Parameters
     ----------
@@ -34,12 +34,12 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
     """
     router = APIRouter(route_class=TextErrorRoute, include_in_schema=False)
     controller = services.controller
-    _add_descriptions(router, services)
-    _add_files(router, services)
+    _add_description_routes(router, services)
+    _add_file_routes(router, services)
 
     @router.get("/api/job")
-    async def show_job(address: AddressParameter, by: CallerName) -> dict[str, Any]:
-        current_job = selection.find(by, address, controller.books)
+    async def show_job(address: AddressParameter, caller_name: CallerName) -> dict[str, Any]:
+        current_job = selection.find(caller_name, address, controller.books)
         prints = controller.books.list_open_prints(current_job.id) if current_job is not None else ()
         printer = next(
             (attempt.printer for attempt in prints if address.printer in (None, attempt.printer)), None
@@ -47,12 +47,12 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
         view = None if printer is None else _describe_printer(services, printer)
         return views.describe_current_job(current_job, view.print if view else None)
 
-    @router.post(FILES, status_code=_CREATED)
+    @router.post(FILES_PATH, status_code=_CREATED)
     async def receive_upload(
-        request: Request, response: Response, address: AddressParameter, by: CallerName
+        request: Request, response: Response, address: AddressParameter, caller_name: CallerName
     ) -> dict[str, Any]:
-        slicer_upload = await submit_form(request, services.uploads, jobs, address.options, by)
-        job = controller.books.get_job(slicer_upload.job)
+        slicer_upload = await submit_form(request, services.uploads, jobs, address.options, caller_name)
+        job = controller.books.get_job(slicer_upload.job_number)
         response.headers["location"] = location = _make_file_url(address, job)
         file = {"name": job.name, "path": views.format_file_path(job), "origin": "local"}
         return {
@@ -65,7 +65,7 @@ def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Sele
     return router
 
 
-def _add_descriptions(router: APIRouter, services: Services) -> None:
+def _add_description_routes(router: APIRouter, services: Services) -> None:
     """Add the routes that describe the caller, and the farm or a printer."""
     controller = services.controller
 
@@ -108,22 +108,22 @@ def _add_descriptions(router: APIRouter, services: Services) -> None:
         return views.describe_login(caller.name, is_operator(request))
 
 
-def _add_files(router: APIRouter, services: Services) -> None:
+def _add_file_routes(router: APIRouter, services: Services) -> None:
     """Add the routes that describe the files, each with its job."""
     controller = services.controller
 
     @router.get("/api/files")
-    @router.get(FILES)
+    @router.get(FILES_PATH)
     async def list_files(address: AddressParameter) -> dict[str, Any]:
         open_jobs = [job for job in controller.books.list_open_jobs() if address.lists_job(job)]
         return {"files": [views.describe_file(job, _make_file_url(address, job)) for job in open_jobs]}
 
-    @router.get(FILE)
-    @router.get(FILE_OF_JOB)
+    @router.get(FILE_PATH)
+    @router.get(JOB_FILE_PATH)
     async def show_file(
-        address: AddressParameter, by: CallerName, name: str, number: str = ""
+        address: AddressParameter, caller_name: CallerName, name: str, number: str = ""
     ) -> dict[str, Any]:
-        job = views.find_job(controller.books.jobs, f"{number}/{name}", by)
+        job = views.find_job(controller.books.jobs, f"{number}/{name}", caller_name)
         return views.describe_file(job, _make_file_url(address, job))
 
 
@@ -135,4 +135,4 @@ def _describe_printer(services: Services, name: str) -> api.PrinterView:
 
 def _make_file_url(address: Address, job: Job) -> str:
     """Return the URL of a job's file."""
-    return f"{address.root}{FILES}/{quote(views.format_file_path(job))}"
+    return f"{address.root}{FILES_PATH}/{quote(views.format_file_path(job))}"

@@ -19,8 +19,8 @@ from farm.model import Job, PrintState
 
 API_VERSION = "0.1"
 SERVER_VERSION = "1.9.0"
-"""Version of OctoPrint whose interface the farm implements; clients compare it."""
-READY = "Operational"
+"""Version of OctoPrint whose API the farm implements; clients compare it."""
+READY_TEXT = "Operational"
 _STATE_TEXTS = {
     PrintState.ASSIGNED: "Starting",
     PrintState.HEATING: "Starting",
@@ -73,7 +73,7 @@ def describe_login(name: str, is_operator: bool) -> dict[str, Any]:
 
 
 def describe_state(printer: api.PrinterView | None) -> dict[str, Any]:
-    """Describe the state of a printer with its temperatures; None for the whole farm."""
+    """Describe the state of a printer with its temperatures, or of the whole farm if `printer` is None."""
     temperature = {}
     if printer is not None:
         targets = printer.targets
@@ -81,7 +81,7 @@ def describe_state(printer: api.PrinterView | None) -> dict[str, Any]:
             "tool0": {"actual": printer.nozzle_c, "target": targets.nozzle_c, "offset": 0},
             "bed": {"actual": printer.bed_c, "target": targets.bed_c, "offset": 0},
         }
-    state = {"text": READY, "flags": _FLAGS, "error": ""}
+    state = {"text": READY_TEXT, "flags": _FLAGS, "error": ""}
     return {"temperature": temperature, "state": state}
 
 
@@ -97,7 +97,7 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
     """
     file = dict.fromkeys(("name", "path", "origin", "size", "date"))
     if job is not None:
-        file = {**file, **_name_file(job), "date": int(job.submitted_s)}
+        file = {**file, **_describe_file_name(job), "date": int(job.submitted_s)}
     elapsed_s = remaining_s = completion = None
     if progress is not None:
         remaining_s, completion = round(progress.remaining_s), progress.progress * 100
@@ -118,7 +118,7 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
             "printTimeLeft": remaining_s,
             "printTimeLeftOrigin": None if remaining_s is None else "estimate",
         },
-        "state": READY if progress is None else _STATE_TEXTS.get(progress.state, _PRINTING_TEXT),
+        "state": READY_TEXT if progress is None else _STATE_TEXTS.get(progress.state, _PRINTING_TEXT),
     }
 
 
@@ -126,7 +126,7 @@ def describe_file(job: Job, resource: str) -> dict[str, Any]:
     """Describe a job as a file, with the URL of its description."""
     kind = "model" if job.own_gcode is None else "machinecode"
     return {
-        **_name_file(job),
+        **_describe_file_name(job),
         "type": kind,
         "typePath": [kind, "stl" if job.own_gcode is None else "gcode"],
         "date": int(job.submitted_s),
@@ -140,11 +140,11 @@ def format_file_path(job: Job) -> str:
     return f"{job.id}/{job.name}"
 
 
-def _name_file(job: Job) -> dict[str, Any]:
+def _describe_file_name(job: Job) -> dict[str, Any]:
     return {"name": job.name, "display": job.name, "path": format_file_path(job), "origin": "local"}
 
 
-def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
+def find_job(jobs: Mapping[int, Job], path: str, caller_name: str) -> Job:
     """Find the job of a file's path.
 
     Parameters
@@ -152,8 +152,8 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
     jobs
         All jobs by number.
     path
-        Number and name, or only a name for the newest open job with that name, of the caller if possible.
-    by
+        Number and name; or only a name, for the newest open job with that name, preferably one of the caller.
+    caller_name
         Name of the caller.
 
     Raises
@@ -167,14 +167,14 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
         found_jobs = [numbered_job] if numbered_job is not None and numbered_job.name == name else []
     else:
         candidates = [job for job in jobs.values() if job.name == name and not job.state.ended]
-        found_jobs = [job for job in candidates if job.submitted_by == by] or candidates
+        found_jobs = [job for job in candidates if job.submitted_by == caller_name] or candidates
     if not found_jobs:
         raise NotFoundError(f"there is no open job for a file {name}: send the file first")
     return max(found_jobs, key=lambda job: job.id)
 
 
 def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
-    """Describe the profile of a printer; the farm has that of the printer with the lowest build height.
+    """Describe the profile of a printer, or of the farm: that of its printer with the lowest build height.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
     sections
         The printers, at least one.
     resource
-        Address of the profiles.
+        URL of the profiles.
     """
     shown_sections = list(sections)
     smallest = min(
@@ -223,7 +223,7 @@ def _describe_axes(profile: Profile) -> dict[str, Any]:
 def describe_connection(name: str) -> dict[str, Any]:
     """Describe the connection, which is always established."""
     return {
-        "current": {"state": READY, "port": None, "baudrate": None, "printerProfile": _PROFILE_ID},
+        "current": {"state": READY_TEXT, "port": None, "baudrate": None, "printerProfile": _PROFILE_ID},
         "options": {
             "ports": [],
             "baudrates": [],

@@ -1,4 +1,4 @@
-"""Paths of the interfaces for slicers, with the roles that they require."""
+"""Paths of the APIs for slicers, with the roles that they require."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from farm.model import Role
 
 PREFIXES = ("", "/to/{printer}")
 """Prefixes of the paths: for the whole farm, and for one printer."""
-FILES = "/api/files/local"
-FILE = FILES + "/{name}"
-FILE_OF_JOB = FILES + "/{number}/{name}"
-MOONRAKER_UPLOAD = "/server/files/upload"
-APP_KEY_PROBE = "/plugin/appkeys/probe"
-APP_KEY_REQUESTS = "/plugin/appkeys/request"
-APP_KEY_REQUEST = APP_KEY_REQUESTS + "/{token}"
+FILES_PATH = "/api/files/local"
+FILE_PATH = FILES_PATH + "/{name}"
+JOB_FILE_PATH = FILES_PATH + "/{number}/{name}"
+MOONRAKER_UPLOAD_PATH = "/server/files/upload"
+APP_KEY_PROBE_PATH = "/plugin/appkeys/probe"
+APP_KEY_REQUESTS_PATH = "/plugin/appkeys/request"
+APP_KEY_REQUEST_PATH = APP_KEY_REQUESTS_PATH + "/{token}"
 _LOOK_PATHS = (
     "/api/version",
     "/api/server",
@@ -25,13 +25,13 @@ _LOOK_PATHS = (
     "/api/job",
     "/api/connection",
     "/api/files",
-    FILES,
-    FILE,
-    FILE_OF_JOB,
+    FILES_PATH,
+    FILE_PATH,
+    JOB_FILE_PATH,
     "/server/info",
     "/printer/info",
 )
-_PRINT_PATHS = (FILES, FILE, FILE_OF_JOB, "/api/job", "/api/connection", MOONRAKER_UPLOAD)
+_PRINT_PATHS = (FILES_PATH, FILE_PATH, JOB_FILE_PATH, "/api/job", "/api/connection", MOONRAKER_UPLOAD_PATH)
 SLICER_ROLES: dict[tuple[str, str], Role] = {
     (method, prefix + path): role
     for prefix in PREFIXES
@@ -46,15 +46,19 @@ SLICER_ROLES: dict[tuple[str, str], Role] = {
 PUBLIC_SLICER_ROUTES = frozenset(
     (method, prefix + path)
     for prefix in PREFIXES
-    for method, path in (("GET", APP_KEY_PROBE), ("POST", APP_KEY_REQUESTS), ("GET", APP_KEY_REQUEST))
+    for method, path in (
+        ("GET", APP_KEY_PROBE_PATH),
+        ("POST", APP_KEY_REQUESTS_PATH),
+        ("GET", APP_KEY_REQUEST_PATH),
+    )
 )
 """Routes that require no key, because a program requests a key with them."""
 _SLICER_PATH_PATTERN = re.compile(r"/(to|server|printer|plugin)/.*|/api/(?!v1(/|$)).*")
-_UPLOAD_PATTERN = re.compile(rf"(/to/[^/]+)?({FILES}|{MOONRAKER_UPLOAD})")
+_UPLOAD_PATTERN = re.compile(rf"(/to/[^/]+)?({FILES_PATH}|{MOONRAKER_UPLOAD_PATH})")
 
 
 def is_slicer_path(path: str) -> bool:
-    """Return whether a path belongs to an interface for slicers, which gets errors as plain text."""
+    """Return whether a path belongs to an API for slicers, which gets errors as plain text."""
     return _SLICER_PATH_PATTERN.fullmatch(path) is not None
 
 

@@ -26,7 +26,7 @@ _BAD_REQUEST = 400
 _TEXT_TYPE = "text/plain"  # without a charset, because Cura's plugin shows no text that has one
 
 
-def make_text(text: str, status: int) -> Response:
+def make_text_response(text: str, status: int) -> Response:
     """Make a response of one line of plain text."""
     return Response(flatten_text(text).encode(), status, {"content-type": _TEXT_TYPE})
 
@@ -49,14 +49,14 @@ class TextErrorRoute(APIRoute):
 def make_error_response(error: Exception) -> Response:
     """Make the response to a request that failed."""
     if isinstance(error, FarmError):
-        return make_text(str(error), _STATUS_CODES.get(error.code, _BAD_REQUEST))
+        return make_text_response(str(error), _STATUS_CODES.get(error.code, _BAD_REQUEST))
     if isinstance(error, RequestValidationError):
-        return make_text(describe_first_error(error.errors()), _BAD_REQUEST)
+        return make_text_response(describe_first_error(error.errors()), _BAD_REQUEST)
     if isinstance(error, HTTPException):
-        return make_text(str(error.detail), error.status_code)
+        return make_text_response(str(error.detail), error.status_code)
     if isinstance(error, OSError):
         log.warning("a request of a slicer failed", exc_info=error)
         text = f"the farm cannot store the file ({error.strerror or error}): check its disk space"
-        return make_text(text, 500)
+        return make_text_response(text, 500)
     log.error("a request of a slicer failed", exc_info=error)
-    return make_text(f"the daemon failed: {type(error).__name__}; see its log", 500)
+    return make_text_response(f"the daemon failed: {type(error).__name__}; see its log", 500)

@@ -21,7 +21,7 @@ from farm.config import Fleet
 from farm.control import DryRuns
 from farm.control.controller import Controller
 from farm.errors import FleetFileError, RefusedError
-from farm.http import PeerProtocol, Services, check_operators, listen, make_app
+from farm.http import PeerProtocol, Services, check_operator_group, listen, make_app
 from farm.http.callers import Person, find_user_role
 from farm.model import AgentSnapshot, FilamentState, Link, Role
 from farm.paths import StateFolder
@@ -143,10 +143,10 @@ def test_role_of_a_user_follows_the_databases_of_the_host(monkeypatch):
 
 
 def test_unknown_operator_group_is_an_error():
-    check_operators(None)
-    check_operators(GROUP)
+    check_operator_group(None)
+    check_operator_group(GROUP)
     with pytest.raises(FleetFileError, match="`groupadd no-such-group-here`"):
-        check_operators(NO_GROUP)
+        check_operator_group(NO_GROUP)
 
 
 @pytest.mark.parametrize(("group", "mode"), [(GROUP, 0o660), (NO_GROUP, 0o600)])

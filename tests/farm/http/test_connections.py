@@ -234,7 +234,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
 
 SERVER_SCRIPT = """
 import asyncio, sys, uvicorn
-from farm.http import BoundedServer, PeerProtocol, end_at_signals, listen
+from farm.http import BoundedServer, PeerProtocol, stop_on_signals, listen
 
 async def app(scope, receive, send):
     await send({"type": "http.response.start", "status": 204, "headers": []})
@@ -246,7 +246,7 @@ async def serve(path):
     print("listening", flush=True)
     try:
         server = BoundedServer(config, 4)
-        with end_at_signals(server):
+        with stop_on_signals(server):
             await server.serve(sockets=[listening])
         print("served", flush=True)
     finally:

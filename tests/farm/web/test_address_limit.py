@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from farm.http import PeerProtocol
 from farm.web import address_limit
-from farm.web.address_limit import AddressLimitedServer, group_address
+from farm.web.address_limit import AddressLimitedServer, find_client_network
 from farm.web.guard import MAX_HEAD_BYTES, check_head
 
 INCOMPLETE_REQUEST = b"GET / HTTP/1.1\r\nHost: farm\r\n"
@@ -33,13 +33,13 @@ SLOW_REQUEST = INCOMPLETE_REQUEST + b"X-Slow: yes\r\n\r\n"
     ],
 )
 def test_client_is_counted_by_its_address_or_network(host, client):
-    assert group_address(host) == client
+    assert find_client_network(host) == client
 
 
 @given(st.ip_addresses())
 def test_network_address_of_a_group_belongs_to_the_group(address):
-    group = group_address(str(address))
-    assert group is None or group_address(group.partition("/")[0]) == group
+    group = find_client_network(str(address))
+    assert group is None or find_client_network(group.partition("/")[0]) == group
 
 
 async def answer_request(scope, receive, send):
@@ -79,7 +79,7 @@ def run_with_server(run_scenario, limit=16):
 
 @pytest.fixture(autouse=True)
 def loopback_clients(monkeypatch):
-    monkeypatch.setattr(address_limit, "group_address", lambda host: host)
+    monkeypatch.setattr(address_limit, "find_client_network", lambda host: host)
 
 
 async def connect_client(address, host, sent_bytes=b""):

@@ -41,7 +41,7 @@ def test_stream_has_all_events_after_a_number(farm):
     response = farm.ask("GET", EVENTS_PATH, key, params={"since": 0, "wait": "false"})
     assert response.headers["content-type"].startswith("text/event-stream")
     events = read_stream(response.text)
-    assert [number for number, _ in events] == list(range(1, farm.store.find_last_event() + 1))
+    assert [number for number, _ in events] == list(range(1, farm.store.find_last_event_number() + 1))
     assert [event["kind"] for _, event in events] == [kind for _, kind, _ in farm.store.read_all_events()]
     later_response = farm.ask("GET", EVENTS_PATH, key, params={"since": 2, "wait": "false"})
     assert read_stream(later_response.text) == events[2:]
@@ -67,7 +67,7 @@ def test_number_that_the_log_does_not_have_yet_is_refused(farm):
     key = farm.add_key(Role.LOOK)
     response = farm.ask("GET", EVENTS_PATH, key, params={"since": 1000})
     assert response.status_code == 409
-    assert f"since={farm.store.find_last_event()}" in response.json()["error"]
+    assert f"since={farm.store.find_last_event_number()}" in response.json()["error"]
     for number in ("x", "-1", str(2**63)):
         assert farm.ask("GET", EVENTS_PATH, key, headers={"Last-Event-ID": number}).status_code == 400
 

@@ -11,7 +11,7 @@ from farm.web.guard import (
     WrongKeys,
     check_host,
     check_origin,
-    check_page,
+    check_session_origin,
 )
 
 NAMES = {"farm.lab.example", "pc-b"}
@@ -98,4 +98,4 @@ def test_number_of_counted_addresses_is_limited():
     ],
 )
 def test_change_in_a_session_without_its_origin_is_refused(method, origin, site, is_allowed):
-    assert (check_page(method, origin, site) is None) is is_allowed
+    assert (check_session_origin(method, origin, site) is None) is is_allowed

@@ -8,7 +8,7 @@ from farm.http import Services, describe_farm
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
-from farm.web.metrics import write_metrics
+from farm.web.metrics import format_metrics
 
 
 class ScrapedFarm:
@@ -63,4 +63,4 @@ class ScrapedFarm:
         """Return the text that Prometheus gets in a scrape."""
         controller, state = self._farm.controller, StateFolder(self._folder)
         services = Services(controller, state, self._folder / "fleet.yaml", None, None)
-        return write_metrics(controller.build_view_context(state), describe_farm(services)).decode()
+        return format_metrics(controller.build_view_context(state), describe_farm(services)).decode()

@@ -30,7 +30,7 @@ class HistoryQuery(BaseModel):
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_FIELD_VALIDATOR] = None
 
     def to_filter(self) -> HistoryFilter:
-        """Return the filter of the view."""
+        """Return the filter for the view."""
         return HistoryFilter(days=self.days, printer=self.printer, job=self.job)
 
 

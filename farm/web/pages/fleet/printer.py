@@ -96,7 +96,7 @@ def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | N
     farm
         The fleet.
     reader
-        Person who reads the page; it has the forms that the reader's role allows.
+        Person who reads the page; the page has the forms that the reader's role allows.
     note
         Message about the reader's last action.
     """
@@ -110,7 +110,7 @@ def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | N
 class ShownLine:
     """Line on the wire, with its time of day on the farm's clock."""
 
-    at: str
+    time: str
     is_sent: bool
     text: str
 

@@ -97,7 +97,7 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
     NotFoundError
         If there is no such job.
     RefusedError
-        If none of its plates waits, or the job cannot be moved there.
+        If none of its plates waits, or the job cannot be moved to the chosen place.
     FarmError
         If the start cannot be parsed.
     """

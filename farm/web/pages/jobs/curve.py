@@ -1,4 +1,4 @@
-"""Chart of the expected printing time over the number of printers, for the choice of that number. Pure."""
+"""Chart of the expected printing time by number of printers, from which a reader chooses the number. Pure."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ def lay_out_curve(
     points
         Points of the curve.
     chosen_count
-        The number of printers of the plan.
+        Number of printers in the plan.
     start
         Time at which printing would start.
     now
-        Present time on the farm's clock.
+        Current time on the farm's clock.
     """
     by_number = {point.printers: point.makespan_s for point in points if point.makespan_s > 0}
     if len(by_number) < 2:

@@ -36,7 +36,7 @@ _PLATE_FIGURES = ("plates printed", "wasted")
 
 @dataclass(frozen=True, slots=True)
 class JobData:
-    """Data of the page.
+    """Data that the page of a job shows.
 
     Attributes
     ----------
@@ -90,12 +90,12 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
         note,
         job=job,
         summary=summarise_job(job, timeline),
-        share=None if job.progress is None else estimate_share(job.progress),
+        share=None if job.progress is None else estimate_completed_share(job.progress),
         is_planning=job.state in (JobState.QUEUED, JobState.PLANNING),
         actions=list_job_actions(job, reader.role),
         rows=list_part_rows(job, data.printers, slots, reader.role),
-        reasons=list_reasons(job, timeline),
-        changes=list_changes(job),
+        reasons=list_wait_reasons(job, timeline),
+        changes=list_model_changes(job),
         gantt=lay_out_job_gantt(data, now),
         curve=lay_out_job_curve(data, now) if job.options.dry_run else None,
         curve_job=data.curve_job or job.id,
@@ -104,7 +104,7 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
         report=data.report,
         model=_MODEL_FILE if _MODEL_FILE in data.files else None,
         picture=_PICTURE_FILE if _PICTURE_FILE in data.files else None,
-        downloads=list_downloads(data.files),
+        downloads=group_downloads(data.files),
         has_instructions="instructions.html" in data.files,
     )
 
@@ -159,20 +159,20 @@ def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
     times = [TextTime(text=format_time(at, job.now), at=at) for at in times_at if at is not None]
     for name, text in list_figures(job):
         if name == "submitted":
-            by = f" by {job.submitted_by}" if job.submitted_by else ""
-            yield name, Markup("{}{}").format(format_time_element(job.submitted, job.now), by)
+            submitter = f" by {job.submitted_by}" if job.submitted_by else ""
+            yield name, Markup("{}{}").format(format_time_element(job.submitted, job.now), submitter)
         elif text != "-" and (job.plates or name not in _PLATE_FIGURES):
             yield name, format_sentence(Sentence(text, times))
 
 
-def estimate_share(progress: PlanProgress) -> float | None:
+def estimate_completed_share(progress: PlanProgress) -> float | None:
     """Estimate the completed share of the current planning step, from 0 to 1; None if unknown."""
     if progress.step is PlanStep.SLICING and progress.of:
         return progress.done / progress.of
     return progress.share if progress.step is PlanStep.DECOMPOSING else None
 
 
-def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list[Sentence]:
+def list_wait_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list[Sentence]:
     """List the reasons why a job or its plates wait, each once, except the reason in the summary."""
     reasons = []
     if timeline is not None and timeline.left:
@@ -199,14 +199,14 @@ def list_gcode_figures(job: Job, plates: Iterable[Plate]) -> list[tuple[str, str
     return figures
 
 
-def list_changes(job: api.JobView) -> list[str]:
+def list_model_changes(job: api.JobView) -> list[str]:
     """List the changes that the farm made to the model."""
     scale_notes = [f"Scaled by {job.scale:g}."] if job.scale is not None and job.scale != 1 else []
     return [*job.repairs, *scale_notes]
 
 
 def lay_out_job_gantt(data: JobData, now: datetime) -> Gantt | None:
-    """Lay out the prints of a job, the prints of other jobs in the same time, and the remaining plates."""
+    """Lay out the prints of a job, the prints of other jobs at the same time, and the remaining plates."""
     slots = () if data.timeline is None else data.timeline.slots
     return lay_out_gantt([*list_bars(data.job, data.history, now), *list_expected_bars(slots, now)])
 
@@ -220,7 +220,7 @@ def lay_out_job_curve(data: JobData, now: datetime) -> Curve | None:
     return lay_out_curve(data.report.curve, len({plate.printer for plate in data.job.plates}), start, now)
 
 
-def list_downloads(files: Sequence[str]) -> Mapping[str, list[tuple[str, str]]]:
+def group_downloads(files: Sequence[str]) -> Mapping[str, list[tuple[str, str]]]:
     """Group the files of a job by title, each file with its name and a label."""
     groups: dict[str, list[tuple[str, str]]] = {"Model": [], "Parts (STL)": [], "G-code": [], "Pictures": []}
     for name in files:

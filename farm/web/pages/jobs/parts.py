@@ -27,15 +27,15 @@ class PartRow:
     remark
         Number of the attempt if there were several, and the bed on which the part lies.
     kind
-        State for style sheets: waiting, printing, printed, good, bad, failed or cancelled.
+        State as style sheets and scripts know it: waiting, printing, printed, good, bad, failed or cancelled.
     progress
         Completed share of the open print, from 0 to 1; None if there is none.
-    ends
+    end
         Expected or actual end of its print, as ISO 8601; None if unknown.
     expected_time, total_time, actual_time
         Printing times: the planned time, the expected time of the open print according to its progress, and
         the actual time of the last print.
-    why
+    reason
         Reason why it waits or failed; empty if there is none.
     warnings
         Features that its slice may not print as modelled.
@@ -48,12 +48,12 @@ class PartRow:
     remark: str
     kind: str
     progress: float | None
-    ends: str | None
+    end: str | None
     expected_time: str
     total_time: str
     actual_time: str
     filament: str
-    why: Sentence
+    reason: Sentence
     warnings: Sequence[str]
     actions: tuple[Action, ...]
 
@@ -91,17 +91,15 @@ def list_part_rows(
                 name=part.id.rpartition("/")[2],
                 printer=plate.printer if slot is None else slot.printer,
                 state=_find_state(part, plate),
-                remark=_describe_remark(part, beds.get(part.id)),
+                remark=_format_remark(part, beds.get(part.id)),
                 kind=_find_kind(part, plate),
                 progress=None if open_print is None else open_print.progress,
-                ends=slot.ends
-                if slot is not None
-                else (last_print.ended if last_print is not None else None),
+                end=slot.ends if slot is not None else (last_print.ended if last_print is not None else None),
                 expected_time=format_duration(plate.estimated_s),
                 total_time=_estimate_total_time(last_print, open_print, job.now),
                 actual_time=_describe_actual_time(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
-                why=_explain_wait_or_failure(plate, last_print),
+                reason=_explain_wait_or_failure(plate, last_print),
                 warnings=plate.warnings,
                 actions=tuple(list_part_actions(job, part, beds.get(part.id), role)),
             )
@@ -124,7 +122,7 @@ def _find_state(part: api.PartView, plate: api.PlateStatus) -> str:
     return str(part.own_prints[-1].state) if plate.printing and part.own_prints else _find_kind(part, plate)
 
 
-def _describe_remark(part: api.PartView, printer: api.PrinterView | None) -> str:
+def _format_remark(part: api.PartView, printer: api.PrinterView | None) -> str:
     attempts = len(part.own_prints)
     remarks = [f"attempt {attempts}"] if attempts > 1 else []
     if printer is not None:

@@ -31,7 +31,7 @@ _DOCUMENT_HEADERS = {
     "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
     "frame-ancestors 'none'; base-uri 'none'"
 }
-"""Security policy of a stored page in a single file: it allows own styles and pictures, but no script."""
+"""Security policy of a stored page in a single file: it allows inline styles and pictures, but no script."""
 _MAX_PRINTS = 2000  # maximum number of prints of other jobs in a timeline
 
 
@@ -66,11 +66,11 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     async def show_job(number: int, request: Request, query: Annotated[JobQuery, Query()]) -> Response:
         return await pages.answer(request, lambda reader, note: render(reader, number, note, query.curve))
 
-    _add_documents(router, services)
+    _add_document_routes(router, services)
     return router
 
 
-def _add_documents(router: APIRouter, services: Services) -> None:
+def _add_document_routes(router: APIRouter, services: Services) -> None:
     """Add the routes of a job's instructions, report and archive of parts."""
     controller = services.controller
 

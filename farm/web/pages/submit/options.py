@@ -22,8 +22,8 @@ class Goal(StrEnum):
 
     AUTO = "auto"  # as many printers as save time
     COUNT = "count"
-    DEADLINE = "deadline"  # the fewest parts that are printed by a time
-    GLUED = "glued"  # the fewest parts that are printed and glued by a time
+    DEADLINE = "deadline"  # the fewest parts that are printed by a given time
+    GLUING_DEADLINE = "glued"  # the fewest parts that are printed and glued by a given time
 
 
 class Start(StrEnum):
@@ -31,7 +31,7 @@ class Start(StrEnum):
 
     NOW = "now"
     OVERNIGHT = "overnight"
-    AT = "at"
+    TIME = "at"
 
 
 class NextStep(StrEnum):
@@ -91,9 +91,9 @@ def read_job_options(fields: Mapping[str, str]) -> JobOptions:
         values["printers"] = _require_field(fields, "printers", "give the number of printers")
     if goal is Goal.DEADLINE:
         values["done_by"] = _require_field(fields, "done_by", "give the time by which it is done")
-    if goal is Goal.GLUED:
+    if goal is Goal.GLUING_DEADLINE:
         values["assembled_by"] = _require_field(fields, "assembled_by", "give the time by which it is glued")
-    if start is Start.AT:
+    if start is Start.TIME:
         values["at"] = _require_field(fields, "at", "give the time at which it starts")
     values["marks"] = fields.get("marks", "") != ""
     values["overnight"] = start is Start.OVERNIGHT

@@ -37,15 +37,15 @@ def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
         choices = list_choices(services.controller.fleet)
         return render_submit_page(choices, uuid.uuid4().hex, fleet.fleet, reader, note, values or DEFAULTS)
 
-    async def show(reader: Reader, note: Note | None) -> str:
+    async def render_empty_form(reader: Reader, note: Note | None) -> str:
         return render(reader, note)
 
     @router.get(SUBMIT_PATH)
     async def show_form(request: Request) -> Response:
-        return await pages.answer(request, show)
+        return await pages.answer(request, render_empty_form)
 
     @router.post(SUBMIT_PATH)
-    async def submit_model(request: Request, by: CallerName) -> Response:
+    async def submit_model(request: Request, caller_name: CallerName) -> Response:
         holder, values = find_holder(request), dict[str, str]()
 
         async def read_options(form: FormReader) -> JobOptions:
@@ -59,7 +59,7 @@ def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
         if earlier_job is not None:
             return RedirectResponse(f"/jobs/{earlier_job}", _SEE_OTHER)
         try:
-            number = (await uploads.submit(request, request_id, read_options, by)).job
+            number = (await uploads.submit(request, request_id, read_options, caller_name)).job_number
         except (FarmError, HTTPException) as error:
             text = str(error.detail if isinstance(error, HTTPException) else error)
             return HTMLResponse(render(Reader.for_holder(holder), Note(text, True), values), _BAD_REQUEST)

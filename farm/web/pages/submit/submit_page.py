@@ -30,7 +30,7 @@ class SubmitChoices:
         Number of printers.
     materials, colours
         Kinds of material, and colours, on the printers.
-    beds_mm
+    build_volumes_mm
         Build volumes: name of the printer model, width, depth and height.
     timezone
         Time zone of the times in the form.
@@ -41,7 +41,7 @@ class SubmitChoices:
     printer_count: int
     materials: Sequence[str]
     colours: Sequence[str]
-    beds_mm: Sequence[tuple[str, float, float, float]]
+    build_volumes_mm: Sequence[tuple[str, float, float, float]]
     timezone: str
     can_read_step: bool = False
 
@@ -49,18 +49,18 @@ class SubmitChoices:
 def list_choices(fleet: Fleet) -> SubmitChoices:
     """List the materials, colours and build volumes of the enabled printers, each once."""
     printers = [printer for printer in fleet.printers if printer.enabled]
-    beds = {_describe_bed(printer) for printer in printers if printer.model in PROFILES}
+    beds = {_describe_build_volume(printer) for printer in printers if printer.model in PROFILES}
     return SubmitChoices(
         printer_count=len(printers),
         materials=sorted({printer.material_kind or printer.material for printer in printers}),
         colours=sorted({printer.colour for printer in printers if printer.colour}),
-        beds_mm=sorted(beds),
+        build_volumes_mm=sorted(beds),
         timezone=fleet.fleet.timezone,
         can_read_step=can_read_step(),
     )
 
 
-def _describe_bed(section: PrinterSection) -> tuple[str, float, float, float]:
+def _describe_build_volume(section: PrinterSection) -> tuple[str, float, float, float]:
     profile = PROFILES[section.model]
     return profile.title, *(section.volume_mm or (*profile.bed_mm, profile.height_mm))
 
@@ -100,7 +100,7 @@ def render_submit_page(
         qualities=QUALITIES,
         min_pin_mm=MIN_PIN_MM,
         max_pin_mm=MAX_PIN_MM,
-        beds=json.dumps([list(bed) for bed in choices.beds_mm]),
+        beds=json.dumps([list(bed) for bed in choices.build_volumes_mm]),
         file_types=",".join(
             (_MESH_SUFFIXES, *([_STEP_SUFFIXES] if choices.can_read_step else []), _GCODE_SUFFIXES)
         ),

@@ -74,7 +74,7 @@ def test_hanging_daemon_is_not_reported_as_missing(tmp_path):
         listener.bind(str(tmp_path / "farm.sock"))
         listener.listen()
         with pytest.raises(DaemonUnreachable, match=r"not answered for 0\.01 s.*`farm estop` works without"):
-            Client(tmp_path / "farm.sock", answer_timeout_s=0.01).fetch_status()
+            Client(tmp_path / "farm.sock", response_timeout_s=0.01).fetch_status()
 
 
 def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
@@ -150,7 +150,7 @@ class SlowDaemonClient(Client):
     """Client of a daemon that answers a submission after several requests for its progress."""
 
     def __init__(self, path, answers):
-        super().__init__(path, answer_timeout_s=10.0)
+        super().__init__(path, response_timeout_s=10.0)
         self.answers, self.all_answers_sent = list(answers), threading.Event()
 
     def _send(self, method, path, **options):

@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from farm.api import JobStatus, JobView, LoadRequest, PlateStatus, PrinterView, Reel
 from farm.cli.commands import operate, submit
-from farm.cli.commands.operate import find_target_path, select_beds_to_clear
+from farm.cli.commands.operate import find_target_path, select_printers_to_clear
 from farm.cli.main import app
 from farm.model import Hold, HoldCode
 
@@ -31,7 +31,7 @@ def test_option_all_selects_the_beds_to_clear():
     states = ("idle", "maintenance", "look", "absent", "connecting")
     fleet = [PrinterView.model_construct(name=state, state=state, print=None, hold=hold) for state in states]
     clear_printer = PrinterView.model_construct(name="clear", state="idle", print=None, hold=None)
-    assert select_beds_to_clear([*fleet, clear_printer]) == ["idle", "look", "connecting"]
+    assert select_printers_to_clear([*fleet, clear_printer]) == ["idle", "look", "connecting"]
 
 
 @pytest.mark.parametrize(

@@ -207,10 +207,10 @@ def test_either_all_commits_of_a_transaction_are_written_or_none(tmp_path):
         with pytest.raises(StoreError), store.transaction():
             commit_events(store, events)
             store._db.execute("INSERT INTO no_such_table VALUES (1)")
-        assert store.load() == Books() and store.find_last_event() == 0
+        assert store.load() == Books() and store.find_last_event_number() == 0
         with store.transaction():
             books = commit_events(store, events)
-        assert store.load() == books and store.find_last_event() == len(events)
+        assert store.load() == books and store.find_last_event_number() == len(events)
         assert int((tmp_path / "farm.db-count").read_bytes()) == len(events)
 
 
@@ -257,7 +257,7 @@ def test_failed_commit_is_not_counted_by_a_later_empty_transaction(tmp_path):
                 store.commit(second_event, books, books)
         with store.transaction():
             pass
-        assert int((tmp_path / "farm.db-count").read_bytes()) == store.find_last_event()
+        assert int((tmp_path / "farm.db-count").read_bytes()) == store.find_last_event_number()
     with Store(tmp_path / "farm.db") as store:
         assert store.copied_s is None
 

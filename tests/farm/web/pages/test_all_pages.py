@@ -243,7 +243,7 @@ def render_other_pages(farm, text, name):
     fleet = SimpleNamespace(name=name, timezone="UTC")
     reader, note = Reader(text, Role.OPERATE), Note(text, is_problem=True)
     choices = list_choices(farm.controller.fleet)
-    choices = replace(choices, materials=[text], colours=[name], beds_mm=[(text, 1.0, 2.0, 3.0)])
+    choices = replace(choices, materials=[text], colours=[name], build_volumes_mm=[(text, 1.0, 2.0, 3.0)])
     fields = dict.fromkeys(DEFAULTS, text)
     lines = [WireLine(at_s=0.0, sent=True, text=text)]
     responses = [

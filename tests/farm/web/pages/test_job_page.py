@@ -16,9 +16,9 @@ from farm.views.report.decomposition import Report, parse_report
 from farm.web.notes import Reader
 from farm.web.pages.jobs.job_page import (
     JobData,
-    list_downloads,
+    group_downloads,
     list_gcode_figures,
-    list_reasons,
+    list_wait_reasons,
     render_job_page,
     summarise_job,
 )
@@ -68,7 +68,7 @@ def test_rows_show_the_state_of_each_part_with_its_expected_and_actual_times():
         "",
         "102 s (+2 %)",
     )
-    assert (first_row.remark, failed_row.why.text) == ("on the bed of um2-01", "it does not get warm")
+    assert (first_row.remark, failed_row.reason.text) == ("on the bed of um2-01", "it does not get warm")
     assert (last_row.progress, last_row.total_time, last_row.actual_time) == (1.0, "7h00", "")
 
 
@@ -88,7 +88,7 @@ def test_row_has_the_printer_and_the_end_of_the_forecast():
     data = make_data(make_night_books())
     slots = {"1/01": make_slot("um2-07")}
     row = list_part_rows(data.job, data.printers, slots, Role.LOOK)[0]
-    assert (row.printer, row.ends) == ("um2-07", slots["1/01"].ends)
+    assert (row.printer, row.end) == ("um2-07", slots["1/01"].ends)
 
 
 def test_times_of_a_job_are_elements_that_a_script_shows_in_the_zone_of_the_reader():
@@ -219,7 +219,7 @@ def test_plates_that_wait_for_the_same_reason_are_named_together():
     hold = Hold(code=HoldCode.PRINTER_BUSY, text="its printers are busy", times=TIMES)
     plates = [plate.model_copy(update={"hold": hold}) for plate in data.job.plates[:3]] + data.job.plates[3:]
     job = data.job.model_copy(update={"plates": plates})
-    assert list_reasons(job) == [Sentence("1/01..03: its printers are busy", TIMES)]
+    assert list_wait_reasons(job) == [Sentence("1/01..03: its printers are busy", TIMES)]
     assert "its printers are busy" in render_page(replace(data, job=job))
 
 
@@ -241,8 +241,8 @@ def test_plates_that_no_printer_can_take_are_named():
         currency=None,
     )
     # The approval is in the summary.
-    assert list_reasons(job, timeline) == [Sentence("no printer can print 1/01..02")]
-    assert list_reasons(job) == []
+    assert list_wait_reasons(job, timeline) == [Sentence("no printer can print 1/01..02")]
+    assert list_wait_reasons(job) == []
 
 
 def test_assembly_shows_steps_joints_and_parts_without_an_order():
@@ -260,7 +260,7 @@ def test_report_that_cannot_be_read_is_empty(text):
 
 def test_files_are_grouped_and_linked_as_downloads():
     names = ("p01.stl", "plate-01.gcode", "assembly.glb", "decomposition-p02.json", "print-a-end.jpg")
-    groups = list_downloads(names)
+    groups = group_downloads(names)
     assert {title: [name for name, _ in rows] for title, rows in groups.items()} == {
         "Model": ["assembly.glb", "decomposition-p02.json"],
         "Parts (STL)": ["p01.stl"],
@@ -311,7 +311,7 @@ def test_reason_of_a_failed_part_is_shown_before_warnings_of_its_slice():
     warned_plates = [plate.model_copy(update={"warnings": ["thin", "tall"]}) for plate in data.job.plates]
     warned_data = replace(data, job=data.job.model_copy(update={"plates": warned_plates}))
     failed_row = list_rows(warned_data)["p04"]
-    assert (failed_row.why.text, failed_row.warnings) == ("it does not get warm", ["thin", "tall"])
+    assert (failed_row.reason.text, failed_row.warnings) == ("it does not get warm", ["thin", "tall"])
     page = render_page(warned_data)
     assert page.index("it does not get warm") < page.index("thin; tall</details>", page.index('id="p04"'))
 
