@@ -30,14 +30,14 @@ class HostView(View):
     """Host whose printers share one connection."""
 
     host: str
-    connected: str | None
-    lost: str | None
+    connected: str | None  # time at which the connection was made; null while disconnected
+    lost: str | None  # time at which the connection was lost; null while connected
     waiting: str | None
     version: str | None
     printers: list[str]
     agents: list[HostAgentView]
     ports: list[HostPortView]
-    update: str | None
+    update: str | None  # phase of the update of its agents
 
 
 class HostList(View):

@@ -118,19 +118,19 @@ class Cameras:
         controller = self._controller
         snapshots, farm_s = controller.telemetry.snapshots, controller.clock.now()
         scale, printers = controller.clock.scale, frozenset(self._cameras)
-        for due in find_due_stills(controller.books, snapshots, printers, farm_s, scale):
-            camera = self._cameras[due.printer]
+        for due_still in find_due_stills(controller.books, snapshots, printers, farm_s, scale):
+            camera = self._cameras[due_still.printer]
             if (
-                due.printer in self._store_tasks
+                due_still.printer in self._store_tasks
                 or camera.fetch_task is not None
                 or now_s < camera.next_store_s
             ):
                 continue
             task = self._begin_fetch(camera)
             if task is not None:
-                store_task = asyncio.get_running_loop().create_task(self._store_still(due, task))
-                self._store_tasks[due.printer] = store_task
-                store_task.add_done_callback(partial(self._remove_store_task, due.printer))
+                store_task = asyncio.get_running_loop().create_task(self._store_still(due_still, task))
+                self._store_tasks[due_still.printer] = store_task
+                store_task.add_done_callback(partial(self._remove_store_task, due_still.printer))
 
     def _remove_store_task(self, printer: str, _: asyncio.Task[None]) -> None:
         del self._store_tasks[printer]
@@ -179,20 +179,20 @@ class Cameras:
             elif problem is None and previous_problem is not None:
                 PrinterLog(log, camera.printer).info("its camera sends stills again")
 
-    async def _store_still(self, due: DueStill, fetch_task: asyncio.Task[Image]) -> None:
+    async def _store_still(self, due_still: DueStill, fetch_task: asyncio.Task[Image]) -> None:
         """Store a still, then record it with its print."""
         controller = self._controller
         try:
             image = await fetch_task
             at_s = controller.clock.now()
             name = await asyncio.to_thread(_store_image, self._state, image)
-            still = Still(moment=due.moment, at_s=at_s, file=name)
-            controller.handle(ev.StillKept(at_s=at_s, print_id=due.print_id, still=still))
+            still = Still(moment=due_still.moment, at_s=at_s, file=name)
+            controller.handle(ev.StillKept(at_s=at_s, print_id=due_still.print_id, still=still))
         except CameraError:
             pass  # `_run_fetch` has logged it; a later tick tries again
         except (OSError, FarmError) as error:
-            self._cameras[due.printer].next_store_s = self._monotonic() + MAX_INTERVAL_S
-            PrinterLog(log, due.printer).warning("a still cannot be stored: %s", error)
+            self._cameras[due_still.printer].next_store_s = self._monotonic() + MAX_INTERVAL_S
+            PrinterLog(log, due_still.printer).warning("a still cannot be stored: %s", error)
 
 
 def _list_cameras(fleet: Fleet) -> dict[str, _Camera]:

@@ -53,7 +53,7 @@ def fetch_files(
     client
         The daemon.
     number
-        The job.
+        Number of the job.
     folder
         Folder to write, which is created if it is missing.
     force

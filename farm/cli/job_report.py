@@ -42,7 +42,7 @@ def render_report(client: Client, number: int, find_file: FileFinder) -> Report:
     client
         The daemon.
     number
-        The job.
+        Number of the job.
     find_file
         Function that finds the files that the daemon names.
     """

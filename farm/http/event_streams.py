@@ -20,11 +20,11 @@ class EventLog(Protocol):
     def find_last_event_number(self) -> int:
         """Return the number of the last event. Raises StoreError."""
 
-    def read_events(self, after: int, limit: int) -> Sequence[EventRow]:
-        """Read events after a number, oldest first. Raises StoreError."""
+    def read_events(self, last_number: int, limit: int) -> Sequence[EventRow]:
+        """Read the events after a number, oldest first. Raises StoreError."""
 
     def read_upkeep(self, printer: str, limit: int) -> Sequence[EventRow]:
-        """Read events about the upkeep of a printer, newest first. Raises StoreError."""
+        """Read the events about the upkeep of a printer, newest first. Raises StoreError."""
 
 
 class EmptyEventLog:
@@ -34,7 +34,7 @@ class EmptyEventLog:
         """Return 0."""
         return 0
 
-    def read_events(self, after: int, limit: int) -> Sequence[EventRow]:
+    def read_events(self, last_number: int, limit: int) -> Sequence[EventRow]:
         """Return no events."""
         return ()
 

@@ -219,9 +219,9 @@ def coupon(
     print("Slice it as it is with `farm slice`; the number that fits goes into `pin_fit_mm` of fleet.yaml")
 
 
-def _exit(number: int, _: object) -> NoReturn:
+def _exit(signal_number: int, _: object) -> NoReturn:
     """Exit as after Ctrl-C, so that the engine ends and temporary files are removed."""
-    sys.exit(128 + number)
+    sys.exit(128 + signal_number)
 
 
 @contextlib.contextmanager

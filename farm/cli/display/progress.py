@@ -76,7 +76,7 @@ def show_progress(number: int, quiet: bool = False) -> Iterator[Callable[[api.Jo
     Yields
     ------
     Callable
-        Shows a view of the job.
+        Function that shows a view of the job.
     """
     screen = open_console(stderr=True)
     lines = ProgressLines(screen, quiet)
@@ -94,7 +94,7 @@ def show_progress(number: int, quiet: bool = False) -> Iterator[Callable[[api.Jo
 
 
 def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
-    """Show a job's progress until its last part is printed, or it fails. Ctrl-C does not stop the job."""
+    """Show the progress of a job until it is printed, cancelled or failed. Ctrl-C does not stop the job."""
     with show_progress(number, quiet) as update:
         while True:
             response = retry_during_restart(lambda: client.fetch_job(number))

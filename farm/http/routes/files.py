@@ -58,7 +58,7 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
     services
         Components of the daemon.
     number
-        The job.
+        Number of the job.
     name
         One of `name_stored_files`; it is never used as a path.
 

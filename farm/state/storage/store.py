@@ -292,9 +292,9 @@ class Store:
         """Return the event log: farm time, kind and JSON of each."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
-    def read_events(self, after: int, limit: int) -> list[EventRow]:
-        """Read events after a number, oldest first, as all users may see them. Raises StoreError."""
-        return self._read_rows(EVENTS_QUERY, after, limit)
+    def read_events(self, last_number: int, limit: int) -> list[EventRow]:
+        """Read the events after a number, oldest first, as all users may see them. Raises StoreError."""
+        return self._read_rows(EVENTS_QUERY, last_number, limit)
 
     def read_upkeep(self, printer: str, limit: int) -> list[EventRow]:
         """Read events on the upkeep of a printer, newest first. Raises StoreError."""

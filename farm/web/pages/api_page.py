@@ -95,8 +95,8 @@ def _list_operations(document: Mapping[str, Any]) -> Iterator[_Operation]:
             )
 
 
-def _list_contents(holder: Mapping[str, Any]) -> list[tuple[str, Text]]:
-    contents = holder.get("content", {})
+def _list_contents(body: Mapping[str, Any]) -> list[tuple[str, Text]]:
+    contents = body.get("content", {})
     return [(kind, describe_schema(content.get("schema", {}))) for kind, content in contents.items()]
 
 

@@ -143,8 +143,11 @@ def test_streams_are_limited_for_a_caller_and_in_total():
 
 def test_long_log_is_sent_in_order(monkeypatch):
     class LongLog(EmptyEventLog):
-        def read_events(self, after, limit):
-            return [EventRow(n, 0.0, "JobMoved") for n in range(after + 1, min(after + limit, 1000) + 1)]
+        def read_events(self, last_number, limit):
+            return [
+                EventRow(n, 0.0, "JobMoved")
+                for n in range(last_number + 1, min(last_number + limit, 1000) + 1)
+            ]
 
     async def read_numbers():
         rows = EventStreams(LongLog()).follow(17, lambda: True, wait=False)

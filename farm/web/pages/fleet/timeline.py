@@ -90,7 +90,7 @@ def make_timeline_routes(pages: PageContext) -> APIRouter:
 
 
 def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
-    """Return the what-if change to a job that a reader has chosen; None for the present plan.
+    """Return the what-if change to a job that a reader has chosen; None if there is none.
 
     Raises
     ------
