@@ -5,7 +5,7 @@ Usage: python -m bench.prices.hidden_walls FOLDER [--parts 5] [--quality glue] [
 FOLDER was written by `farm decompose` or `bench.decompose`. Each part is sliced with all walls like those of
 a visible side, with faster walls on its hidden sides, and with one faster wall. Times are CuraEngine's, but
 those of the changed walls computed again; the prices are those of the decomposition, for one faster wall.
-The last column is the length at each end of a side that saves nothing: `RUN_END_MM` of the cost model.
+The last column is the length at each end of a side that saves nothing: `SIDE_END_MM` of the cost model.
 """
 
 from __future__ import annotations

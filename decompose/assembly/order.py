@@ -160,7 +160,7 @@ class _Plan:
         )
 
     def split_parts(self, parts: Bools, *, is_outermost: bool) -> int:
-        """Split a set of parts into single parts, append the steps, and return the level of the last one.
+        """Split a set of parts into single parts, append the steps, and return the level of the last step.
 
         Parameters
         ----------

@@ -54,7 +54,7 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
 def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> Iterator[str]:
     """Move the bodies of each step apart, and yield collisions.
 
-    The axes are examined one after another, because shadows take much memory.
+    The axes are examined one after another, because shadows take a lot of memory.
     """
     axes: list[np.ndarray] = []
     for step in steps:

@@ -40,7 +40,7 @@ def find_resting_parts(
     Parameters
     ----------
     mass_properties
-        All parts, in one frame.
+        Mass properties of all parts, in one frame.
     body
         Numbers of the parts in the body.
     up_direction

@@ -59,7 +59,7 @@ class StepWork:
         return self.bodies[0] | self.bodies[1]
 
 
-def order_steps(works: Sequence[StepWork], drying_s: float = DRYING_S) -> list[tuple[int, float]]:
+def order_steps(steps: Sequence[StepWork], drying_s: float = DRYING_S) -> list[tuple[int, float]]:
     """Order the steps so that a person can work while glue dries.
 
     The next step is the first one in the given order whose bodies are dry. If there is none, the person waits
@@ -67,7 +67,7 @@ def order_steps(works: Sequence[StepWork], drying_s: float = DRYING_S) -> list[t
 
     Parameters
     ----------
-    works
+    steps
         Steps, each after those that make its bodies.
     drying_s
         Time until a glued body can be handled.
@@ -77,29 +77,29 @@ def order_steps(works: Sequence[StepWork], drying_s: float = DRYING_S) -> list[t
     list of (int, float)
         Index and start in seconds of each step, in the order of work.
     """
-    predecessors = _find_predecessors(works)
+    predecessors = _find_predecessors(steps)
     dry_at_s: dict[int, float] = {}
     order: list[tuple[int, float]] = []
     now_s = 0.0
-    while len(order) < len(works):
+    while len(order) < len(steps):
         ready_s = {
             i: max([now_s, *(dry_at_s[j] for j in predecessors[i])])
-            for i in range(len(works))
+            for i in range(len(steps))
             if i not in dry_at_s and all(j in dry_at_s for j in predecessors[i])
         }
         number = min(ready_s, key=lambda i: (ready_s[i], i))
         order.append((number, ready_s[number]))
-        now_s = ready_s[number] + works[number].seconds
+        now_s = ready_s[number] + steps[number].seconds
         dry_at_s[number] = now_s + drying_s
     return order
 
 
-def compute_critical_path_s(works: Sequence[StepWork], drying_s: float = DRYING_S) -> float:
+def compute_critical_path_s(steps: Sequence[StepWork], drying_s: float = DRYING_S) -> float:
     """Compute the minimum time of an assembly with enough people: the longest chain of work and drying.
 
     Parameters
     ----------
-    works
+    steps
         Steps, each after those that make its bodies.
     drying_s
         Time until a glued body can be handled; it does not count after the last step of the chain.
@@ -110,12 +110,12 @@ def compute_critical_path_s(works: Sequence[StepWork], drying_s: float = DRYING_
         Seconds.
     """
     ends_s: list[float] = []
-    for work, predecessors in zip(works, _find_predecessors(works), strict=True):
-        ends_s.append(max((ends_s[j] + drying_s for j in predecessors), default=0.0) + work.seconds)
+    for step, predecessors in zip(steps, _find_predecessors(steps), strict=True):
+        ends_s.append(max((ends_s[j] + drying_s for j in predecessors), default=0.0) + step.seconds)
     return max(ends_s, default=0.0)
 
 
-def _find_predecessors(works: Sequence[StepWork]) -> list[list[int]]:
+def _find_predecessors(steps: Sequence[StepWork]) -> list[list[int]]:
     """List, for each step, the steps that make its bodies."""
-    step_by_body = {work.parts: i for i, work in enumerate(works)}
-    return [[step_by_body[body] for body in work.bodies if body in step_by_body] for work in works]
+    step_by_body = {step.parts: i for i, step in enumerate(steps)}
+    return [[step_by_body[body] for body in step.bodies if body in step_by_body] for step in steps]

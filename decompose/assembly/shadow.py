@@ -70,12 +70,12 @@ def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
     low_mm = np.full(tuple(last - first + 1), np.inf)
     high_mm = np.full(low_mm.shape, -np.inf)
     points = np.column_stack([cells - first, rotated_vertices[:, 0]])
-    _find_ends(points[faces], low_mm, high_mm)
+    _extend_ends(points[faces], low_mm, high_mm)
     return Shadow((int(first[0]), int(first[1])), low_mm, high_mm)
 
 
 @jit
-def _find_ends(triangles: Floats, low_mm: Floats, high_mm: Floats) -> None:
+def _extend_ends(triangles: Floats, low_mm: Floats, high_mm: Floats) -> None:
     """Extend the ends on all lines to include some triangles.
 
     Parameters

@@ -142,8 +142,8 @@ class SplitSearch:
             parts, MAX_COMPARED_SPLITS if len(self._sliding_mm2) < MAX_EXAMINED_SETS else 1
         )
 
-    def _choose_split(self, parts: Bools, max_compared: int) -> Split | None:
-        """Choose the best split of a set (n,); compare at most `max_compared` sliding splits."""
+    def _choose_split(self, parts: Bools, max_compared_splits: int) -> Split | None:
+        """Choose the best split of a set (n,); compare at most `max_compared_splits` sliding splits."""
         splits = self._list_splits(parts)
         if not splits:
             return None
@@ -155,7 +155,7 @@ class SplitSearch:
                 return split
         sliding = sorted(splits, key=self.glue.measure_sliding_area_mm2)
         candidates = (split for split in sliding if self.glue.count_added_bodies(split) <= max_added_bodies)
-        compared = list(islice(candidates, max_compared))
+        compared = list(islice(candidates, max_compared_splits))
         if not compared:
             return min(splits, key=self.glue.count_added_bodies)
         return compared[0] if len(compared) == 1 else min(compared, key=self._measure_total_sliding_mm2)

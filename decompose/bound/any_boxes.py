@@ -37,7 +37,7 @@ from scipy.spatial import cKDTree
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.grid import Cell, Grid, GridRules, fill_grid, place_planes
-from decompose.print_time import MEAN_RUN_SHARE, CostModel
+from decompose.print_time import MEAN_SIDE_SHARE, CostModel
 from decompose.printers import TargetPrinter
 
 CELLS_PER_SIDE = 64  # cube root of the number of cells; enough for a wall of 10 mm in a model of 450 mm
@@ -133,7 +133,7 @@ def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, co
         Print time of a part.
     """
     hidden_share = max(cost.hidden_bed_share, cost.hidden_top_share)
-    upright_s_mm2 = (1.0 - MEAN_RUN_SHARE * cost.hidden_side_share) * cost.lateral_s_mm2
+    upright_s_mm2 = (1.0 - MEAN_SIDE_SHARE * cost.hidden_side_share) * cost.lateral_s_mm2
     face_s_mm2 = min(upright_s_mm2, (1.0 - hidden_share) * cost.skin_s_mm2)
     boxes = np.maximum(2.0, np.ceil((solid_mm - hollow_mm) / longest_mm - 1e-9))
     cut_s = 2.0 * face_s_mm2 * (boxes - 1.0) - cost.volume_s_mm3 * hollow_mm / 3.0

@@ -6,7 +6,7 @@ from decompose.connectors.coupon import Coupon, make_coupon
 from decompose.connectors.faces import LEVEL_SIN, Blank, build_polygons, list_rings
 from decompose.connectors.plan import drill_parts, plan_connectors
 from decompose.connectors.records import Connectors, Mark, Pin, Tool, find_pairs, measure_distance_mm
-from decompose.connectors.report import describe_connectors, list_cuts, read_pair_distances_mm
+from decompose.connectors.report import describe_connectors, list_pin_sizes, read_pair_distances_mm
 
 __all__ = [
     "LEVEL_SIN",
@@ -20,7 +20,7 @@ __all__ = [
     "describe_connectors",
     "drill_parts",
     "find_pairs",
-    "list_cuts",
+    "list_pin_sizes",
     "list_rings",
     "make_coupon",
     "measure_distance_mm",

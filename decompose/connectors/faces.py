@@ -32,7 +32,7 @@ class Blank:
     up_direction
         (3,) unit vector upwards from the bed in the part's pose, in the same frame.
     pin_fit_mm
-        Clearance of its holes: width across the flats, less the diameter of the pin.
+        Clearance of its holes: width across the flats minus the diameter of the pin.
     """
 
     name: str
@@ -71,9 +71,9 @@ class Side:
         """Compute the coordinates (..., 2) in mm of points (..., 3) in the plane of the face."""
         return points_mm @ self.face.axes.T
 
-    def lift(self, flat_mm: Floats) -> Floats:
+    def lift(self, coordinates_mm: Floats) -> Floats:
         """Compute the points (..., 3) in mm on the face with coordinates (..., 2)."""
-        return flat_mm @ self.face.axes + self.face.offset_mm * self.face.normal
+        return coordinates_mm @ self.face.axes + self.face.offset_mm * self.face.normal
 
 
 def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple[Side, Side]]:

@@ -45,7 +45,7 @@ class _Text:
     height_mm: float
     depth_mm: float
     strokes_mm: Floats
-    half_mm: Floats
+    half_extents_mm: Floats
 
 
 def place_marks(
@@ -131,22 +131,22 @@ def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], marks: Sequen
 def _list_texts(workpieces: Workpieces, side: Side, neighbour: str) -> list[_Text]:
     """List the texts for a side, the most legible first."""
     is_level = workpieces.is_level(side)
-    code = f"-{neighbour}" if is_level else f"{workpieces.blanks[side.part].name}-{neighbour}"
+    numbers = f"-{neighbour}" if is_level else f"{workpieces.blanks[side.part].name}-{neighbour}"
     sizes = SIZES_MM[-1:] if is_level else SIZES_MM
-    return [*(_lay_out_text(code, size, ARROW) for size in sizes), _lay_out_text(code, sizes[-1], "")]
+    return [*(_lay_out_text(numbers, size, ARROW) for size in sizes), _lay_out_text(numbers, sizes[-1], "")]
 
 
-def _lay_out_text(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:
-    """Lay out a code and an arrow, if any, in letters of a height with grooves of a depth."""
+def _lay_out_text(numbers: str, size_mm: tuple[float, float], arrow: str) -> _Text:
+    """Lay out part numbers, and an arrow if any, in letters of a height with grooves of a depth."""
     height_mm, depth_mm = size_mm
-    strokes, width = draw_strokes(code), measure_text_width(code)
+    strokes, width = draw_strokes(numbers), measure_text_width(numbers)
     if arrow:
         left, right = np.array([[ARROW_CELL / 2.0, 0.0], [width / 2.0, 0.0]])
         strokes = np.concatenate([strokes - left, draw_strokes(arrow) + right])
         width += ARROW_CELL
     scale = height_mm / GRID_HEIGHT
-    half_mm = np.array([width, GRID_HEIGHT]) * scale / 2.0
-    return _Text(code + arrow, height_mm, depth_mm, strokes * scale, half_mm)
+    half_extents_mm = np.array([width, GRID_HEIGHT]) * scale / 2.0
+    return _Text(numbers + arrow, height_mm, depth_mm, strokes * scale, half_extents_mm)
 
 
 def _draw_dots(count: int) -> _Text:
@@ -156,8 +156,8 @@ def _draw_dots(count: int) -> _Text:
     centres_mm = np.zeros((count, 2, 2))
     centres_mm[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
     centres_mm[:, :, 0] += [-HALF_RIDGE_MM, HALF_RIDGE_MM]
-    half_mm = np.array([(count - 1) * pitch_mm / 2.0 + HALF_RIDGE_MM, 0.0])
-    return _Text("." * count, 2.0 * depth_mm, depth_mm, centres_mm, half_mm)
+    half_extents_mm = np.array([(count - 1) * pitch_mm / 2.0 + HALF_RIDGE_MM, 0.0])
+    return _Text("." * count, 2.0 * depth_mm, depth_mm, centres_mm, half_extents_mm)
 
 
 def _needs_support(workpieces: Workpieces, side: Side) -> bool:
@@ -180,7 +180,7 @@ def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_Text]) -> M
         for quarter_turns in range(2):
             frame = _build_text_frame(side, up_direction, quarter_turns)
             local = shapely.transform(free_area, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T)
-            middle_mm = _find_middle(local, text.half_mm + text.depth_mm + LIP_MM + RIM_MM)
+            middle_mm = _find_middle(local, text.half_extents_mm + text.depth_mm + LIP_MM + RIM_MM)
             if middle_mm is None:
                 continue
             flat = _keep_arrow_up(text, quarter_turns) + middle_mm
@@ -196,7 +196,7 @@ def _keep_arrow_up(text: _Text, quarter_turns: int) -> Floats:
         return text.strokes_mm
     count = len(draw_strokes(ARROW))
     arrow = text.strokes_mm[-count:]
-    centre = np.array([text.half_mm[0] - ARROW_CELL / 2.0 * text.height_mm / GRID_HEIGHT, 0.0])
+    centre = np.array([text.half_extents_mm[0] - ARROW_CELL / 2.0 * text.height_mm / GRID_HEIGHT, 0.0])
     rotated = (arrow - centre) @ np.array([[0.0, -1.0], [1.0, 0.0]]) + centre
     return np.concatenate([text.strokes_mm[:-count], rotated])
 
@@ -229,14 +229,14 @@ def _build_text_frame(side: Side, up_direction: Floats, quarter_turns: int) -> F
     return np.stack([up_direction, -right, out]) if quarter_turns else np.stack([right, up_direction, out])
 
 
-def _find_middle(area: shapely.Geometry, half_mm: Floats) -> Floats | None:
-    """Find the middle (2,) of a rectangle inside an area, as near to its widest place as possible."""
+def _find_middle(area: shapely.Geometry, half_extents_mm: Floats) -> Floats | None:
+    """Find the middle (2,) of a rectangle inside an area, as close as possible to the area's widest place."""
     polygons = [polygon for polygon in list_polygons(area) if polygon.area > 0.0]
     if not polygons:
         return None
     widest_mm = shapely.maximum_inscribed_circle(max(polygons, key=lambda polygon: polygon.area)).coords[0]
     low_x, low_y, high_x, high_y = area.bounds
-    low_mm, high_mm = np.array([low_x, low_y]) + half_mm, np.array([high_x, high_y]) - half_mm
+    low_mm, high_mm = np.array([low_x, low_y]) + half_extents_mm, np.array([high_x, high_y]) - half_extents_mm
     if (low_mm > high_mm).any():
         return None
     spans = [
@@ -246,6 +246,6 @@ def _find_middle(area: shapely.Geometry, half_mm: Floats) -> Floats | None:
     centres_mm = np.array(np.meshgrid(*spans)).reshape(2, -1).T
     centres_mm = centres_mm[np.argsort(np.linalg.norm(centres_mm - widest_mm, axis=1), kind="stable")]
     shapely.prepare(area)
-    boxes = shapely.box(*(centres_mm - half_mm).T, *(centres_mm + half_mm).T)
+    boxes = shapely.box(*(centres_mm - half_extents_mm).T, *(centres_mm + half_extents_mm).T)
     inside_numbers = np.flatnonzero(shapely.contains(area, boxes))
     return None if not len(inside_numbers) else np.asarray(centres_mm[inside_numbers[0]])

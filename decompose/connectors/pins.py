@@ -24,7 +24,7 @@ from decompose.connectors.tools import make_hole
 from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
 from decompose.pieces import Joint, list_polygons
 
-SHALLOW_DIAMETERS = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
+SHALLOW_DEPTH_RATIO = 1.05  # depth of the shallow hole of a pair, as a multiple of the diameter of the pin
 MIN_DEPTH_MM = 2.5  # minimum depth of a hole
 EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap left by a body rotated by 180 degrees
 END_GAP_MM = 0.5  # gap at each end of a pin
@@ -49,7 +49,7 @@ def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
 
     The print time of a hole grows with its depth. Pins only align the faces; the glue holds them.
     """
-    shallow_mm = max(MIN_DEPTH_MM, round(2.0 * SHALLOW_DIAMETERS * pin_mm) / 2.0)
+    shallow_mm = max(MIN_DEPTH_MM, round(2.0 * SHALLOW_DEPTH_RATIO * pin_mm) / 2.0)
     return shallow_mm + EXTRA_DEPTH_MM, shallow_mm
 
 
@@ -94,7 +94,7 @@ def place_pins(
     for number, step in enumerate(assembly.steps):
         held_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
         pairs = [pair for j in held_joints for pair in find_sides(workpieces.blanks, j, joints[j])]
-        sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, sliding=True)
+        sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, is_sliding=True)
         glue_mm = sample_glue([side for side, _ in pairs])
         placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
         new_pins = placer.place_connectors([*options.used_distances_mm, *_measure_pair_distances_mm(pins)])
@@ -111,7 +111,7 @@ def _measure_pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
 
 
 def _find_sites(
-    pairs: Sequence[tuple[Side, Side]], step: AssemblyStep, *, sliding: bool = False
+    pairs: Sequence[tuple[Side, Side]], step: AssemblyStep, *, is_sliding: bool = False
 ) -> list[Site]:
     """Find the faces that close along the direction of a step, or that slide along it.
 
@@ -121,14 +121,14 @@ def _find_sites(
         Sides of all faces that the step glues.
     step
         Step of the assembly.
-    sliding
-        Whether to find faces that slide.
+    is_sliding
+        Whether to find the faces that slide.
     """
     sites = []
     for one, other in pairs:
         moved, fixed = (one, other) if one.part in step.moved_parts else (other, one)
         alignment_cos = float(moved.inward_normal @ step.direction)
-        if abs(alignment_cos) < SLIDING_SIN if sliding else alignment_cos > MIN_ALIGNED_COS:
+        if abs(alignment_cos) < SLIDING_SIN if is_sliding else alignment_cos > MIN_ALIGNED_COS:
             sites.append(Site(moved, fixed))
     return sites
 
@@ -211,7 +211,7 @@ class _PinPlacer:
             is_shallow
         ]
 
-    def _find_places(self, is_shallow: bool) -> list[shapely.Geometry]:
+    def _find_axis_areas(self, is_shallow: bool) -> list[shapely.Geometry]:
         """Find the area of each site in which the axis of a pin may lie, in the coordinates of its face."""
         return [
             shapely.intersection_all(
@@ -248,7 +248,7 @@ class _PinPlacer:
 
     def _place_pair(self, used_distances_mm: Sequence[float]) -> list[Pin]:
         """Place a deep and a shallow pin as far apart as possible, at a distance that no other pair has."""
-        deep, shallow = (self._find_places(is_shallow) for is_shallow in (False, True))
+        deep, shallow = (self._find_axis_areas(is_shallow) for is_shallow in (False, True))
         best_pair = self._find_farthest_pair(deep, shallow)
         if best_pair is None:
             return []
@@ -329,7 +329,7 @@ class _PinPlacer:
     def _place_single_pin(self) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if possible."""
         for is_shallow in (False, True):
-            places = self._find_places(is_shallow)
+            places = self._find_axis_areas(is_shallow)
             areas = [(p, n) for n, place in enumerate(places) for p in list_polygons(place) if p.area > 0.0]
             if areas:
                 area, number = max(areas, key=lambda pair: pair[0].area)
@@ -347,7 +347,7 @@ class _PinPlacer:
         far_glue_mm = find_far_glue(self.glue_mm, pins)
         if not len(far_glue_mm):
             return None
-        places = self._find_places(True)
+        places = self._find_axis_areas(True)
         sites, corners = self._list_corners(places)
         inner_points_mm = [
             sample_points(site.moved_side, place.buffer(-ROUNDING_MARGIN_MM), PLACE_PITCH_MM)

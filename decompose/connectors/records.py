@@ -171,7 +171,7 @@ class Connectors:
             *(gutter.groove for gutter in self.gutters),
         ]
 
-    def remove_part(self, part: int, reason: str) -> Connectors:
+    def remove_from_part(self, part: int, reason: str) -> Connectors:
         """Remove the connectors that cut a part, and add the reason to the failures."""
         return replace(
             self,

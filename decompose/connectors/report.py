@@ -12,10 +12,10 @@ from decompose.connectors.records import Connectors, Mark, Pin
 from decompose.pieces import Joint
 
 
-def list_cuts(pins: Sequence[Pin]) -> list[tuple[float, float, int]]:
+def list_pin_sizes(pins: Sequence[Pin]) -> list[tuple[float, float, int]]:
     """List the pins and keys to cut, the largest first: diameter and length in mm, and the number of each."""
     counts = Counter((pin.diameter_mm, round(pin.length_mm, 1)) for pin in pins)
-    return sorted(((*cut, count) for cut, count in counts.items()), reverse=True)
+    return sorted(((*size_mm, count) for size_mm, count in counts.items()), reverse=True)
 
 
 def describe_connectors(
@@ -33,33 +33,34 @@ def describe_connectors(
         Its joints.
     """
 
-    def name_joint(number: int) -> list[str]:
+    def name_joint_parts(number: int) -> list[str]:
         return [names[joints[number].a], names[joints[number].b]]
 
     return {
         "pins": [
-            {"id": number, "joint": name_joint(pin.joint), **_describe_pin(pin)}
+            {"id": number, "joint": name_joint_parts(pin.joint), **_describe_pin(pin)}
             for number, pin in enumerate(connectors.pins, 1)
         ],
         "cut_list": [
             {"length_mm": length_mm, "diameter_mm": diameter_mm, "count": count}
-            for diameter_mm, length_mm, count in list_cuts(connectors.pins)
+            for diameter_mm, length_mm, count in list_pin_sizes(connectors.pins)
         ],
         "marks": [
-            {"part": names[mark.part], "joint": name_joint(mark.joint), **_describe_mark(mark)}
+            {"part": names[mark.part], "joint": name_joint_parts(mark.joint), **_describe_mark(mark)}
             for mark in connectors.marks
         ],
         "gutters": [
             {
                 "part": names[gutter.part],
-                "joint": name_joint(gutter.joint),
+                "joint": name_joint_parts(gutter.joint),
                 "line_mm": gutter.line_mm.tolist(),
             }
             for gutter in connectors.gutters
         ],
         "unpinned": [{"step": step + 1, "reason": reason} for step, reason in connectors.unpinned_steps],
         "unmarked": [
-            {"joint": name_joint(joint), "reason": reason} for joint, reason in connectors.unmarked_joints
+            {"joint": name_joint_parts(joint), "reason": reason}
+            for joint, reason in connectors.unmarked_joints
         ],
         "failures": list(connectors.failures),
     }

@@ -109,7 +109,7 @@ class Canvas:
         self._draw.polygon([self._find_place(*corner) for corner in corners], ink)
 
     def write_labels(self, labels: Sequence[str]) -> list[str]:
-        """Write labels on the first shapes where they are most visible; return those of hidden shapes."""
+        """Label each of the first shapes where it is widest; return the labels of hidden shapes."""
         hidden_labels = []
         visible = self.drawing.front_shapes
         windows = find_objects(visible, len(labels))

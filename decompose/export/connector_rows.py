@@ -1,4 +1,4 @@
-"""Codes and pins of an assembly step, as rows for the instructions page and the report."""
+"""Marks and pins of an assembly step, as rows for the instructions page and the report."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from decompose.results import Decomposition
 SIGN_TABLE = str.maketrans({"^": " ↑", ".": "●"})
 
 
-def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
-    """List the codes on both faces of a joint, each as it is read on its part, with the part's number.
+def list_mark_texts(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
+    """List the texts of the marks on both faces of a joint, each with the number of its part.
 
     Parameters
     ----------
@@ -35,20 +35,22 @@ def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]
     ]
 
 
-def list_blank_faces(decomposition: Decomposition, joint: int) -> list[str]:
-    """List the numbers of the parts of a joint that have no code on it, if codes were requested.
+def list_unmarked_parts(decomposition: Decomposition, joint: int) -> list[str]:
+    """List the numbers of the parts that have no mark on a joint; empty if no marks were requested.
 
     Parameters
     ----------
     decomposition, joint
-        As in `list_codes`.
+        As in `list_mark_texts`.
     """
     if not decomposition.options.connectors.marks:
         return []
-    coded_parts = {mark.part for mark in decomposition.connectors.marks if mark.joint == joint}
+    marked_parts = {mark.part for mark in decomposition.connectors.marks if mark.joint == joint}
     pair = decomposition.joints[joint]
     return [
-        find_part_number(decomposition.parts[part].id) for part in (pair.a, pair.b) if part not in coded_parts
+        find_part_number(decomposition.parts[part].id)
+        for part in (pair.a, pair.b)
+        if part not in marked_parts
     ]
 
 
@@ -58,7 +60,7 @@ def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
     Parameters
     ----------
     decomposition, joint
-        As in `list_codes`.
+        As in `list_mark_texts`.
     """
     return [
         {"id": str(number), "kind": name_pin_kind(pin), "size": format_size(pin)}
@@ -94,18 +96,18 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
     keys = [pin for pin in pins if pin.key_direction is not None and not pin.slides]
     sentences = []
     if upright:
-        sentences.append(f"Put {_count_sizes(upright, 'pin')} into the lower body first, as drawn.")
+        sentences.append(f"Put {_describe_sizes(upright, 'pin')} into the lower body first, as drawn.")
     if len({round(pin.length_mm, 1) for pin in upright}) > 1:
         sentences.append(
             "The longer one belongs in the deeper hole; if they are exchanged, the joint stays open."
         )
     if keys:
-        sentences.append(f"Lay {_count_sizes(keys, 'key')} into the grooves of the lower body, as drawn.")
+        sentences.append(f"Lay {_describe_sizes(keys, 'key')} into the grooves of the lower body, as drawn.")
     for n, body in enumerate(("lower", "upper")):
         sliding = [pin for pin in pins if pin.slides and pin.holes[n].exit_direction is not None]
         if sliding:
             sentences.append(
-                f"Glue {_count_sizes(sliding, 'sliding key')} into the short grooves of the {body} body "
+                f"Glue {_describe_sizes(sliding, 'sliding key')} into the short grooves of the {body} body "
                 "first: the long grooves of the other one slide over them."
             )
     if any(pin.key_direction is not None and pin.diameter_mm < pin_mm for pin in pins):
@@ -123,14 +125,16 @@ def name_mark(decomposition: Decomposition, mark: Mark) -> str:
     return " ".join(decomposition.parts[part].id for part in (mark.part, joint.a, joint.b))
 
 
-def list_unglued_codes(decomposition: Decomposition) -> list[dict[str, Any]]:
-    """List the codes on joints that no step glues."""
+def list_unglued_mark_texts(decomposition: Decomposition) -> list[dict[str, Any]]:
+    """List the texts of the marks on joints that no step glues."""
     used_joints = {joint for step in decomposition.assembly.steps for joint in step.joints}
     joints = dict.fromkeys(mark.joint for mark in decomposition.connectors.marks)
-    return [code for joint in joints if joint not in used_joints for code in list_codes(decomposition, joint)]
+    return [
+        text for joint in joints if joint not in used_joints for text in list_mark_texts(decomposition, joint)
+    ]
 
 
-def _count_sizes(pins: list[Pin], noun: str) -> str:
-    """Count pins by their sizes, as part of a sentence."""
+def _describe_sizes(pins: list[Pin], noun: str) -> str:
+    """Describe the number of pins of each size, as part of a sentence."""
     sizes = Counter(format_size(pin) for pin in pins)
     return " and ".join(f"{count} {noun}{'s' * (count > 1)} of {size} mm" for size, count in sizes.items())

@@ -47,7 +47,7 @@ def find_movements_mm(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> F
 
 
 def find_offsets(count: int, steps: Sequence[AssemblyStep], moves_mm: Floats) -> Floats:
-    """Find the positions of the parts before each step, and after the last one.
+    """Find the offset of each part from its place before each step, and after the last one.
 
     Parameters
     ----------
@@ -59,8 +59,7 @@ def find_offsets(count: int, steps: Sequence[AssemblyStep], moves_mm: Floats) ->
     Returns
     -------
     ndarray
-        (steps + 1, count, 3) offset of each part from its place, in the unit of `moves_mm`; 0 in the last
-        row.
+        (steps + 1, count, 3) offsets, in the unit of `moves_mm`; 0 in the last row.
     """
     offsets = np.zeros((len(steps) + 1, count, 3))
     for k in range(len(steps) - 1, -1, -1):
@@ -107,16 +106,16 @@ def _add_animation(
     tree: dict[str, Any], buffers: dict[Any, bytes], names: Sequence[str], offsets: Floats
 ) -> None:
     """Add an animation that moves the nodes with these names by offsets (steps + 1, parts, 3)."""
-    steps = len(offsets) - 1
-    starts_s = STEP_S * np.arange(steps)
-    times_accessor = _add_values(
-        tree, buffers, np.append(np.column_stack([starts_s, starts_s + MOVE_S]).ravel(), STEP_S * steps)
+    step_count = len(offsets) - 1
+    starts_s = STEP_S * np.arange(step_count)
+    times_accessor = _add_accessor(
+        tree, buffers, np.append(np.column_stack([starts_s, starts_s + MOVE_S]).ravel(), STEP_S * step_count)
     )
     nodes = {node.get("name"): number for number, node in enumerate(tree["nodes"])}
     samplers: list[dict[str, Any]] = []
     channels: list[dict[str, Any]] = []
-    for part, name in enumerate(names):
-        part_offsets = offsets[:, part]
+    for part_index, name in enumerate(names):
+        part_offsets = offsets[:, part_index]
         if not part_offsets.any():
             continue
         keys = np.append(
@@ -124,12 +123,12 @@ def _add_animation(
         )
         channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": "translation"}})
         samplers.append(
-            {"input": times_accessor, "output": _add_values(tree, buffers, keys), "interpolation": "LINEAR"}
+            {"input": times_accessor, "output": _add_accessor(tree, buffers, keys), "interpolation": "LINEAR"}
         )
     tree["animations"] = [{"name": "assembly", "samplers": samplers, "channels": channels}]
 
 
-def _add_values(tree: dict[str, Any], buffers: dict[Any, bytes], values: Floats) -> int:
+def _add_accessor(tree: dict[str, Any], buffers: dict[Any, bytes], values: Floats) -> int:
     """Add an accessor of numbers (n,) or vectors (n, 3), and return its number."""
     data: npt.NDArray[np.float32] = values.astype("<f4")
     number = len(tree["accessors"])

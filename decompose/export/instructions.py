@@ -14,10 +14,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from decompose.assembly import AssemblyStep
 from decompose.export.connector_rows import (
     explain_pins,
-    list_blank_faces,
-    list_codes,
+    list_mark_texts,
     list_pins,
-    list_unglued_codes,
+    list_unglued_mark_texts,
+    list_unmarked_parts,
 )
 from decompose.export.layout import describe_place, draw_layout, name_printer, sort_parts_by_use
 from decompose.export.page_check import find_page_faults
@@ -111,7 +111,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         for number, (step, step_pictures) in enumerate(zip(assembly.steps, pictures.steps, strict=True), 1)
     ]
     return _TEMPLATE.render(
-        parts=_list_parts(decomposition, pictures.places),
+        parts=_describe_parts(decomposition, pictures.places),
         steps=steps,
         levels=assembly.level_count,
         locked=[_name_parts(decomposition, group) for group in assembly.locked_sets],
@@ -123,7 +123,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         thin_rims=decomposition.describe_thin_rims(),
         sheet=make_pin_sheet(decomposition.connectors.pins),
         marked=bool(decomposition.connectors.marks),
-        unglued_codes=list_unglued_codes(decomposition),
+        unglued_codes=list_unglued_mark_texts(decomposition),
         failures=decomposition.connectors.failures,
         faults=faults,
     )
@@ -134,7 +134,7 @@ def _order_parts(decomposition: Decomposition) -> list[int]:
     return sort_parts_by_use(decomposition.parts, decomposition.assembly.part_order)
 
 
-def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None]) -> list[dict[str, Any]]:
+def _describe_parts(decomposition: Decomposition, places: Sequence[BedPlace | None]) -> list[dict[str, Any]]:
     """Describe each part in the order of use, with the first step that uses it."""
     first_steps: dict[int, int] = {}
     for number, step in enumerate(decomposition.assembly.steps, 1):
@@ -194,8 +194,8 @@ def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]
         "name": "-".join(map(find_part_number, ids)),
         "area": f"{joint.area_mm2:,.0f}",
         "weak": "" if joint.holds(decomposition.options.min_glue_mm2) else "does not hold by itself",
-        "codes": list_codes(decomposition, number),
-        "blank": list_blank_faces(decomposition, number),
+        "codes": list_mark_texts(decomposition, number),
+        "unmarked_parts": list_unmarked_parts(decomposition, number),
         "pins": list_pins(decomposition, number),
     }
 

@@ -67,27 +67,27 @@ def _lay_out_shapes(
 ) -> tuple[list[Shape], Floats]:
     """Lay out the shapes of parts and beds; return them, and the points (n, 3) in mm for the names."""
     colours = make_part_colours(len(parts))
-    beds = [places[number] if places else None for number in order]
+    ordered_places = [places[number] if places else None for number in order]
     meshes = [
-        put_part_on_bed(*parts[number].build_printing_mesh(), bed)
-        for number, bed in zip(order, beds, strict=True)
+        put_part_on_bed(*parts[number].build_printing_mesh(), place)
+        for number, place in zip(order, ordered_places, strict=True)
     ]
     extents_mm = np.array(
-        [_find_extents(vertices, bed) for (vertices, _), bed in zip(meshes, beds, strict=True)]
+        [_find_extents(vertices, place) for (vertices, _), place in zip(meshes, ordered_places, strict=True)]
     )
     # Depth and height of each part combined, as seen by the eye.
     visible_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_ELEVATION_DEG))
     pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), visible_mm.max(), 0.0])
     columns = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
     shapes, tables, front_mm = [], [], []
-    for place, (number, (vertices, faces), bed) in enumerate(zip(order, meshes, beds, strict=True)):
-        middle_mm = pitch_mm * [place % columns, -(place // columns), 0.0]
+    for i, (number, (vertices, faces), place) in enumerate(zip(order, meshes, ordered_places, strict=True)):
+        middle_mm = pitch_mm * [i % columns, -(i // columns), 0.0]
         placed_vertices = vertices + middle_mm
         shapes.append(Shape(placed_vertices[faces], colours[number]))
         front = placed_vertices[:, 1].min()
-        if bed is not None:
-            tables.append(Shape(_make_bed(bed) + middle_mm, BED_COLOUR))
-            front = min(front, middle_mm[1] - bed.bed_mm[1] / 2.0)
+        if place is not None:
+            tables.append(Shape(_make_bed(place) + middle_mm, BED_COLOUR))
+            front = min(front, middle_mm[1] - place.bed_mm[1] / 2.0)
         front_mm.append([middle_mm[0], front, 0.0])
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP_SHARE / 2.0 * pitch_mm[1], 0.0]
     # A triangle without area reserves space for the names in the last row.
@@ -96,7 +96,7 @@ def _lay_out_shapes(
 
 
 def describe_place(place: BedPlace | None) -> str:
-    """Describe the place of the middle of a part on its bed, seen from the front; empty if unknown."""
+    """Describe where the middle of a part lies on its bed, seen from the front; empty if it is not known."""
     if place is None:
         return ""
     right, back = (round(mm) for mm in place.centre_mm)
@@ -108,14 +108,14 @@ def describe_place(place: BedPlace | None) -> str:
     return f"{' and '.join(words)}, from the middle" if words else "in the middle"
 
 
-def put_part_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tuple[Floats, Ints]:
+def put_part_on_bed(vertices: Floats, faces: Ints, place: BedPlace | None) -> tuple[Floats, Ints]:
     """Move a part to its place on the bed, or to the origin if its place is not known.
 
     Parameters
     ----------
     vertices, faces
         (n, 3) in mm and (m, 3) in printing pose.
-    bed
+    place
         Place of the middle of its bounding box; None if it is not known.
 
     Returns
@@ -125,24 +125,24 @@ def put_part_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tupl
     """
     middle_mm = (vertices.max(axis=0) + vertices.min(axis=0)) / 2.0 * [1.0, 1.0, 0.0]
     placed_vertices = vertices - middle_mm
-    if bed is None:
+    if place is None:
         return placed_vertices, faces
-    if bed.is_rotated:
+    if place.is_rotated:
         placed_vertices = placed_vertices @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return placed_vertices + np.array([*bed.centre_mm, 0.0]), faces
+    return placed_vertices + np.array([*place.centre_mm, 0.0]), faces
 
 
-def _find_extents(vertices: Floats, bed: BedPlace | None) -> Floats:
+def _find_extents(vertices: Floats, place: BedPlace | None) -> Floats:
     """Find the extents (3,) of a part, including its bed around the origin."""
-    if bed is None:
+    if place is None:
         return np.asarray(np.ptp(vertices, axis=0))
-    reach_mm = np.maximum(2.0 * np.abs(vertices[:, :2]).max(axis=0), bed.bed_mm)
+    reach_mm = np.maximum(2.0 * np.abs(vertices[:, :2]).max(axis=0), place.bed_mm)
     return np.append(reach_mm, np.ptp(vertices[:, 2]))
 
 
-def _make_bed(bed: BedPlace) -> Floats:
+def _make_bed(place: BedPlace) -> Floats:
     """Make two triangles (2, 3, 3) of a bed, slightly below the parts."""
-    x, y = np.array(bed.bed_mm) / 2.0
+    x, y = np.array(place.bed_mm) / 2.0
     corners = np.array(
         [[-x, -y, -BED_DEPTH_MM], [x, -y, -BED_DEPTH_MM], [x, y, -BED_DEPTH_MM], [-x, y, -BED_DEPTH_MM]]
     )

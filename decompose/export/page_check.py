@@ -32,14 +32,14 @@ class _Reader(HTMLParser):
 
 
 def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
-    """Find names that are missing, repeated or unknown on a page of instructions, and loaded addresses.
+    """Find names that are missing, repeated or unknown on a page of instructions, and loaded files.
 
     Parameters
     ----------
     page
         HTML of the page.
     decomposition
-        Decomposition that the page describes; the page may lack joints of parts without an order.
+        Decomposition that the page describes; the page need not name joints that no step glues.
 
     Returns
     -------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from decompose.connectors import Pin, list_cuts
+from decompose.connectors import Pin, list_pin_sizes
 
 RULER_MM = 100
 LEFT_MARGIN_MM, ROW_HEIGHT_MM, RULER_HEIGHT_MM = 5.0, 11.0, 17.0
@@ -36,24 +36,24 @@ def make_pin_sheet(pins: Sequence[Pin]) -> PinSheet | None:
     """Make the sheet of pins; None if there are no pins."""
     if not pins:
         return None
-    cuts = list_cuts(pins)
-    diameters_mm = dict.fromkeys(diameter_mm for diameter_mm, _, _ in cuts)
+    sizes = list_pin_sizes(pins)
+    diameters_mm = dict.fromkeys(diameter_mm for diameter_mm, _, _ in sizes)
     return PinSheet(
         rows=tuple(
-            (f"{diameter_mm:g}", format_length(length_mm), count) for diameter_mm, length_mm, count in cuts
+            (f"{diameter_mm:g}", format_length(length_mm), count) for diameter_mm, length_mm, count in sizes
         ),
-        stocks=tuple(_describe_stock(cuts, diameter_mm) for diameter_mm in diameters_mm),
-        drawing=draw_gauge([(length_mm, diameter_mm) for diameter_mm, length_mm, _ in cuts]),
+        stocks=tuple(_describe_stock(sizes, diameter_mm) for diameter_mm in diameters_mm),
+        drawing=draw_gauge([(length_mm, diameter_mm) for diameter_mm, length_mm, _ in sizes]),
     )
 
 
-def _describe_stock(cuts: Sequence[tuple[float, float, int]], diameter_mm: float) -> tuple[str, int, str]:
+def _describe_stock(sizes: Sequence[tuple[float, float, int]], diameter_mm: float) -> tuple[str, int, str]:
     """Describe the filament that the pins of a diameter need, as in `PinSheet.stocks`."""
-    diameter_cuts = [
-        (length_mm, count) for cut_diameter_mm, length_mm, count in cuts if cut_diameter_mm == diameter_mm
+    lengths_mm = [
+        (length_mm, count) for pin_diameter_mm, length_mm, count in sizes if pin_diameter_mm == diameter_mm
     ]
-    stock_mm = sum(count * (length_mm + SAW_CUT_MM) for length_mm, count in diameter_cuts)
-    return f"{diameter_mm:g}", sum(count for _, count in diameter_cuts), f"{stock_mm:,.0f}"
+    stock_mm = sum(count * (length_mm + SAW_CUT_MM) for length_mm, count in lengths_mm)
+    return f"{diameter_mm:g}", sum(count for _, count in lengths_mm), f"{stock_mm:,.0f}"
 
 
 def format_length(length_mm: float) -> str:

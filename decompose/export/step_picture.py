@@ -19,7 +19,7 @@ from decompose.export.pin_sheet import format_size
 from decompose.export.raster import draw_shapes, make_camera
 from decompose.export.step_scene import Scene, build_both_bodies, build_moved_body
 from decompose.files.names import find_part_number
-from decompose.geometry import find_least_rotation
+from decompose.geometry import find_smallest_rotation
 from decompose.results import Decomposition
 
 AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
@@ -33,7 +33,7 @@ DRAWN_VIEW_PX = 160
 GAP_SHARE = 0.7  # gap below the moved body, as a share of the extent of the glued faces across the step
 LONG_SIDE_PX, TURNED_OVER_PX = 860, 520
 DRAWING_THREADS = 2
-SCALE_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
+SCALE_LENGTHS_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
 PIN_PT, SCALE_PT = 12.0, 11.0
 ROD_PT, BAR_PT = 1.6, 3.0  # widths of the line from a pin to its hole, and of the scale bar
 PIN_INK, ARROW_INK = "#0b2f8a", "#303030"
@@ -88,7 +88,7 @@ def draw_steps(
 
 
 def find_pose(direction: Floats) -> Floats:
-    """Find the pose of a body with a direction upwards.
+    """Find the pose in which a direction of the model points upwards.
 
     The model is rotated as little as possible; if it is turned upside down, its right side stays on the
     right.
@@ -105,7 +105,7 @@ def find_pose(direction: Floats) -> Floats:
     """
     if direction[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
-    return find_least_rotation(direction, np.array([0.0, 0.0, 1.0]))
+    return find_smallest_rotation(direction, np.array([0.0, 0.0, 1.0]))
 
 
 def turn_pose_over(pose: Floats, azimuth_deg: float) -> Floats:
@@ -292,7 +292,7 @@ def _draw_scale(canvas: Canvas) -> None:
     """Draw a scale bar of a round length in the corner."""
     drawing = canvas.drawing
     width_mm = drawing.front_shapes.shape[1] / drawing.pixels_per_mm
-    length_mm = max((mm for mm in SCALE_MM if mm < width_mm / 4.0), default=SCALE_MM[0])
+    length_mm = max((mm for mm in SCALE_LENGTHS_MM if mm < width_mm / 4.0), default=SCALE_LENGTHS_MM[0])
     x, y = SCALE_PT, SCALE_PT
     canvas.draw_line(np.array([[x, y], [x + length_mm * drawing.pixels_per_mm, y]]), BAR_PT, "black")
     canvas.write_text(x, y + SCALE_PT / 2.0, f"{length_mm:g} mm", SCALE_PT, "ls")

@@ -1,4 +1,4 @@
-"""Shapes of an assembly step: its two bodies drawn apart, the faces to glue, codes, pins and holes."""
+"""Shapes of an assembly step: its two bodies drawn apart, the faces to glue, marks, pins and holes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PIN_COLOUR = np.array([0.1, 0.35, 0.9])
 TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
 LIFT_HEIGHT_MM = 0.05  # height of a colour above its face; ink is three times as high
 MIN_STROKE_MM, MIN_STROKE_SHARE = 1.2, 0.005  # minimum width of a stroke: in mm, and as a share of the body
-TABLE_SHARE = 0.1  # margin of the table around the body, as a share of its size
+TABLE_MARGIN_SHARE = 0.1  # margin of the table around the body, as a share of its size
 ROD_SIDES = 12  # number of a pin's side faces
 
 
@@ -48,7 +48,7 @@ class Scene:
     pins
         Pins, each with one shape after those of the faces: a rod, or the mouth of its hole.
     shapes
-        All shapes in this order, then codes and the table.
+        All shapes in this order, then marks and the table.
     """
 
     parts: tuple[int, ...]
@@ -115,7 +115,7 @@ def build_both_bodies(number: int, decomposition: Decomposition, moved_offset_mm
             Shape(fill_face(entry.face, -entry.outward_normal) + moved_offset_mm, GLUE_COLOUR)
             for entry in glued_faces
         ),
-        *_write_codes(step, step.fixed_parts, decomposition),
+        *_build_mark_shapes(step, step.fixed_parts, decomposition),
     ]
     if step.rests_on:
         shapes.append(Shape(_make_table(step, decomposition), TABLE_COLOUR))
@@ -139,7 +139,7 @@ def build_moved_body(number: int, decomposition: Decomposition) -> Scene:
         *_paint_parts(step.moved_parts, decomposition, np.zeros(3)),
         *(Shape(fill_face(entry.face, entry.outward_normal), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_fill_mouth(pin.holes[0]), INK_COLOUR) for pin in pins),
-        *_write_codes(step, step.moved_parts, decomposition),
+        *_build_mark_shapes(step, step.moved_parts, decomposition),
     ]
     return Scene(step.moved_parts, glued_faces, pins, shapes)
 
@@ -181,7 +181,7 @@ def _paint_parts(parts: Sequence[int], decomposition: Decomposition, offset_mm: 
     return shapes
 
 
-def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decomposition) -> list[Shape]:
+def _build_mark_shapes(step: AssemblyStep, body: Sequence[int], decomposition: Decomposition) -> list[Shape]:
     """Build the shapes of the marks on the glued faces of one body, as ink."""
     bounds = np.array([decomposition.parts[part].solid.bounds_mm for part in body])
     extent_mm = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
@@ -241,7 +241,7 @@ def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
     axes = choose_plane_axes(up)
     flat = points @ axes.T
     low, high = flat.min(axis=0), flat.max(axis=0)
-    margin_mm = TABLE_SHARE * float((high - low).max())
+    margin_mm = TABLE_MARGIN_SHARE * float((high - low).max())
     (x0, y0), (x1, y1) = low - margin_mm, high + margin_mm
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) @ axes
     corners += (float((points @ up).min()) - LIFT_HEIGHT_MM) * up

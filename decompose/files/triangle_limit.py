@@ -80,13 +80,13 @@ def read_face_count(data: bytes) -> int:
     return int(struct.unpack_from("<I", data, STL_HEADER_BYTES)[0])
 
 
-def count_ply_faces(head: bytes) -> int:
+def read_ply_face_count(head: bytes) -> int:
     """Read the number of faces from the header of a PLY file; 0 if it states none."""
     match = _PLY_FACES_PATTERN.search(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 
 
-def count_off_faces(head: bytes) -> int:
+def read_off_face_count(head: bytes) -> int:
     """Read the number of faces from the first lines of an OFF file; 0 if they state none."""
     match = _OFF_COUNTS_PATTERN.match(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
@@ -102,6 +102,6 @@ def _read_stl_face_count(head: bytes, size_bytes: int) -> int:
 
 _FACE_COUNTERS: Mapping[str, Callable[[bytes, int], int]] = {
     ".stl": _read_stl_face_count,
-    ".ply": lambda head, _: count_ply_faces(head),
-    ".off": lambda head, _: count_off_faces(head),
+    ".ply": lambda head, _: read_ply_face_count(head),
+    ".off": lambda head, _: read_off_face_count(head),
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from decompose.geometry.convex import (
     find_convex_outline,
     find_half_planes,
-    find_smallest_rectangle,
+    find_smallest_rectangle_angle_rad,
     measure_rectangles,
 )
 from decompose.geometry.model import Model, load_model
@@ -16,9 +16,9 @@ from decompose.geometry.symmetry import (
     Mirror,
     draw_mirrors,
     find_good_mirrors,
-    find_least_rotation,
     find_mirror,
     find_rotation_to_axis,
+    find_smallest_rotation,
 )
 
 __all__ = [
@@ -30,10 +30,10 @@ __all__ = [
     "find_convex_outline",
     "find_good_mirrors",
     "find_half_planes",
-    "find_least_rotation",
     "find_mirror",
     "find_rotation_to_axis",
-    "find_smallest_rectangle",
+    "find_smallest_rectangle_angle_rad",
+    "find_smallest_rotation",
     "label_components",
     "load_model",
     "measure_rectangles",

@@ -52,7 +52,7 @@ def find_convex_outline(points: Floats) -> Floats:
 
 @jit
 def _drop_inner_points(points: Floats) -> Floats:
-    """Drop most points inside the convex outline, because sorting them takes longer.
+    """Drop most points inside the convex outline, which takes less time than sorting them.
 
     These are the points inside the octagon of those that lie furthest in eight directions.
 
@@ -147,7 +147,7 @@ def measure_rectangles(outline: Floats, angles_rad: Floats) -> Floats:
 
 
 @jit
-def find_smallest_rectangle(outline: Floats) -> float:
+def find_smallest_rectangle_angle_rad(outline: Floats) -> float:
     """Find the angle of the long side of the smallest rectangle around an outline.
 
     Parameters

@@ -13,10 +13,10 @@ from decompose.errors import ModelUnreadable
 from decompose.files.triangle_limit import (
     HEAD_BYTES,
     check_triangles,
-    count_off_faces,
-    count_ply_faces,
     is_binary_stl,
     read_face_count,
+    read_off_face_count,
+    read_ply_face_count,
 )
 
 # Maximum number of corners of a face. The triangles of a larger face would meet at one corner, and their
@@ -65,14 +65,14 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
                 f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: either its faces have too many "
                 "corners, or it is a point cloud; export it with triangles"
             )
-    elif suffix != ".stl" and (corners := _count_corners(data)) > MAX_CORNERS:
+    elif suffix != ".stl" and (corners := _find_max_corner_count(data)) > MAX_CORNERS:
         raise ModelUnreadable(
             f"{name}: has a face with {corners} corners (limit {MAX_CORNERS}); export it with triangles"
         )
 
 
 def count_triangles(data: bytes, suffix: str) -> int:
-    """Count the triangles or faces that a file states; 0 if it states no number.
+    """Count the triangles or faces of a file by its header or its keywords; 0 if these give no number.
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ def count_triangles(data: bytes, suffix: str) -> int:
             return read_face_count(data) if is_binary_stl(data) else data.count(b"endloop")
         case ".obj":
             return data.count(b"\nf ")
-    return count_ply_faces(data) if suffix == ".ply" else count_off_faces(data)
+    return read_ply_face_count(data) if suffix == ".ply" else read_off_face_count(data)
 
 
-def _count_corners(data: bytes) -> int:
-    """Count the corners of the largest face of a text file; 0 if no face has more than `MAX_CORNERS`."""
+def _find_max_corner_count(data: bytes) -> int:
+    """Find the number of corners of the largest face of a text file; 0 if no face is larger than allowed."""
     if b"\\" in data:
         data = _LINE_CONTINUATION_PATTERN.sub(b" ", data)
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))

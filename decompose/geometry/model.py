@@ -31,7 +31,7 @@ from decompose.files.triangle_limit import (
     read_face_count,
 )
 from decompose.geometry.file_limits import check_limits
-from decompose.geometry.repair import Report, close_surface
+from decompose.geometry.repair import StepListener, close_surface
 from decompose.geometry.solid import Solid
 from decompose.geometry.step import read_step
 from decompose.geometry.stl import count_stored_faces, parse_triangles
@@ -85,7 +85,7 @@ def load_model(
     longest_side_mm: float | None = None,
     name: str | None = None,
     memory_bytes: int | None = None,
-    report: Report = lambda _: None,
+    report: StepListener = lambda _: None,
 ) -> Model:
     """Read a model file, scale it, and close its open surfaces.
 
@@ -184,7 +184,7 @@ def _read_triangles(
     """Read the triangles (m, 3, 3) of a file; also return sentences on what was left out or converted."""
     try:
         data = path.read_bytes()
-    except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
+    except (OSError, ValueError) as error:  # a path with a null byte raises a ValueError
         reason = getattr(error, "strerror", None) or error
         raise ModelUnreadable(f"{source}: cannot be read ({reason}); check the path") from error
     if suffix not in SUFFIXES:

@@ -19,7 +19,7 @@ from decompose.geometry.solid import Solid
 
 RAY_COUNT = 40_000  # approximate number of rays over the area of a solid seen from above
 MARGIN_STEPS = 2.0  # margin around the rays that meet an overlap, in steps between rays
-ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height; less is rounding
+ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height
 MAX_HALVINGS = 4  # maximum number of times that a piece is halved to separate its branches
 # Maximum share of an overlap that remains after its branches are united; if more remains, the overlap is a
 # fold of one branch, which is kept.
@@ -65,7 +65,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
     width_mm, depth_mm, height_mm = (hi - lo).tolist()
     step_mm = max(
         math.sqrt(width_mm * depth_mm / RAY_COUNT), max(width_mm, depth_mm) / RAY_COUNT
-    )  # the latter for a sliver
+    )  # the second term for a narrow solid
     shape = math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)
     # The rays are offset by irregular shares of a step: a ray through an edge of the mesh could count twice.
     origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
@@ -116,7 +116,9 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     try:
         for _ in range(MAX_ROUNDS):
             chosen_numbers = _choose_separate_boxes(remaining_boxes)
-            united_solid = _unite_places(united_solid, [remaining_boxes[i] for i in chosen_numbers])
+            united_solid = _unite_branches_in_boxes(
+                united_solid, [remaining_boxes[i] for i in chosen_numbers]
+            )
             remaining_boxes = [box_mm for i, box_mm in enumerate(remaining_boxes) if i not in chosen_numbers]
         if united_solid is solid:
             return solid, 0.0
@@ -146,14 +148,14 @@ def _choose_separate_boxes(boxes_mm: list[Floats]) -> list[int]:
     return numbers
 
 
-def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
+def _unite_branches_in_boxes(solid: Solid, boxes_mm: list[Floats]) -> Solid:
     """Unite the branches in boxes that do not touch; return the solid unchanged if all are folds."""
     results = [(box_mm, _unite_branches(solid.clip(*box_mm))) for box_mm in boxes_mm]
-    united_places = [(box_mm, united_solid) for box_mm, united_solid in results if united_solid is not None]
-    if not united_places:
+    united_boxes = [(box_mm, united_solid) for box_mm, united_solid in results if united_solid is not None]
+    if not united_boxes:
         return solid
-    other_solid = solid.subtract(Solid.union([Solid.box(*box_mm) for box_mm, _ in united_places]))
-    return Solid.union([other_solid, *(united_solid for _, united_solid in united_places)])
+    other_solid = solid.subtract(Solid.union([Solid.box(*box_mm) for box_mm, _ in united_boxes]))
+    return Solid.union([other_solid, *(united_solid for _, united_solid in united_boxes)])
 
 
 def _unite_branches(solid_in_box: Solid) -> Solid | None:

@@ -43,11 +43,13 @@ NEIGHBOUR_COUNT = 6  # number of nearest samples whose triangles' distance is co
 MAX_BODIES = 1000
 
 
-Report = Callable[[str], None]
+StepListener = Callable[[str], None]
 """Function that is called with a short name of each step when it begins."""
 
 
-def close_surface(name: str, surface: Surface, report: Report = lambda _: None) -> tuple[Solid, list[str]]:
+def close_surface(
+    name: str, surface: Surface, report: StepListener = lambda _: None
+) -> tuple[Solid, list[str]]:
     """Close a surface so that it bounds a solid; also return sentences on the repairs.
 
     Parameters
@@ -119,11 +121,14 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
     return bodies
 
 
-def _close_bodies(bodies: list[Any], edge_uses: list[EdgeUses], report: Report) -> tuple[list[Any], bool]:
+def _close_bodies(
+    bodies: list[Any], edge_uses: list[EdgeUses], report: StepListener
+) -> tuple[list[Any], bool]:
     """Close surfaces that enclose a volume; also return whether a hole was filled or a surface changed.
 
     Flat holes are capped. Other holes are closed by MeshFix, one body after the other, because it keeps
-    only the largest of several bodies. If it removes part of the surface, these holes are capped too.
+    only the largest of several bodies. If MeshFix removes part of a body's surface, all holes of the body are
+    capped.
     """
     closed_bodies: list[Any] = []
     open_bodies: list[Any] = []

@@ -86,9 +86,9 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
             return None
         sorted_edges.append(sorted_edge)
     splits = []
-    for pair_edges in (_pair_crossing_edges, _pair_nested_edges):
+    for pair_half_edges in (_pair_half_edges_fifo, _pair_half_edges_lifo):
         pairs = np.concatenate(
-            [np.stack([a, b], axis=1), *(pair_edges(sorted_edge) for sorted_edge in sorted_edges)]
+            [np.stack([a, b], axis=1), *(pair_half_edges(sorted_edge) for sorted_edge in sorted_edges)]
         )
         splits.append(_split_surfaces(vertices, faces, pairs))
     return max(splits, key=len)
@@ -279,7 +279,7 @@ def _sort_half_edges_by_angle(
     return half_edges[order], begins[order]
 
 
-def _pair_crossing_edges(sorted_edge: tuple[Ints, Bools]) -> Ints:
+def _pair_half_edges_fifo(sorted_edge: tuple[Ints, Bools]) -> Ints:
     """Pair the half-edges (k, 2) of an edge so that the solid that begins first ends first.
 
     If two bodies overlap, each of them gets its own faces.
@@ -288,7 +288,7 @@ def _pair_crossing_edges(sorted_edge: tuple[Ints, Bools]) -> Ints:
     return np.stack([half_edges[begins], half_edges[~begins]], axis=1)
 
 
-def _pair_nested_edges(sorted_edge: tuple[Ints, Bools]) -> Ints:
+def _pair_half_edges_lifo(sorted_edge: tuple[Ints, Bools]) -> Ints:
     """Pair the half-edges (k, 2) of an edge so that the solid that begins last ends first.
 
     If one of two bodies is inside out, each of them gets its own faces.

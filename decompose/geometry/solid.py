@@ -111,7 +111,7 @@ class Solid:
 
     @property
     def is_empty(self) -> bool:
-        """True if it has no triangles."""
+        """True if the solid has no triangles."""
         return bool(self.manifold.is_empty())
 
     @property
@@ -197,49 +197,49 @@ class Solid:
         )
         return [np.asarray(ring, dtype=np.float64) for ring in outline.to_polygons()]
 
-    def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
+    def split(self, axis: int, coordinate_mm: float) -> tuple[Solid, Solid]:
         """Split into the parts below and above an axis plane.
 
         Parameters
         ----------
         axis
             Axis across the plane, from 0 to 2.
-        at_mm
+        coordinate_mm
             Coordinate of the plane.
         """
-        return self.split_by_plane(np.eye(3)[axis], at_mm)
+        return self.split_by_plane(np.eye(3)[axis], coordinate_mm)
 
-    def split_by_plane(self, normal: Floats, at_mm: float) -> tuple[Solid, Solid]:
-        """Split into the parts below and above the plane ``normal @ x == at_mm``.
+    def split_by_plane(self, normal: Floats, offset_mm: float) -> tuple[Solid, Solid]:
+        """Split into the parts below and above the plane ``normal @ x == offset_mm``.
 
         Parameters
         ----------
         normal
             (3,) unit normal of the plane.
-        at_mm
+        offset_mm
             Offset of the plane along its normal.
         """
-        manifold_above, manifold_below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
+        manifold_above, manifold_below = self.manifold.split_by_plane(tuple(normal.tolist()), offset_mm)
         return Solid(_check_status(manifold_below, "cutting a solid")), Solid(
             _check_status(manifold_above, "cutting a solid")
         )
 
-    def keep_below(self, normal: Floats, at_mm: float) -> Solid:
-        """Keep the part below the plane ``normal @ x == at_mm``.
+    def keep_below(self, normal: Floats, offset_mm: float) -> Solid:
+        """Keep the part below the plane ``normal @ x == offset_mm``.
 
         Parameters
         ----------
         normal
             (3,) unit normal of the plane.
-        at_mm
+        offset_mm
             Offset of the plane along its normal.
         """
         if self.is_empty:  # its bounds are infinite
             return self
-        manifold_below = self.manifold.trim_by_plane(tuple((-normal).tolist()), -at_mm)
+        manifold_below = self.manifold.trim_by_plane(tuple((-normal).tolist()), -offset_mm)
         return Solid(_check_status(manifold_below, "cutting a solid"))
 
-    def cut_section(self, frame: Floats, at_mm: float) -> list[Floats]:
+    def cut_section(self, frame: Floats, offset_mm: float) -> list[Floats]:
         """Cut at a plane, and return the outlines (n, 2) there: counter-clockwise, clockwise around holes.
 
         Parameters
@@ -247,19 +247,19 @@ class Solid:
         frame
             (3, 3) right-handed unit vectors as rows: two along the plane, in whose coordinates the outlines
             are returned, and its normal.
-        at_mm
+        offset_mm
             Offset of the plane along its normal.
         """
-        return self.cut_sections(frame, np.array([at_mm]))[0]
+        return self.cut_sections(frame, np.array([offset_mm]))[0]
 
-    def cut_sections(self, frame: Floats, at_mm: Floats) -> list[list[Floats]]:
+    def cut_sections(self, frame: Floats, offsets_mm: Floats) -> list[list[Floats]]:
         """Cut at parallel planes; the solid is rotated only once.
 
         Parameters
         ----------
         frame
             As in `cut_section`.
-        at_mm
+        offsets_mm
             (n,) offsets of the planes along their normal.
 
         Returns
@@ -270,7 +270,7 @@ class Solid:
         rotated_manifold = self.manifold.transform(np.hstack([frame, np.zeros((3, 1))]))
         return [
             [np.asarray(ring, dtype=np.float64) for ring in rotated_manifold.slice(offset_mm).to_polygons()]
-            for offset_mm in at_mm.tolist()
+            for offset_mm in offsets_mm.tolist()
         ]
 
     def list_pieces(self) -> list[Solid]:

@@ -19,8 +19,8 @@ from decompose.arrays import Floats
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
 from decompose.files.extras import can_read_step
 
-CHORD_MM = 0.01  # maximum distance between a curved face and its triangles
-CHORD_RAD = 0.2  # maximum angle between neighbouring triangles of a curved face
+LINEAR_DEFLECTION_MM = 0.01  # maximum distance between a curved face and its triangles
+ANGULAR_DEFLECTION_RAD = 0.2  # maximum angle between neighbouring triangles of a curved face
 MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
@@ -54,7 +54,7 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     Returns
     -------
     ndarray
-        (m, 3, 3) triangles in mm, within `CHORD_MM` of the surface.
+        (m, 3, 3) triangles in mm, within `LINEAR_DEFLECTION_MM` of the surface.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def _convert_to_glb(name: str, data: bytes, folder: Path) -> Path:
     """Convert a STEP file to a GLB file in a folder; raise ModelUnreadable if that fails."""
     step, glb = folder / "model.step", folder / "model.glb"
     step.write_bytes(data)
-    values = (str(step), str(glb), str(CHORD_MM), str(CHORD_RAD), str(MAX_GLB_BYTES))
+    values = (str(step), str(glb), str(LINEAR_DEFLECTION_MM), str(ANGULAR_DEFLECTION_RAD), str(MAX_GLB_BYTES))
     try:
         process = subprocess.run(
             [sys.executable, "-c", _CONVERTER_PROGRAM, *values],

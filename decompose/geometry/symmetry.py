@@ -86,13 +86,13 @@ class _VertexCloud:
             normal, best_error_mm = axis, self.measure_error_mm(axis)
         return normal, best_error_mm
 
-    def find_principal_directions(self) -> Floats:
-        """Find the principal directions of the cloud; return (6, 3) the axes, then these directions."""
+    def list_main_directions(self) -> Floats:
+        """List normals (6, 3) that are tried in addition: the axes, then the principal directions."""
         _, principal = np.linalg.eigh(np.cov(self.centred_vertices.T))
         return np.vstack([np.eye(3), principal.T])
 
     def make_mirror(self, normal: Floats, error_mm: float) -> Mirror:
-        """Make the plane with a normal through the mean of the vertices."""
+        """Make the plane through the mean of the vertices that has a given normal."""
         return Mirror(normal, float(normal @ self.centre), error_mm)
 
 
@@ -109,7 +109,7 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
         Maximum mean distance of mirror images, as a share of the diagonal of the vertices' bounding box.
     """
     cloud = _VertexCloud(vertices, rng)
-    normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
+    normals = np.vstack([cloud.list_main_directions(), cloud.draw_normals()])
     errors_mm = [cloud.measure_error_mm(normal) for normal in normals]
     best = int(np.argmin(np.round(errors_mm, 9)))
     normal, best_error_mm = cloud.refine_normal(normals[best], errors_mm[best])
@@ -157,7 +157,7 @@ def find_good_mirrors(
         Number of normals in a round.
     """
     cloud = _VertexCloud(vertices, rng, MAX_MIRRORED_VERTICES_OF_PART)
-    normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
+    normals = np.vstack([cloud.list_main_directions(), cloud.draw_normals()])
     ranked_normals = sorted((cloud.measure_error_mm(n), tuple(n)) for n in normals)
     mirrors = [
         cloud.refine_normal(np.array(n), error_mm, sample_count)
@@ -178,7 +178,7 @@ ScoredNormal = tuple[float, tuple[float, ...]]  # the error in mm, and the norma
 
 
 def _select_distinct_normals(ranked_normals: list[ScoredNormal], max_count: int) -> list[ScoredNormal]:
-    """Select the first planes whose normals differ from each other and from the opposite directions."""
+    """Select the first normals that differ from each other and from the opposites of the others."""
     distinct_normals: list[ScoredNormal] = []
     for error_mm, normal in ranked_normals:
         if len(distinct_normals) < max_count and all(
@@ -207,10 +207,10 @@ def find_rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
         (3, 3) rotation, ``v_new = rotation @ v``, and the axis from 0 to 2 that is nearest to the normal.
     """
     axis = int(np.abs(normal).argmax())
-    return find_least_rotation(normal, np.eye(3)[axis] * np.sign(normal[axis])), axis
+    return find_smallest_rotation(normal, np.eye(3)[axis] * np.sign(normal[axis])), axis
 
 
-def find_least_rotation(direction: Floats, target: Floats) -> Floats:
+def find_smallest_rotation(direction: Floats, target: Floats) -> Floats:
     """Find the smallest rotation from a direction to another one.
 
     Parameters

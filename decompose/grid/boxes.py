@@ -23,7 +23,7 @@ from decompose.grid.grid import Grid
 from decompose.grid.piece_counts import count_pieces
 from decompose.grid.threads import SHARE_COUNT, run_shares
 from decompose.jit import jit
-from decompose.print_time import MEAN_RUN_SHARE, MIN_VISIBLE_MM2, CostModel, Prices, compute_price_s
+from decompose.print_time import MEAN_SIDE_SHARE, MIN_VISIBLE_MM2, CostModel, Prices, compute_price_s
 from decompose.printers import TargetPrinter
 
 
@@ -190,7 +190,7 @@ def _compute_min_price_s(
         if not _fits_all(build_volumes, width_mm, depth_mm, height_mm):
             continue
         flat_mm2 = areas_mm2[2 * up] + areas_mm2[2 * up + 1]
-        hidden_side_factor = 1.0 - MEAN_RUN_SHARE * prices["hidden_side_share"]
+        hidden_side_factor = 1.0 - MEAN_SIDE_SHARE * prices["hidden_side_share"]
         lateral_mm2 = sums[LATERAL + up] + hidden_side_factor * (cut_mm2 - flat_mm2)
         visible_skin_mm2 = sums[SKIN + up]
         for is_turned_over in range(2):  # the right way up, and upside down

@@ -5,7 +5,7 @@ from __future__ import annotations
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, compute_price_s
 from decompose.print_time.feature_shares import GROUPS, build_group_cost, estimate_feature_shares
-from decompose.print_time.hidden_faces import MEAN_RUN_SHARE, MIN_VISIBLE_MM2
+from decompose.print_time.hidden_faces import MEAN_SIDE_SHARE, MIN_VISIBLE_MM2
 from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
 from decompose.print_time.poses import (
@@ -32,7 +32,7 @@ __all__ = [
     "FEATURES",
     "GROUPS",
     "MAX_INSET_SHARE",
-    "MEAN_RUN_SHARE",
+    "MEAN_SIDE_SHARE",
     "MIN_TOUCHED_MM2",
     "MIN_VISIBLE_MM2",
     "POSE_ROTATIONS",

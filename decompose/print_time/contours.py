@@ -1,7 +1,7 @@
-"""Contours, which sums over faces do not show: rims of flat faces, and rings of denser infill under slopes.
+"""Contours of a part: rims of flat faces, and rings of denser infill under slopes.
 
-A slicer prints no skin under the walls at the rim of a flat face, and additional skin under a wall that rises
-from such a face. Gradual infill is denser in a ring below each slope.
+Sums over faces do not capture them. A slicer prints no skin under the walls at the rim of a flat face, and
+additional skin under a wall that rises from such a face. Gradual infill is denser in a ring below each slope.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Contours(NamedTuple):
         between |n| of the face and |n| of the steeper face beside it, multiplied by -`RISING_WALL_FACTOR` if
         the steeper face rises.
     ends_mm
-        The same length without the factor -`RISING_WALL_FACTOR`, because lines of skin end at all rims.
+        The same length without the factor -`RISING_WALL_FACTOR`, because lines of skin end at every rim.
     ring_mm2
         Sum of A sqrt(1 - n^2) over the slopes below which infill is denser.
     steep_top_mm2

@@ -20,7 +20,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 from decompose.print_time.contours import Contours
-from decompose.print_time.hidden_faces import RUN_END_MM
+from decompose.print_time.hidden_faces import SIDE_END_MM
 from decompose.print_time.thin_walls import ThinWalls
 from decompose.print_time.time_settings import (
     FACTORS,
@@ -265,7 +265,7 @@ class CostModel:
             Height of their ends, by `sum_side_ends_mm`.
         """
         saved_s_mm2 = self.hidden_side_share * self.lateral_s_mm2
-        return saved_s_mm2 * min(cut_side_mm2, RUN_END_MM * ends_mm)
+        return saved_s_mm2 * min(cut_side_mm2, SIDE_END_MM * ends_mm)
 
     def build_prices(self) -> Prices:
         """Build a record of the coefficients for compiled code: a float64 for each field, by its name."""

@@ -21,10 +21,10 @@ LEVEL_COS = 0.999
 MAX_BED_FACE_HEIGHT_MM = 0.15  # maximum height of a face that lies on the bed
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright face
 MIN_VISIBLE_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
-RUN_END_MM = 6.0
+SIDE_END_MM = 6.0
 """Length at each end of a hidden side that saves nothing: the last 5 mm are printed like a visible wall, and
 the head stops once more. For most sliced parts it is 4 to 8 mm (`bench/prices/hidden_walls.py`)."""
-MEAN_RUN_SHARE = 0.9
+MEAN_SIDE_SHARE = 0.9
 """Share of the area of hidden sides that remains without these ends, on average over parts; for tables, in
 which the outlines of cut faces are not known."""
 
@@ -37,7 +37,7 @@ class HiddenFaces(NamedTuple):
     cut_bed_mm2, visible_bed_mm2
         Area of the cut faces, and of the model's own faces, on the bed.
     cut_top_mm2, visible_top_mm2
-        Area of the cut faces, and of the model's own faces, of tops with skin, as seen from above.
+        Area of the cut faces, and of the model's own faces, among the tops with skin, as seen from above.
     cut_side_mm2
         Area of upright cut faces.
     """
@@ -59,7 +59,7 @@ class HiddenFaces(NamedTuple):
         return self.cut_top_mm2 > 0.0 and self.visible_top_mm2 < MIN_VISIBLE_MM2
 
     def compute_saved_height_mm(self, bed_mm: float, top_mm: float) -> float:
-        """Compute the height of skin in mm that a thin flat part saves.
+        """Compute the height of skin in mm that the hidden faces of a thin flat part save.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class HiddenFaces(NamedTuple):
 def find_hidden_faces(
     surfaces: Surfaces, is_cut: Bools, up: Floats, bed_mm: float, skin_cos: float
 ) -> HiddenFaces:
-    """Find the hidden faces of a closed mesh in a pose; see `measure_hidden_faces`.
+    """Measure the areas of cut and visible faces in a pose; see `measure_hidden_faces`.
 
     Parameters
     ----------

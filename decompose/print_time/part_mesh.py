@@ -22,12 +22,12 @@ class PartMesh:
 
     @cached_property
     def surfaces(self) -> Surfaces:
-        """Faces of the mesh, which are the same in all poses."""
+        """Normals, areas and centres of the faces."""
         return measure_surfaces(self.vertices, self.faces)
 
     @cached_property
     def edges(self) -> Ints:
-        """Pairs (k, 2) of half-edges, which are the same in all poses."""
+        """Pairs (k, 2) of half-edges, one for each edge."""
         return pair_half_edges(self.faces, len(self.vertices))
 
 

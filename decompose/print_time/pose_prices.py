@@ -22,7 +22,7 @@ SKIN_INDEX = ADDITIVE_FEATURES.index("skin_mm2")
 POSE_COUNT = 6
 
 SLAB_COUNT = 32  # number of slabs into which the height is divided; the layers of a slab are treated as equal
-MAX_SLOWDOWN = 4.0  # maximum factor: walls of 40 to 50 mm/s are not printed at less than 10
+MAX_SLOWDOWN = 4.0  # maximum ratio of speeds: walls of 40 to 50 mm/s are not printed at less than 10
 
 
 def find_pose_axes(pose: int) -> tuple[int, int, int]:
@@ -102,7 +102,7 @@ def sum_pose_features(
     cost
         Cost model of the print time.
     hull
-        (h, 3) vertices of the convex hull, which save time; None if they are not known.
+        (h, 3) vertices of the convex hull, with which extents are measured faster; None to use all vertices.
     is_cut
         (m,) bool, true for cut faces; None if there are none.
 
@@ -112,7 +112,7 @@ def sum_pose_features(
         (k, 5) features, and (k, 3) width, depth and height in mm.
     """
     surfaces = measure_surfaces(vertices, faces)
-    has_savings = is_cut is not None and bool(is_cut.any()) and _has_hidden_savings(cost)
+    has_savings = is_cut is not None and bool(is_cut.any()) and _saves_at_hidden_faces(cost)
     features, extents = np.zeros((len(rotations), len(ADDITIVE_FEATURES))), np.zeros((len(rotations), 3))
     features[:, 0] = sum_volume_mm3(surfaces)
     cosines = (cost.skin_cos, cost.overhang_cos)
@@ -130,7 +130,7 @@ def sum_pose_features(
     return features, extents
 
 
-def _has_hidden_savings(cost: CostModel) -> bool:
+def _saves_at_hidden_faces(cost: CostModel) -> bool:
     """Check whether hidden faces are printed faster than visible ones."""
     return cost.hidden_bed_share + cost.hidden_top_share + cost.hidden_side_share > 0.0
 
@@ -208,7 +208,7 @@ def _sum_slabs(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
     tuple
         (SLAB_COUNT,) float64 sums, and (SLAB_COUNT,) float64 sections, in mm2.
     """
-    # Sums below and above each plane.
+    # Sums of the areas below each plane, and of the sections above it.
     lateral, section_sums = np.zeros(SLAB_COUNT + 1), np.zeros(SLAB_COUNT + 1)
     for t in range(len(triangles)):
         ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]

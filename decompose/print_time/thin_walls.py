@@ -28,7 +28,7 @@ class WallWidths(NamedTuple):
     walls_mm: float
 
 
-class Sheets(NamedTuple):
+class SheetLimits(NamedTuple):
     """Limits of a sheet.
 
     Attributes
@@ -68,7 +68,7 @@ class ThinWalls(NamedTuple):
 
 
 def measure_thin_walls(
-    triangles: Floats, widths: WallWidths, sheets: Sheets, count: int = RAY_COUNT
+    triangles: Floats, widths: WallWidths, sheets: SheetLimits, count: int = RAY_COUNT
 ) -> ThinWalls:
     """Measure the thin walls and sheets of a closed mesh.
 
@@ -174,7 +174,7 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright_axis: int, wi
 
 
 @jit
-def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: Sheets) -> float:
+def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: SheetLimits) -> float:
     """Sum the height in mm by which the skins on both sides of thin sheets exceed the sheets, over all rays.
 
     Parameters

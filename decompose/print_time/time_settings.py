@@ -32,10 +32,10 @@ FEATURES = (
     *("island_paths_mm2", "holes_mm", "hole_paths_mm2", "rim_mm", "rim_ends_mm", "ring_mm2", "steep_top_mm2"),
     *("bare_mm2", "gap_mm2", "full_mm2", "overlap_mm3"),
 )
-"""All features. Those that do not add up are the height, the root of `skin_mm2`, and the area of the brim
-around the part's rectangle. If a part is measured in a pose, these are added: sums over its columns
+"""All features. Those that do not add up are the height, the square root of `skin_mm2`, and the area of the
+brim around the part's rectangle. If a part is measured in a pose, these are added: sums over its columns
 (`columns`), with its support in place of `column_mm3`; its contours (`contours`), with their rims in place of
-the root of `skin_mm2`; its thin walls and sheets (`thin_walls`)."""
+the square root of `skin_mm2`; its thin walls and sheets (`thin_walls`)."""
 
 
 FACTORS: Mapping[str, float] = {
@@ -147,7 +147,7 @@ class PrintTimeSettings:
 
     @property
     def insets_s(self) -> float:
-        """Sum over the walls of a layer: distance of each from the outline in mm, over its speed."""
+        """Sum of distance from the outline in mm over speed in mm/s, for all walls of a layer."""
         inner_walls = range(1, self.wall_count)
         depths_mm = [self.outer_line_width_mm + (i - 0.5) * self.line_width_mm for i in inner_walls]
         outer_s = self.outer_line_width_mm / 2.0 / self.outer_wall_mm_s if self.wall_count > 0 else 0.0

@@ -21,7 +21,9 @@ from decompose.results.records import Coverage
 
 MAX_SURFACE_ERROR_SHARE = 1e-6
 MAX_OVERLAP_MM3 = 1e-3
-MIN_HOLLOW_SHARE = 1e-12  # minimum volume of a hollow, as a share of the model; less is a rounding error
+MIN_HOLLOW_SHARE = (
+    1e-12  # minimum volume of a hollow, as a share of the model; a smaller one is a rounding error
+)
 MAX_STL_ERROR_SHARE = 1e-5
 FIT_TOLERANCE_MM = 1e-6
 BOX_OVERLAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
@@ -34,7 +36,7 @@ def check_result(
     printers: Sequence[TargetPrinter],
     min_wall_mm: float,
 ) -> Coverage:
-    """Check all rules except those of the files.
+    """Check the rules of the parts: all except those of pins, marks and STL files.
 
     Parameters
     ----------
@@ -53,12 +55,12 @@ def check_result(
     Returns
     -------
     Coverage
-        Errors of surface and overlap.
+        Relative error of the surface's area, and volume of overlaps.
 
     Raises
     ------
     GeometryError
-        A rule is broken; the error has the first such rule, and the part.
+        A rule is broken; the error names the first such rule, and the part.
     """
     printer_by_name = {p.name: p for p in printers}
     free_counts = Counter(p.name for p in printers)  # a printer is listed once for each of its rounds
@@ -102,7 +104,7 @@ def check_part(part: Part, printers: dict[str, TargetPrinter]) -> None:
 
 
 def check_overlap(parts: Sequence[Part]) -> float:
-    """Check that no two parts overlap; return the sum in mm3 of the volumes that two parts share."""
+    """Check that no two parts overlap; return the total volume in mm3 that pairs of parts share."""
     total_mm3 = 0.0
     for a, b in combinations(parts, 2):
         lo_mm = np.maximum(a.solid.bounds_mm[0], b.solid.bounds_mm[0])

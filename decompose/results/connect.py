@@ -1,4 +1,4 @@
-"""Pins and marks of a result: they are placed, cut and checked."""
+"""Placement, cutting and checks of the pins and marks of a result."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
 def _drill_without_faults(
     blanks: Sequence[Blank], connectors: Connectors, decomposition: Decomposition
 ) -> tuple[Connectors, list[Solid]]:
-    """Drill the parts, and remove connectors until no rule is broken; return the others and the solids.
+    """Drill the parts, and remove connectors until no rule is broken; return the rest and the solids.
 
     Raises
     ------
     DecomposeError
-        If rules are broken after as many attempts as there are parts.
+        Rules are still broken after as many attempts as there are parts.
     """
     for _ in range(len(blanks)):
         drilled = drill_parts(blanks, connectors)
@@ -101,5 +101,5 @@ def _remove_faulty_connectors(
             name = decomposition.parts[fault.part].id
             reason = f"{name} has no holes and marks: {fault.problem} (rule {fault.rule})"
             if reason not in connectors.failures:
-                connectors = connectors.remove_part(fault.part, reason)
+                connectors = connectors.remove_from_part(fault.part, reason)
     return connectors

@@ -29,7 +29,7 @@ from decompose.results.overhangs import measure_ceiling_mm2
 
 EPS_MM3 = 1e-3  # maximum rounding error of an operation on solids
 EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum area of a layer's ceiling in a hole, and where strokes cross
-RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of the search less rounding
+RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of the search minus a margin
 FILM_MM = 0.06  # depth below a face that is not checked, because of rounding
 # Maximum angles of ceilings from the vertical; the slicer supports those of 50 degrees or more.
 MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0
@@ -37,7 +37,7 @@ MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the 
 ENLARGEMENT_MM = 0.005  # enlargement of the tools in the check that nothing else was removed
 # Minimum thickness of a real difference; thinner ones are errors at nearly coincident faces.
 MIN_THICKNESS_MM = 0.05
-KEY_END_MM = 0.25  # gap at each end of a key
+KEY_END_GAP_MM = 0.25  # gap at each end of a key
 KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
 ARC_SEGMENTS = 4  # number of sides of a polygon around a circle, for each quarter of it
 COAXIAL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
@@ -68,7 +68,7 @@ class DrilledParts:
 
     def find_faults(self) -> Iterator[ConnectorFault]:
         """Check all rules, part by part, then pin by pin; yield the faults."""
-        groups: dict[int, list[_Group]] = {}
+        groups: dict[int, list[_ToolGroup]] = {}
         for group in self._list_groups():
             groups.setdefault(group.tools[0].part, []).append(group)
         for part, part_groups in sorted(groups.items()):
@@ -80,20 +80,22 @@ class DrilledParts:
         for problem in find_wrong_fits(self.connectors.pins, self.used_distances_mm):
             yield ConnectorFault(Rule.PINNED, None, problem)
 
-    def _list_groups(self) -> Iterator[_Group]:
+    def _list_groups(self) -> Iterator[_ToolGroup]:
         """Yield the tools of each hole, mark and gutter."""
         for pin in self.connectors.pins:
             for hole in pin.holes:
-                kind, limit_deg = (
+                kind, max_overhang_deg = (
                     ("hole", MAX_HOLE_DEG) if pin.key_direction is None else ("groove", MAX_GROOVE_DEG)
                 )
-                yield _Group((hole,), self.joints[pin.joint], math.radians(limit_deg), kind)
+                yield _ToolGroup((hole,), self.joints[pin.joint], math.radians(max_overhang_deg), kind)
         for mark in self.connectors.marks:
-            yield _Group(mark.grooves, self.joints[mark.joint], math.radians(MAX_GROOVE_DEG), "mark")
+            yield _ToolGroup(mark.grooves, self.joints[mark.joint], math.radians(MAX_GROOVE_DEG), "mark")
         for gutter in self.connectors.gutters:
-            yield _Group((gutter.groove,), self.joints[gutter.joint], math.radians(MAX_GROOVE_DEG), "gutter")
+            yield _ToolGroup(
+                (gutter.groove,), self.joints[gutter.joint], math.radians(MAX_GROOVE_DEG), "gutter"
+            )
 
-    def _check_part(self, part: int, groups: Sequence[_Group]) -> Iterator[tuple[Rule, str]]:
+    def _check_part(self, part: int, groups: Sequence[_ToolGroup]) -> Iterator[tuple[Rule, str]]:
         """Check a part with its tools; yield the rules that are broken, and how."""
         undrilled, drilled = self.blanks[part].solid, self.drilled_solids[part]
         tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
@@ -122,12 +124,12 @@ class DrilledParts:
             yield Rule.SKIN, "two holes or marks are too close to each other"
         for group in groups:
             overhang_rad = group.compute_overhang_rad(self.blanks[part].up_direction)
-            if overhang_rad > group.limit_rad:
+            if overhang_rad > group.max_overhang_rad:
                 yield (
                     Rule.SUPPORT_FREE,
                     f"a {group.kind} overhangs by {math.degrees(overhang_rad):.0f} degrees",
                 )
-            if group.measure_ceiling_mm2(self.blanks[part].up_direction) > group.speck_mm2:
+            if group.measure_ceiling_mm2(self.blanks[part].up_direction) > group.max_ceiling_mm2:
                 yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
     def _subtract_parts(self, solid: Solid) -> Solid:
@@ -243,7 +245,7 @@ def _measure_mouth_mm(key: Pin) -> float:
 def _measure_play_mm(pin: Pin) -> float:
     """Measure how far a pin can move across its holes, from the narrowest width of the wider hole."""
     if pin.key_direction is not None:  # between the sides of the V groove, and lengthwise between its ends
-        return max(2.0 * KEY_END_MM, math.sqrt(2.0) * pin.depth_mm - pin.diameter_mm)
+        return max(2.0 * KEY_END_GAP_MM, math.sqrt(2.0) * pin.depth_mm - pin.diameter_mm)
     across = choose_plane_axes(pin.axis)
     hulls = [
         shapely.MultiPoint((hole.points_mm - pin.position_mm) @ across.T).convex_hull for hole in pin.holes
@@ -253,14 +255,14 @@ def _measure_play_mm(pin: Pin) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Group:
-    """Tools of one hole or mark.
+class _ToolGroup:
+    """Tools of one hole, groove, mark or gutter.
 
     Attributes
     ----------
     tools, joint
         Tools, and the joint on whose faces they are.
-    limit_rad
+    max_overhang_rad
         Angle of the flattest allowed ceiling from the vertical.
     kind
         Kind in messages: hole, groove, mark or gutter.
@@ -268,11 +270,11 @@ class _Group:
 
     tools: tuple[Tool, ...]
     joint: Joint
-    limit_rad: float
+    max_overhang_rad: float
     kind: str
 
     @property
-    def speck_mm2(self) -> float:
+    def max_ceiling_mm2(self) -> float:
         """Maximum area of a layer's ceiling; where strokes cross, specks without support are allowed."""
         return SPECK_MM2 if self.kind == "mark" else EPS_MM2
 
@@ -329,7 +331,7 @@ class _Group:
         return False
 
     def measure_ceiling_mm2(self, up_direction: Floats) -> float:
-        """Measure the area of a layer over the tools that needs support."""
+        """Measure the largest area that needs support in a layer over the tools."""
         first = self.tools[0]
         tools = [tool.points_mm for tool in self.tools]
         return measure_ceiling_mm2(
@@ -381,5 +383,5 @@ def _is_near(a: Solid, b: Solid) -> bool:
 
 
 def _extrude_outline(outline: shapely.Geometry, axis: Floats, start_mm: float, end_mm: float) -> Solid:
-    """Extrude an outline across an axis (3,) between two coordinates along it."""
+    """Extrude an outline along an axis (3,), between two coordinates on that axis."""
     return Solid.prism(list_rings(outline), np.vstack([choose_plane_axes(axis), axis]), start_mm, end_mm)

@@ -24,7 +24,7 @@ from decompose.results.records import Attempt, Coverage, Cutting
 
 SCHEMA_VERSION = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
-STL_GAP_MM = 1e-4  # move of surfaces that touch; a coordinate of 1 m is rounded by less
+STL_GAP_MM = 1e-4  # move of surfaces that touch, larger than the rounding of a coordinate of 1 m
 BED_TOLERANCE_MM = 2e-5  # maximum distance of the corners of a tilted face from its plane in single precision
 
 
@@ -247,7 +247,7 @@ class Decomposition:
         return 1.0 - balanced_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
-        """Return the result with only its figures, for another process."""
+        """Return the result without its parts and all that refers to them, for another process."""
         return replace(
             self, parts=(), joints=(), assembly=Assembly(), seams=(), connectors=Connectors(), faults=()
         )

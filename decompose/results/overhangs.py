@@ -23,7 +23,7 @@ MAX_OVERHANG_MM = LAYER_HEIGHT_MM * math.tan(math.radians(50.0))
 MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones
 ROUNDING_MARGIN_MM = 0.004  # tolerance for the rounding of sections
 LEVEL_COS = 0.5  # minimum vertical component of the normal of a level face; others are upright
-CORNER_TOLERANCE_MM = 1e-6  # maximum distance between a layer and a corner at the same height
+CORNER_TOLERANCE_MM = 1e-6  # maximum distance between the heights of a layer and a corner that count as equal
 AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
 
@@ -34,7 +34,7 @@ def measure_ceiling_mm2(
     up_direction: Floats,
     exit_direction: Floats | None = None,
 ) -> float:
-    """Measure the largest area of a layer over a hollow that needs support.
+    """Measure the largest area that needs support in a layer over a hollow.
 
     Parameters
     ----------

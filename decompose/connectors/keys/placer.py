@@ -28,13 +28,14 @@ class KeyPlacer:
     maker
         Maker of keys for the step.
     sites
-        Faces of the step that close along its direction.
+        Joint faces that the step closes along its direction.
     glue_mm
         (n, 3) sample points on all glued faces of the step.
     pins
         Pins and keys of the step so far; new keys are added.
     used_distances_mm, min_difference_mm
-        Distances between the two keys or pins of the other steps, and minimum difference from them.
+        Distance between the two pins or keys of each other step, and the minimum by which a new distance has
+        to differ from them.
     """
 
     maker: KeyMaker
@@ -52,7 +53,7 @@ class KeyPlacer:
         if not long or not short:
             return
         separations_mm = cdist(*(self._project_places(places) for places in (long, short)))
-        separations_mm[~self._is_free(separations_mm)] = 0.0
+        separations_mm[~self._differs_from_used_distances(separations_mm)] = 0.0
         separations_mm[separations_mm < MIN_SEPARATION_MM] = 0.0
         weighted_mm = separations_mm * np.add.outer(self._weigh_places(long), self._weigh_places(short)) / 2.0
         for index in np.argsort(-weighted_mm, axis=None, kind="stable")[:MAX_TRIED_PLACES].tolist():
@@ -79,7 +80,7 @@ class KeyPlacer:
             self._project_places(places), self._project_points(self.pins[0].position_mm[None])
         )[:, 0]
         order = np.argsort(-separations_mm * self._weigh_places(places), kind="stable")
-        self._place_key(order[self._is_free(separations_mm[order])].tolist())
+        self._place_key(order[self._differs_from_used_distances(separations_mm[order])].tolist())
 
     def place_further_keys(self) -> None:
         """Place short keys that reach as much as possible of the glue that is far from all pins and keys."""
@@ -90,7 +91,7 @@ class KeyPlacer:
             places = self._list_places(SHORT_KEY_MM) if len(far_glue_mm) else []
             if places:
                 self._place_key(
-                    sort_places_by_gain(_list_points(places), far_glue_mm, self._weigh_places(places))
+                    sort_places_by_gain(_list_middles(places), far_glue_mm, self._weigh_places(places))
                 )
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
@@ -104,7 +105,7 @@ class KeyPlacer:
             )
             places = self._list_free_places(places)
             if places:
-                numbers = sort_places_by_gain(_list_points(places), far_glue_mm, self._weigh_places(places))
+                numbers = sort_places_by_gain(_list_middles(places), far_glue_mm, self._weigh_places(places))
                 self._add_printable_key([places[number] for number in numbers])
 
     def _place_key(self, numbers: Sequence[int]) -> None:
@@ -147,16 +148,16 @@ class KeyPlacer:
             [is_level(site.moved_side) + is_level(site.fixed_side) for site in sites]
         )
 
-    def _is_free(self, separations_mm: Floats) -> Bools:
-        """Check for each distance whether it differs enough from those of the pairs of other steps."""
-        is_free = np.ones(separations_mm.shape, dtype=np.bool_)
+    def _differs_from_used_distances(self, separations_mm: Floats) -> Bools:
+        """Check for each distance whether it differs enough from `used_distances_mm`."""
+        is_different = np.ones(separations_mm.shape, dtype=np.bool_)
         for known_mm in self.used_distances_mm:
-            is_free &= np.abs(separations_mm - known_mm) > self.min_difference_mm
-        return is_free
+            is_different &= np.abs(separations_mm - known_mm) > self.min_difference_mm
+        return is_different
 
     def _project_places(self, places: Sequence[KeyPlace]) -> Floats:
         """Project the middles of places along the direction of the step."""
-        return self._project_points(_list_points(places))
+        return self._project_points(_list_middles(places))
 
     def _project_points(self, points_mm: Floats) -> Floats:
         """Project points (n, 3) along the direction of the step."""
@@ -164,6 +165,6 @@ class KeyPlacer:
         return points_mm - np.outer(points_mm @ direction, direction)
 
 
-def _list_points(places: Sequence[KeyPlace]) -> Floats:
+def _list_middles(places: Sequence[KeyPlace]) -> Floats:
     """List the middles (n, 3) of places."""
     return np.array([place.middle_mm for place in places]).reshape(-1, 3)

@@ -33,7 +33,7 @@ from decompose.connectors.tools import (
 from decompose.pieces import list_polygons
 
 SHORT_KEY_MM = 5.0  # length of the shorter key of a pair, and of additional keys
-EXCESS_MM = 1.0  # length by which the long key exceeds the mouth of the short groove, which it cannot enter
+EXCESS_MM = 1.0  # length by which the long key exceeds the mouth of the short groove, to keep it out
 END_GAP_MM = 0.25  # gap at each end of a key
 DEPTH_SAMPLES = 6  # number of depths at which the wall around a groove is examined
 RIM_PITCH_MM = 1.0  # minimum distance of the points between which grooves are tried

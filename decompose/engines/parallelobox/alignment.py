@@ -21,7 +21,7 @@ from decompose.geometry import (
     find_convex_outline,
     find_mirror,
     find_rotation_to_axis,
-    find_smallest_rectangle,
+    find_smallest_rectangle_angle_rad,
 )
 from decompose.grid import PLANE_CLEARANCE_MM, find_flat_coordinates
 from decompose.print_time import POSE_ROTATIONS
@@ -116,7 +116,8 @@ def _find_box_frame(vertices: Floats, axis: int) -> Floats:
         to_box: Any = oriented_bounds  # trimesh has no types for it
         return _find_smallest_rotation(to_box(vertices, ordered=False)[0][:3, :3])
     x, y = (axis + 1) % 3, (axis + 2) % 3
-    angle_rad = find_smallest_rectangle(find_convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))
+    outline = find_convex_outline(np.ascontiguousarray(vertices[:, [x, y]]))
+    angle_rad = find_smallest_rectangle_angle_rad(outline)
     angle_rad = (angle_rad + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
     turn = np.eye(3)
     turn[x, x] = turn[y, y] = math.cos(angle_rad)

@@ -10,7 +10,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
 from decompose.geometry.threemf.model_part import (
-    UNITS_MM,
+    MM_PER_UNIT,
     ModelPart,
     ObjectRecord,
     Reference,
@@ -70,7 +70,7 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
         raise ModelEmpty(f"{name}: its build places no triangles; export the model again")
     with np.errstate(over="ignore", invalid="ignore"):  # checked by the caller
         placed_triangles = list(build.place_references(root, part.items, np.vstack((np.eye(3), np.zeros(3)))))
-        triangles = np.concatenate(placed_triangles) * UNITS_MM[unit]
+        triangles = np.concatenate(placed_triangles) * MM_PER_UNIT[unit]
     return triangles, tuple(_list_notes(build, part, len(placed_triangles), unit))
 
 
@@ -80,8 +80,8 @@ def _list_notes(build: _Build, root: ModelPart, instance_count: int, unit: str) 
         yield f"Read {instance_count} objects as one model, placed as in the file."
     if unit != "millimeter":
         yield f"Converted from the unit {unit}."
-    if root.unprinted_count:
-        yield f"Left out {root.unprinted_count} of its objects, marked as not to be printed."
+    if root.unprinted_item_count:
+        yield f"Left out {root.unprinted_item_count} of its objects, marked as not to be printed."
     if build.other_kinds:
         yield f"Left out objects of the type {', '.join(sorted(build.other_kinds))}."
     unplaced_count = build.count_unplaced_objects()
@@ -119,7 +119,7 @@ class _Build:
         if path not in self._parts:
             part = read_model_part(self.name, path, self.package.unpack(path), self.max_triangles)
             unit = part.unit or self.unit or "millimeter"
-            if unit not in UNITS_MM or (self.unit and unit != self.unit):
+            if unit not in MM_PER_UNIT or (self.unit and unit != self.unit):
                 raise ModelUnreadable(
                     f"{self.name}: its unit {unit[:20]} is not known, or not the same in all parts; "
                     "export it in millimetres"

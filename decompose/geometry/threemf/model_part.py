@@ -17,7 +17,7 @@ from decompose.errors import ModelTooDetailed, ModelUnreadable
 from decompose.geometry.threemf.package import make_parser, parse_chunks
 
 MAX_OTHER_TAGS = 1_000_000  # maximum number of tags of other kinds, such as colours
-UNITS_MM = {
+MM_PER_UNIT = {
     "micron": 0.001,
     "millimeter": 1.0,
     "centimeter": 10.0,
@@ -29,7 +29,11 @@ UNITS_MM = {
 _SCHEMA = "http://schemas.microsoft.com/3dmanufacturing/"
 _CORE_NAMESPACES = (f"{_SCHEMA}core/2015/02", f"{_SCHEMA}2013/01/3dmodel")
 _PRODUCTION_NAMESPACE = f"{_SCHEMA}production/2015/06"
-_PLAIN_EXTENSIONS = (_PRODUCTION_NAMESPACE, f"{_SCHEMA}material/2015/02", f"{_SCHEMA}trianglesets/2021/07")
+_SUPPORTED_EXTENSIONS = (
+    _PRODUCTION_NAMESPACE,
+    f"{_SCHEMA}material/2015/02",
+    f"{_SCHEMA}trianglesets/2021/07",
+)
 """The production extension, which is read, and extensions without effect on the shape."""
 _IDENTITY_TRANSFORM = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
@@ -45,7 +49,7 @@ class Reference:
     transform
         (4, 3) matrix: a point (x, y, z, 1) times this matrix is the placed point.
     path
-        Path of the object's part; empty for the part of the reference.
+        Path of the object's part; empty if that is the part with the reference.
     """
 
     object_id: str
@@ -83,7 +87,7 @@ class ModelPart:
     unit: str | None = None
     objects: dict[str, ObjectRecord] = field(default_factory=dict)
     items: list[Reference] = field(default_factory=list)
-    unprinted_count: int = 0
+    unprinted_item_count: int = 0
 
 
 def read_model_part(name: str, part: str, chunks: Iterator[bytes], max_triangles: int) -> ModelPart:
@@ -105,11 +109,11 @@ def read_model_part(name: str, part: str, chunks: Iterator[bytes], max_triangles
     ModelTooDetailed
         The part has too many triangles or vertices.
     """
-    reader = _Reader(name, max_triangles)
+    handler = _TagHandler(name, max_triangles)
     parser = make_parser(name)
-    parser.StartElementHandler = reader.begin_tag
-    parser.EndElementHandler = reader.end_tag
-    parser.StartNamespaceDeclHandler = reader.declare_namespace
+    parser.StartElementHandler = handler.begin_tag
+    parser.EndElementHandler = handler.end_tag
+    parser.StartNamespaceDeclHandler = handler.declare_namespace
     try:
         parse_chunks(parser, name, part, chunks)
     except (KeyError, ValueError, OverflowError) as error:
@@ -117,13 +121,13 @@ def read_model_part(name: str, part: str, chunks: Iterator[bytes], max_triangles
         raise ModelUnreadable(
             f"{name}: line {parser.CurrentLineNumber} of its model {problem[:80]}; export it again"
         ) from error
-    if not reader.is_model:
+    if not handler.is_model:
         raise ModelUnreadable(f"{name}: its part {part[:80]} is not a 3MF model; export it again")
-    return reader.part
+    return handler.part
 
 
-class _Reader:
-    """Receiver of the tags of a model part."""
+class _TagHandler:
+    """Handler of the tags of a model part."""
 
     def __init__(self, name: str, max_triangles: int) -> None:
         self.part = ModelPart()
@@ -174,7 +178,7 @@ class _Reader:
         self.part.unit = attributes.get("unit")
         for prefix in attributes.get("requiredextensions", "").split():
             uri = self._namespaces.get(prefix, prefix)
-            if uri not in _PLAIN_EXTENSIONS:
+            if uri not in _SUPPORTED_EXTENSIONS:
                 raise ModelUnreadable(
                     f"{self._name}: needs the 3MF extension {uri.removeprefix(_SCHEMA)[:60]}, which is not "
                     "read; export it as plain triangles, or as STL"
@@ -196,7 +200,7 @@ class _Reader:
         vertices.append(float(attributes["y"]))
         vertices.append(float(attributes["z"]))
         if len(vertices) > 9 * self._max_triangles:
-            self._refuse_size()
+            self._raise_too_detailed()
 
     def _add_triangle(self, attributes: Mapping[str, str]) -> None:
         """Add a triangle to the object."""
@@ -206,9 +210,9 @@ class _Reader:
         faces.append(int(attributes["v3"]))
         self._triangles += 1
         if self._triangles > self._max_triangles:
-            self._refuse_size()
+            self._raise_too_detailed()
 
-    def _refuse_size(self) -> None:
+    def _raise_too_detailed(self) -> None:
         """Raise the error of a part with too many triangles."""
         raise ModelTooDetailed(
             f"{self._name}: has more than {self._max_triangles / 1e6:.1f} million triangles, for which the "
@@ -223,7 +227,7 @@ class _Reader:
     def _add_item(self, attributes: Mapping[str, str]) -> None:
         """Add a build item, or count it if it is not to be printed."""
         if attributes.get("printable", "1") in ("0", "false"):  # written by slicers
-            self.part.unprinted_count += 1
+            self.part.unprinted_item_count += 1
         else:
             self.part.items.append(_read_reference(attributes))
 

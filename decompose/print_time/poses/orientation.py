@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.geometry import find_convex_outline, find_smallest_rectangle, measure_rectangles
+from decompose.geometry import find_convex_outline, find_smallest_rectangle_angle_rad, measure_rectangles
 from decompose.jit import jit
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import CostModel
@@ -110,7 +110,7 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Tar
 
 
 def _list_rotations(directions: Floats, hull: Hull, printers: Sequence[TargetPrinter]) -> Floats:
-    """Find the rotations (m, 3, 3) that turn directions (k, 3) up and fit every printer at some yaw."""
+    """List the rotations (m, 3, 3) that turn directions (k, 3) up and fit every printer at some yaw."""
     rotations = [_find_rotation(up, hull.points, printers) for up in directions]
     return np.array([rotation for rotation in rotations if rotation is not None]).reshape(-1, 3, 3)
 
@@ -133,12 +133,12 @@ class Hull(NamedTuple):
     ----------
     points
         (h, 3) vertices of the hull in mm; all vertices of the part if it has no volume.
-    facets
-        (f, 3) area vectors of its facets in mm2, outward; none if it has no volume.
+    facet_vectors_mm2
+        (f, 3) outward area vectors of its facets; none if it has no volume.
     """
 
     points: Floats
-    facets: Floats
+    facet_vectors_mm2: Floats
 
 
 def build_hull(vertices: Floats) -> Hull:
@@ -169,7 +169,7 @@ def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
     surfaces = measure_surfaces(vertices, faces)
     area_vectors = surfaces.areas_mm2[:, None] * surfaces.normals
     directions = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
-    for normals, max_count in ((hull.facets, MAX_HULL_FACETS), (area_vectors, MAX_FLAT_FACES)):
+    for normals, max_count in ((hull.facet_vectors_mm2, MAX_HULL_FACETS), (area_vectors, MAX_FLAT_FACES)):
         directions = _append_distinct_directions(
             directions, -_find_flat_directions(normals), max_count, math.cos(math.radians(MIN_DIFFERENCE_DEG))
         )
@@ -251,7 +251,7 @@ def _find_rotation(up: Floats, hull: Floats, printers: Sequence[TargetPrinter]) 
     points = hull @ np.array([x, y]).T
     height_mm = float(np.ptp(hull @ up))
     outline = find_convex_outline(points)
-    angles_rad = find_smallest_rectangle(outline) + YAWS_RAD
+    angles_rad = find_smallest_rectangle_angle_rad(outline) + YAWS_RAD
     if len(axis):
         angles_rad = np.insert(angles_rad, 0, 0.0)
     for some_angles_rad in (angles_rad[:1], angles_rad[1:]):  # the first one almost always fits

@@ -21,7 +21,7 @@ from decompose.print_time.pose_prices import (
     sum_pose_features,
 )
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
-from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
+from decompose.print_time.thin_walls import SheetLimits, WallWidths, measure_thin_walls
 from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
 COLUMN_INDEX = ADDITIVE_FEATURES.index("column_mm3")
@@ -37,16 +37,16 @@ ADHESION_N_MM2 = 0.05  # adhesion of the first layer to the bed
 SUPPORTED_CONTACT_SHARE = 0.1  # adhesion of the area that supports carry, as a share of that of the part
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
 PULL_N = 0.5  # horizontal pull of the nozzle
+WEIGHT_N_MM3 = 1.25e-5  # weight of the filament
 
 # [assumed] A slender part on a small foot gets a warning, even if its brim holds it.
 SMALL_FOOT_MM2 = 300.0  # first layers with a smaller area count as small
 MIN_SLENDERNESS = 6.0  # minimum `Pose.slenderness`, such as that of a part 100 mm high on 300 mm2
-WEIGHT_N_MM3 = 1.25e-5  # weight of the filament
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A part on the bed.
+    """Pose of a part on the bed, with its price and its stability.
 
     Attributes
     ----------
@@ -67,8 +67,8 @@ class Pose:
         Volume of its supports.
     touched_mm2
         Area of cut faces to which support sticks.
-    brim_share_mm
-        Width by which the brim widens the footing.
+    footing_extension_mm
+        Width by which the brim widens the footing on each side.
     brim_width_mm, layer_0_expansion_mm
         Values chosen for the part; None to use those of the quality.
     bed_face_hidden, tops_hidden
@@ -83,7 +83,7 @@ class Pose:
     margin_mm: float
     support_mm3: float
     touched_mm2: float
-    brim_share_mm: float
+    footing_extension_mm: float
     brim_width_mm: float | None
     layer_0_expansion_mm: float | None
     bed_face_hidden: bool = False
@@ -94,7 +94,7 @@ class Pose:
         """True if the part stays in place while it is printed, given its footing and its brim."""
         footing = self.footing
         has_contact = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
-        return has_contact and self.tilt_ratio <= 1.0 and self.margin_mm >= -self.brim_share_mm
+        return has_contact and self.tilt_ratio <= 1.0 and self.margin_mm >= -self.footing_extension_mm
 
     @property
     def slenderness(self) -> float:
@@ -109,11 +109,19 @@ class Pose:
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
-        """Sort key (lower is better): standing, clean cut faces, time; tilt ratio first if the part falls."""
+        """Sort key, lower is better: stability, area of touched cut faces, price.
+
+        The tilt ratio of a part that falls takes precedence over the last two.
+        """
         touched_mm2 = self.touched_mm2 if self.touched_mm2 > MIN_TOUCHED_MM2 else 0.0
         if self.stands:
             return (0, 0.0, touched_mm2, self.price_s)
-        return (1 if self.margin_mm >= -self.brim_share_mm else 2, self.tilt_ratio, touched_mm2, self.price_s)
+        return (
+            1 if self.margin_mm >= -self.footing_extension_mm else 2,
+            self.tilt_ratio,
+            touched_mm2,
+            self.price_s,
+        )
 
 
 def measure_pose(
@@ -174,7 +182,7 @@ def measure_pose_from_features(
     up = np.ascontiguousarray(rotation[2])
     hidden_faces = find_hidden_faces(mesh.surfaces, mesh.is_cut, up, float(lo[2]), cost.skin_cos)
     saved_mm = hidden_faces.compute_saved_height_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
-    sheets = Sheets(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
+    sheets = SheetLimits(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
     columns = measure_columns(triangles, mesh.is_cut, cost.overhang_cos)
     thin_walls = measure_thin_walls(
         triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets
@@ -205,7 +213,7 @@ def measure_pose_from_features(
         margin_mm=margins_mm[-1],
         support_mm3=columns.support_mm3,
         touched_mm2=columns.touched_mm2,
-        brim_share_mm=BRIM_FOOTING_SHARE * pose_cost.brim_mm,
+        footing_extension_mm=BRIM_FOOTING_SHARE * pose_cost.brim_mm,
         brim_width_mm=brim_width_mm,
         layer_0_expansion_mm=expansion_mm,
         bed_face_hidden=hidden_faces.is_bed_hidden and cost.hidden_bed_share > 0.0,

@@ -11,7 +11,7 @@ from shapely import MultiPoint
 from decompose.geometry import (
     find_convex_outline,
     find_half_planes,
-    find_smallest_rectangle,
+    find_smallest_rectangle_angle_rad,
     measure_rectangles,
 )
 from decompose.geometry.convex import MIN_FILTERED_POINTS
@@ -47,7 +47,7 @@ def test_smallest_rectangle_equals_that_of_shapely(points: np.ndarray) -> None:
     outline = find_convex_outline(points)
     if not len(outline):
         return
-    ((length, width),) = measure_rectangles(outline, np.array([find_smallest_rectangle(outline)]))
+    ((length, width),) = measure_rectangles(outline, np.array([find_smallest_rectangle_angle_rad(outline)]))
     assert length >= width - 1e-9
     assert length * width == pytest.approx(MultiPoint(points).minimum_rotated_rectangle.area)
 

@@ -45,7 +45,7 @@ def read_refusal(data: bytes, kind: type[DecomposeError] = ModelUnreadable) -> s
     return text
 
 
-@pytest.mark.parametrize(("unit", "factor"), [(None, 1.0), *model_part.UNITS_MM.items()])
+@pytest.mark.parametrize(("unit", "factor"), [(None, 1.0), *model_part.MM_PER_UNIT.items()])
 def test_unit_of_a_3mf_file_is_converted_to_mm(unit: str | None, factor: float) -> None:
     data = pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'], unit))
     triangles, notes = read_3mf("a.3mf", data)

@@ -13,7 +13,7 @@ from decompose.grid import GridRules, build_grid, price_boxes
 from decompose.grid.box_index import find_box
 from decompose.pieces import find_cut_faces
 from decompose.print_time import (
-    MEAN_RUN_SHARE,
+    MEAN_SIDE_SHARE,
     POSE_ROTATIONS,
     CostModel,
     PartMesh,
@@ -21,7 +21,7 @@ from decompose.print_time import (
     find_best_pose,
     measure_pose,
 )
-from decompose.print_time.hidden_faces import RUN_END_MM, sum_side_ends_mm
+from decompose.print_time.hidden_faces import SIDE_END_MM, sum_side_ends_mm
 from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
 from decompose.printers import TargetPrinter
 
@@ -96,7 +96,7 @@ def test_walls_along_upright_cut_faces_are_cheaper():
     """Compare with the length of the walls over both speeds: 30 mm, less 6 mm at each end, in 80 layers."""
     fast_settings = replace(SETTINGS, hidden_outer_wall_mm_s=60.0, hidden_inner_wall_mm_s=60.0)
     cost = CostModel.from_settings(fast_settings)
-    saved_s = 80.0 * (30.0 - 2.0 * RUN_END_MM) * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
+    saved_s = 80.0 * (30.0 - 2.0 * SIDE_END_MM) * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
     plain_s, fast_s = (measure_block(SIDE_PLANE, cost=c).price_s for c in (COST, cost))
     assert plain_s - fast_s == pytest.approx(saved_s, rel=1e-6)
     for planes in ((), (BOTTOM_PLANE,)):
@@ -137,7 +137,7 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
     vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
     tables = price_boxes(grid, [TargetPrinter("huge", ((1e4, 1e4, 1e4),))], cost)
-    cost = replace(cost, hidden_side_share=MEAN_RUN_SHARE * side_share)
+    cost = replace(cost, hidden_side_share=MEAN_SIDE_SHARE * side_share)
     cheaper_count = 0
     for index in np.flatnonzero(tables.trimmed_box == np.arange(len(tables.trimmed_box)))[::9]:
         lo, hi = grid.find_bounds_mm(find_box(int(index), grid.shape))

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from decompose.geometry import Solid
-from decompose.print_time.thin_walls import Sheets, ThinWalls, WallWidths, measure_thin_walls
+from decompose.print_time.thin_walls import SheetLimits, ThinWalls, WallWidths, measure_thin_walls
 
 WIDTHS = WallWidths(0.35, 0.7, 1.4)
 SIDES_MM2 = 2 * 50.0 * 20.0
@@ -16,7 +16,7 @@ SIDES_MM2 = 2 * 50.0 * 20.0
 def measure_solid(solid: Solid, turn_deg: float = 0.0) -> ThinWalls:
     turned_solid = solid.rotate(Rotation.from_euler("z", turn_deg, degrees=True).as_matrix())
     vertices, faces = turned_solid.arrays()
-    return measure_thin_walls(vertices[faces], WIDTHS, Sheets(1.6, 0.2, 0.7))
+    return measure_thin_walls(vertices[faces], WIDTHS, SheetLimits(1.6, 0.2, 0.7))
 
 
 @pytest.mark.parametrize(
