@@ -188,7 +188,7 @@ class _Plan:
         The lighter body is moved, unless it is the only one that stands with its joint up.
         """
         moved, fixed = split.is_moved, split.is_fixed
-        direction = self._search.directions[split.direction]
+        direction = self._search.directions[split.direction_number]
         resting_parts = find_resting_parts(self._mass_properties, _list_numbers(fixed), direction)
         other_resting_parts = find_resting_parts(self._mass_properties, _list_numbers(moved), -direction)
         is_fixed_lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())

@@ -33,7 +33,7 @@ class Split:
 
     is_moved: Bools
     is_fixed: Bools
-    direction: int
+    direction_number: int
 
     @property
     def smaller_count(self) -> int:
@@ -91,7 +91,7 @@ class Glue:
 
     def measure_sliding_area_mm2(self, split: Split) -> float:
         """Measure the glued area of a split without the faces that close along its direction."""
-        closing_mm2 = float(self.closing_mm2[split.direction][split.is_moved][:, split.is_fixed].sum())
+        closing_mm2 = float(self.closing_mm2[split.direction_number][split.is_moved][:, split.is_fixed].sum())
         return max(0.0, self.measure_glued_area_mm2(split) - closing_mm2)
 
     def is_closing(self, split: Split) -> bool:
@@ -177,24 +177,24 @@ class SplitSearch:
         """List the splits of a set (n,) into two that can be moved apart."""
         numbers = np.flatnonzero(parts)
         splits = []
-        for direction in range(len(self.directions)):
-            for mask in self._list_movable_sets(direction, numbers):
+        for direction_number in range(len(self.directions)):
+            for mask in self._list_movable_sets(direction_number, numbers):
                 moved = np.zeros(len(parts), dtype=np.bool_)
                 moved[numbers[mask]] = True
-                splits.append(Split(moved, parts & ~moved, direction))
+                splits.append(Split(moved, parts & ~moved, direction_number))
         return splits
 
-    def _list_movable_sets(self, direction: int, numbers: Ints) -> Iterator[Bools]:
+    def _list_movable_sets(self, direction_number: int, numbers: Ints) -> Iterator[Bools]:
         """List the sets of parts that can be moved along a direction, as masks over `numbers`.
 
         These sets are each part with all parts that block it, the parts beyond a plane that cuts no part, and
         the bodies of these sets if no other body blocks them.
         """
-        blocked_by = self.blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
+        blocked_by = self.blocking[direction_number][np.ix_(numbers, numbers)].T | np.eye(
             len(numbers), dtype=np.bool_
         )
         reach = _compute_closure(blocked_by)
-        sets = [*reach, *self._list_sets_beyond_planes(direction, numbers)]
+        sets = [*reach, *self._list_sets_beyond_planes(direction_number, numbers)]
         sets += chain.from_iterable([self._list_bodies(mask, numbers, reach) for mask in sets])
         distinct = {mask.tobytes(): mask for mask in sets if 0 < mask.sum() < len(numbers)}
         yield from distinct.values()
@@ -211,9 +211,9 @@ class SplitSearch:
                 bodies.append(inside)
         return bodies
 
-    def _list_sets_beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
+    def _list_sets_beyond_planes(self, direction_number: int, numbers: Ints) -> list[Bools]:
         """List the sets of parts beyond planes that cut no part, as masks over `numbers`."""
-        low_mm, high_mm = self.low_mm[direction, numbers], self.high_mm[direction, numbers]
+        low_mm, high_mm = self.low_mm[direction_number, numbers], self.high_mm[direction_number, numbers]
         planes_mm = np.unique(np.round(low_mm, 3))
         sides = [low_mm >= plane_mm - MAX_TOUCH_OVERLAP_MM for plane_mm in planes_mm]
         return [

@@ -176,7 +176,7 @@ def _make_key_groove(layout: _Layout, n: int, y_mm: float, inward_normal: Floats
 
 
 def _name_fits() -> Iterator[str]:
-    """Yield the number of each fit."""
+    """Yield the number that marks each fit, in tenths of a millimetre."""
     return (f"{10.0 * fit_mm:.0f}" for fit_mm in FITS_MM)
 
 
@@ -189,7 +189,7 @@ def _drill_hole(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: 
 
 
 def _write_mark(text: str, middle_mm: Floats, up_direction: Floats, direction: Floats) -> Mark:
-    """Make a number around a point (3,) on a face, from its directions (3,) up and into the block."""
+    """Make the mark of a number around a point (3,) on a face; the directions (3,) are up and inward."""
     right = np.cross(up_direction, -direction)
     lines = (
         draw_strokes(text) * (LETTER_HEIGHT_MM / GRID_HEIGHT) @ np.stack([right, up_direction]) + middle_mm

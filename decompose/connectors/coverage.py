@@ -34,12 +34,12 @@ def sample_glue(sides: Sequence[Side]) -> Floats:
     )
 
 
-def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
+def find_far_glue(glue_points_mm: Floats, pins: Sequence[Pin]) -> Floats:
     """Find the points of glue that are far from all pins.
 
     Parameters
     ----------
-    glue_mm
+    glue_points_mm
         (n, 3) points from `sample_glue`.
     pins
         Pins and keys so far.
@@ -50,16 +50,20 @@ def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
         (k, 3) points; all if there are no pins, none if nearly all glue is within reach.
     """
     if not pins:
-        return glue_mm
-    far_glue_mm = glue_mm[
-        cdist(glue_mm, [pin.position_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM
+        return glue_points_mm
+    far_glue_points_mm = glue_points_mm[
+        cdist(glue_points_mm, [pin.position_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM
     ]
     return np.asarray(
-        far_glue_mm if len(far_glue_mm) > (1.0 - MIN_REACHED_SHARE) * len(glue_mm) else far_glue_mm[:0]
+        far_glue_points_mm
+        if len(far_glue_points_mm) > (1.0 - MIN_REACHED_SHARE) * len(glue_points_mm)
+        else far_glue_points_mm[:0]
     )
 
 
-def sort_places_by_gain(places_mm: Floats, far_glue_mm: Floats, weights: Floats | float = 1.0) -> list[int]:
+def sort_places_by_gain(
+    places_mm: Floats, far_glue_points_mm: Floats, weights: Floats | float = 1.0
+) -> list[int]:
     """Sort places by the area of far glue within reach, multiplied by their weights.
 
     Places with little far glue within reach are left out.
@@ -68,7 +72,7 @@ def sort_places_by_gain(places_mm: Floats, far_glue_mm: Floats, weights: Floats 
     ----------
     places_mm
         (n, 3) points.
-    far_glue_mm
+    far_glue_points_mm
         (k, 3) points from `find_far_glue`.
     weights
         (n,) weights, or one for all.
@@ -78,7 +82,7 @@ def sort_places_by_gain(places_mm: Floats, far_glue_mm: Floats, weights: Floats 
     list[int]
         Numbers of the places, the best first.
     """
-    gains_mm2 = (cdist(places_mm, far_glue_mm) < REACH_MM).sum(axis=1) * GLUE_PITCH_MM**2
+    gains_mm2 = (cdist(places_mm, far_glue_points_mm) < REACH_MM).sum(axis=1) * GLUE_PITCH_MM**2
     order = np.argsort(-gains_mm2 * weights, kind="stable")
     return [int(number) for number in order if gains_mm2[number] >= MIN_GAIN_MM2]
 

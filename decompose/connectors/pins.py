@@ -95,8 +95,8 @@ def place_pins(
         held_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
         pairs = [pair for j in held_joints for pair in find_sides(workpieces.blanks, j, joints[j])]
         sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, is_sliding=True)
-        glue_mm = sample_glue([side for side, _ in pairs])
-        placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
+        glue_points_mm = sample_glue([side for side, _ in pairs])
+        placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_points_mm, options.pin_mm)
         new_pins = placer.place_connectors([*options.used_distances_mm, *_measure_pair_distances_mm(pins)])
         pins += new_pins
         if not new_pins:
@@ -145,7 +145,7 @@ class _PinPlacer:
         Number of the step, and the step.
     sites, sliding_sites
         Faces that close along the direction of the step, and faces that slide along it.
-    glue_mm
+    glue_points_mm
         (n, 3) sample points on all glued faces of the step.
     pin_mm
         Diameter of the pins.
@@ -156,7 +156,7 @@ class _PinPlacer:
     step: AssemblyStep
     sites: list[Site]
     sliding_sites: list[Site]
-    glue_mm: Floats
+    glue_points_mm: Floats
     pin_mm: float
 
     def place_connectors(self, used_distances_mm: Sequence[float]) -> list[Pin]:
@@ -170,7 +170,7 @@ class _PinPlacer:
             KeyPlacer(
                 KeyMaker(self.workpieces, self.step_number, self.step.direction, key_mm),
                 self.sites,
-                self.glue_mm,
+                self.glue_points_mm,
                 pins,
                 used_distances_mm,
                 self.min_difference_mm,
@@ -248,12 +248,14 @@ class _PinPlacer:
 
     def _place_pair(self, used_distances_mm: Sequence[float]) -> list[Pin]:
         """Place a deep and a shallow pin as far apart as possible, at a distance that no other pair has."""
-        deep, shallow = (self._find_axis_areas(is_shallow) for is_shallow in (False, True))
-        best_pair = self._find_farthest_pair(deep, shallow)
+        deep_areas, shallow_areas = (self._find_axis_areas(is_shallow) for is_shallow in (False, True))
+        best_pair = self._find_farthest_pair(deep_areas, shallow_areas)
         if best_pair is None:
             return []
-        inner = [[place.buffer(-EXTRA_MARGIN_MM) for place in places] for places in (deep, shallow)]
-        inner_pair = self._find_farthest_pair(*inner)
+        inner_areas = [
+            [area.buffer(-EXTRA_MARGIN_MM) for area in areas] for areas in (deep_areas, shallow_areas)
+        ]
+        inner_pair = self._find_farthest_pair(*inner_areas)
         if inner_pair is not None and inner_pair[0] >= EXTRA_MARGIN_SHARE * best_pair[0]:
             best_pair = inner_pair
         separation_mm, (site, deep_mm), (shallow_site, end_mm) = best_pair
@@ -263,7 +265,7 @@ class _PinPlacer:
             new_mm = self._measure_separation_mm(deep_mm, shallow_mm)
             if any(abs(new_mm - known_mm) < self.min_difference_mm for known_mm in used_distances_mm):
                 continue
-            if not shallow[shallow_site].contains(
+            if not shallow_areas[shallow_site].contains(
                 shapely.Point(self.sites[shallow_site].moved_side.flatten(shallow_mm))
             ):
                 continue
@@ -306,13 +308,13 @@ class _PinPlacer:
             (others[second], other_points[second]),
         )
 
-    def _list_corners(self, places: list[shapely.Geometry]) -> tuple[list[int], Floats]:
-        """List the corners of the convex hull of each site's places, as points (n, 3), and their sites."""
+    def _list_corners(self, areas: list[shapely.Geometry]) -> tuple[list[int], Floats]:
+        """List the corners of the convex hull of each site's area, as points (n, 3), and their sites."""
         sites: list[int] = []
         points = [np.zeros((0, 3))]
-        for number, place in enumerate(places):
+        for number, area in enumerate(areas):
             corners = shapely.get_coordinates(
-                place.buffer(-ROUNDING_MARGIN_MM).convex_hull.simplify(MIN_CORNER_MM)
+                area.buffer(-ROUNDING_MARGIN_MM).convex_hull.simplify(MIN_CORNER_MM)
             )
             sites += [number] * len(corners)
             points.append(self.sites[number].moved_side.lift(corners))
@@ -329,11 +331,11 @@ class _PinPlacer:
     def _place_single_pin(self) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if possible."""
         for is_shallow in (False, True):
-            places = self._find_axis_areas(is_shallow)
-            areas = [(p, n) for n, place in enumerate(places) for p in list_polygons(place) if p.area > 0.0]
-            if areas:
-                area, number = max(areas, key=lambda pair: pair[0].area)
-                middle = shapely.maximum_inscribed_circle(area).coords[0]
+            areas = self._find_axis_areas(is_shallow)
+            polygons = [(p, n) for n, area in enumerate(areas) for p in list_polygons(area) if p.area > 0.0]
+            if polygons:
+                polygon, number = max(polygons, key=lambda pair: pair[0].area)
+                middle = shapely.maximum_inscribed_circle(polygon).coords[0]
                 pin = self._make_pin(
                     number, self.sites[number].moved_side.lift(np.array(middle)), is_shallow, np.zeros(3)
                 )
@@ -344,18 +346,18 @@ class _PinPlacer:
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
         """Place a shallow pin that reaches the most glue far from other pins; None if none is worthwhile."""
-        far_glue_mm = find_far_glue(self.glue_mm, pins)
-        if not len(far_glue_mm):
+        far_glue_points_mm = find_far_glue(self.glue_points_mm, pins)
+        if not len(far_glue_points_mm):
             return None
-        places = self._find_axis_areas(True)
-        sites, corners = self._list_corners(places)
+        areas = self._find_axis_areas(True)
+        sites, corners = self._list_corners(areas)
         inner_points_mm = [
-            sample_points(site.moved_side, place.buffer(-ROUNDING_MARGIN_MM), PLACE_PITCH_MM)
-            for site, place in zip(self.sites, places, strict=True)
+            sample_points(site.moved_side, area.buffer(-ROUNDING_MARGIN_MM), PLACE_PITCH_MM)
+            for site, area in zip(self.sites, areas, strict=True)
         ]
         sites += [number for number, points in enumerate(inner_points_mm) for _ in points]
         points = np.concatenate([corners, *inner_points_mm])
-        for best in sort_places_by_gain(points, far_glue_mm):
+        for best in sort_places_by_gain(points, far_glue_points_mm):
             pin = self._make_pin(sites[best], points[best], True, np.zeros(3))
             if pin is not None:
                 self.workpieces.tools += pin.holes

@@ -182,7 +182,7 @@ def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up_direction:
 
 
 def closes_in_a_step(tool: Tool, up_direction: Floats) -> bool:
-    """Check whether the ceiling of a tool closes within one layer by more than prints without support.
+    """Check whether the ceiling of a tool closes in one layer by more than can be printed without support.
 
     The sections of a convex tool shrink towards its top. The slicer drops short ones, so a ceiling that ends
     in a point closes one or two layers early.

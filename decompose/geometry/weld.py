@@ -36,11 +36,11 @@ class EdgeUses:
     Attributes
     ----------
     single_count
-        Number of edges of one face: the surface is open there.
+        Number of edges that only one face uses: the surface is open there.
     nonmanifold_count
-        Number of edges of more than two faces.
+        Number of edges that more than two faces use.
     repeated_count
-        Number of directed edges of two faces: the faces are oriented in opposite directions.
+        Number of directed edges that two faces use: these faces are oriented in opposite directions.
     """
 
     single_count: int

@@ -29,7 +29,7 @@ class Contours(NamedTuple):
         Weighted length of the rims of faces with skin, as seen from above. The weight is the difference
         between |n| of the face and |n| of the steeper face beside it, multiplied by -`RISING_WALL_FACTOR` if
         the steeper face rises.
-    ends_mm
+    rim_ends_mm
         The same length without the factor -`RISING_WALL_FACTOR`, because lines of skin end at every rim.
     ring_mm2
         Sum of A sqrt(1 - n^2) over the slopes below which infill is denser.
@@ -38,7 +38,7 @@ class Contours(NamedTuple):
     """
 
     rim_mm: float
-    ends_mm: float
+    rim_ends_mm: float
     ring_mm2: float
     steep_top_mm2: float
 
@@ -114,9 +114,9 @@ def _sum_rims_mm(
     Returns
     -------
     tuple
-        `rim_mm` and `ends_mm` of `Contours`.
+        `rim_mm` and `rim_ends_mm` of `Contours`.
     """
-    rim_mm, ends_mm = 0.0, 0.0
+    rim_mm, rim_ends_mm = 0.0, 0.0
     has_skin = np.zeros(len(faces), np.bool_)
     for i in range(len(faces)):
         has_skin[i] = abs(normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]) > skin_cos
@@ -138,6 +138,6 @@ def _sum_rims_mm(
             n_flat += normals[flat, axis] * up[axis]
             n_steep += normals[steep, axis] * up[axis]
         length_mm = np.sqrt(max(0.0, squared_length - rise * rise)) * (abs(n_flat) - abs(n_steep))
-        ends_mm += length_mm
+        rim_ends_mm += length_mm
         rim_mm += length_mm if apex_offset < 0.0 else -RISING_WALL_FACTOR * length_mm
-    return rim_mm, ends_mm
+    return rim_mm, rim_ends_mm

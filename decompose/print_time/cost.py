@@ -228,7 +228,7 @@ class CostModel:
         assumed_s = max(0.0, skin_s - self.skin_rim_s_mm * math.sqrt(max(0.0, skin_mm2)))
         rims_s = max(0.0, skin_s - self.rim_s_mm * contours.rim_mm) - assumed_s
         rings_s = self.ring_s_mm2 * contours.ring_mm2 + self.steep_top_s_mm2 * contours.steep_top_mm2
-        return rims_s + self.rim_end_s_mm * contours.ends_mm + rings_s
+        return rims_s + self.rim_end_s_mm * contours.rim_ends_mm + rings_s
 
     def price_thin_walls_s(self, thin_walls: ThinWalls) -> float:
         """Compute the price of thin walls and sheets minus that of thick ones."""

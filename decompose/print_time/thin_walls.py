@@ -15,7 +15,7 @@ from decompose.arrays import Floats
 from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_bounds, find_crossings
 from decompose.jit import jit
 
-RAY_COUNT = 4_000  # approximate number of rays along each axis
+RAY_COUNT = 4_000  # approximate number of rays parallel to each axis
 MIN_STEP_MM = 0.05  # minimum distance between rays
 MIN_GAP_MM = 0.05  # minimum gap between walls that is filled
 
@@ -81,7 +81,7 @@ def measure_thin_walls(
     sheets
         Limits of thin sheets.
     count
-        Approximate number of rays along each axis.
+        Approximate number of rays parallel to each axis.
     """
     sums = np.zeros(3)
     mesh = _Mesh(np.ascontiguousarray(triangles), *find_bounds(triangles), compute_unit_normals(triangles))

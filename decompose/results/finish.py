@@ -160,13 +160,13 @@ def _find_steady_poses(
     makespan_s = max(pose.price_s * ratio for pose, ratio in zip(poses, ratios, strict=True))
     round_counts = Counter(printer.name for printer in problem.printers)
 
-    def find_pose(piece: Piece, fastest: Pose, printer: TargetPrinter, ratio: float) -> Pose:
+    def find_pose(piece: Piece, fastest_pose: Pose, printer: TargetPrinter, ratio: float) -> Pose:
         spare_s = MAX_END_SHARE * makespan_s / ratio if round_counts[printer.name] == 1 else 0.0
         vertices, faces = piece.solid.arrays()
         mesh = PartMesh(vertices, faces, find_cut_faces(vertices, faces, piece.planes))
         printers = (*problem.list_piece_printers(piece), printer)
         return find_steady_pose(
-            mesh, printers, problem.cost, fastest, compute_steady_limit_s(fastest, spare_s)
+            mesh, printers, problem.cost, fastest_pose, compute_steady_limit_s(fastest_pose, spare_s)
         )
 
     return list(problem.map(find_pose, pieces, poses, assigned_printers, ratios))

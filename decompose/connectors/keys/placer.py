@@ -29,7 +29,7 @@ class KeyPlacer:
         Maker of keys for the step.
     sites
         Joint faces that the step closes along its direction.
-    glue_mm
+    glue_points_mm
         (n, 3) sample points on all glued faces of the step.
     pins
         Pins and keys of the step so far; new keys are added.
@@ -40,7 +40,7 @@ class KeyPlacer:
 
     maker: KeyMaker
     sites: Sequence[Site]
-    glue_mm: Floats
+    glue_points_mm: Floats
     pins: list[Pin]
     used_distances_mm: Sequence[float]
     min_difference_mm: float
@@ -87,11 +87,11 @@ class KeyPlacer:
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
-            far_glue_mm = find_far_glue(self.glue_mm, self.pins)
-            places = self._list_places(SHORT_KEY_MM) if len(far_glue_mm) else []
+            far_glue_points_mm = find_far_glue(self.glue_points_mm, self.pins)
+            places = self._list_places(SHORT_KEY_MM) if len(far_glue_points_mm) else []
             if places:
                 self._place_key(
-                    sort_places_by_gain(_list_middles(places), far_glue_mm, self._weigh_places(places))
+                    sort_places_by_gain(_list_middles(places), far_glue_points_mm, self._weigh_places(places))
                 )
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
@@ -99,13 +99,17 @@ class KeyPlacer:
         count = -1
         while len(self.pins) > count:
             count = len(self.pins)
-            far_glue_mm = find_far_glue(self.glue_mm, self.pins)
+            far_glue_points_mm = find_far_glue(self.glue_points_mm, self.pins)
             places = (
-                self.maker.find_sliding_places(sites, self.sites, SHORT_KEY_MM) if len(far_glue_mm) else []
+                self.maker.find_sliding_places(sites, self.sites, SHORT_KEY_MM)
+                if len(far_glue_points_mm)
+                else []
             )
             places = self._list_free_places(places)
             if places:
-                numbers = sort_places_by_gain(_list_middles(places), far_glue_mm, self._weigh_places(places))
+                numbers = sort_places_by_gain(
+                    _list_middles(places), far_glue_points_mm, self._weigh_places(places)
+                )
                 self._add_printable_key([places[number] for number in numbers])
 
     def _place_key(self, numbers: Sequence[int]) -> None:

@@ -114,7 +114,7 @@ class KeyMaker:
     """Maker of keys of one diameter for a step with a direction (3,); it also finds their places."""
 
     workpieces: Workpieces
-    step: int
+    step_number: int
     direction: Floats
     key_mm: float
 
@@ -183,7 +183,7 @@ class KeyMaker:
                 return None
             grooves.append(cut_groove_at_exit(groove, ends[1], place.direction) if is_open else groove)
         return Pin(
-            step=self.step,
+            step=self.step_number,
             joint=site.moved_side.joint,
             position_mm=place.middle_mm,
             axis=self.direction,

@@ -17,7 +17,7 @@ MAX_SHARP_DEG = 120.0  # maximum angle of a sharp corner
 MAX_ROUNDING_MM = 1.0  # maximum size of a chamfer or a rounding that counts as one corner
 
 # [assumed] Limits that decide the width of a brim.
-MAX_STEADY_RATIO = 3.0  # maximum ratio of height to width of the walls in the first layer without a brim
+MAX_STEADY_RATIO = 3.0  # maximum ratio of a part's height to `Footing.wall_mm` without a brim
 SUFFICIENT_CONTACT_MM2 = 400.0  # contact area from which adhesion needs no brim
 # Lengths of a base from which its corners lift, and from which they need the widest brim.
 WARP_LENGTHS_MM = (60.0, 120.0)

@@ -35,20 +35,20 @@ def make_frustum(bottom_mm: float, top_mm: float, height_mm: float) -> Solid:
 
 def test_rims_of_a_block_are_those_of_its_bottom_and_top() -> None:
     rims = measure_solid(Solid.box((0, 0, 0), (30, 20, 10)))
-    assert rims.rim_mm == rims.ends_mm == pytest.approx(2 * 100.0)
+    assert rims.rim_mm == rims.rim_ends_mm == pytest.approx(2 * 100.0)
 
 
 def test_skin_continues_under_a_wall_that_rises_from_it() -> None:
     stepped_block = Solid.union([Solid.box((0, 0, 0), (60, 60, 10)), Solid.box((20, 20, 9), (40, 40, 20))])
     rims = measure_solid(stepped_block)
     assert rims.rim_mm == pytest.approx(2 * 240.0 + 80.0 - RISING_WALL_FACTOR * 80.0)
-    assert rims.ends_mm == pytest.approx(2 * 240.0 + 2 * 80.0)
+    assert rims.rim_ends_mm == pytest.approx(2 * 240.0 + 2 * 80.0)
 
 
 def test_ball_has_no_rims() -> None:
     ball = trimesh.creation.icosphere(5, 20.0)
     rims = measure_solid(Solid.from_arrays(ball.vertices, ball.faces))
-    assert rims.ends_mm < 0.05 * 4 * np.pi * 20.0 * np.sqrt(1.0 - 0.7**2)
+    assert rims.rim_ends_mm < 0.05 * 4 * np.pi * 20.0 * np.sqrt(1.0 - 0.7**2)
 
 
 def test_rings_lie_below_slopes_that_are_flat_enough() -> None:
