@@ -125,7 +125,9 @@ class PrintTimeSettings:
     infill_mm_s: float = 60.0
     hidden_outer_wall_mm_s: float = 0.0  # on upright sides hidden after gluing; 0 for outer_wall_mm_s
     hidden_inner_wall_mm_s: float = 0.0
+    skin_line_width_mm: float = 0.35
     skin_mm_s: float = 30.0
+    roof_line_width_mm: float = 0.35
     roof_layers: int = 0  # number of uppermost layers of a top, at another speed unless all tops are hidden
     roof_mm_s: float = 30.0
     support_mm_s: float = 40.0
@@ -154,14 +156,14 @@ class PrintTimeSettings:
         return outer_s + sum(depths_mm) / self.inner_wall_mm_s
 
     @property
-    def skin_s_mm(self) -> float:
-        """Seconds per mm of line in all layers of a skin; one of the two skins lies on the bed."""
+    def skin_s_mm2(self) -> float:
+        """Seconds per mm2 in all layers of a skin; one of the two skins lies on the bed."""
         layers = min(self.slow_layers, round(self.skin_layers))
         speed_step_mm_s = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layers, 1)
         first_s_mm = sum(1.0 / (self.brim_mm_s + i * speed_step_mm_s) for i in range(layers))
-        return (
-            self.skin_layers / self.skin_mm_s + (first_s_mm - layers / self.skin_mm_s + self.roof_s_mm) / 2.0
-        )
+        bed_s_mm = first_s_mm - layers / self.skin_mm_s
+        lines_s_mm = self.skin_layers / self.skin_mm_s + bed_s_mm / 2.0
+        return lines_s_mm / self.skin_line_width_mm + self.roof_s_mm2 / 2.0
 
     @property
     def skin_stop_s(self) -> float:
@@ -169,10 +171,15 @@ class PrintTimeSettings:
         return min(self.skin_mm_s, MAX_STOP_MM_S) / self.acceleration_mm_s2
 
     @property
-    def roof_s_mm(self) -> float:
-        """Additional seconds per mm of line in all layers of a top, due to the speed of its roof layers."""
+    def skin_layer_s_mm2(self) -> float:
+        """Seconds per mm2 of a layer of skin that is neither among the first ones nor a roof layer."""
+        return 1.0 / (self.skin_mm_s * self.skin_line_width_mm)
+
+    @property
+    def roof_s_mm2(self) -> float:
+        """Additional seconds per mm2 in all layers of a top, due to the lines of its roof layers."""
         layers = min(self.roof_layers, self.skin_layers)
-        return layers * (1.0 / self.roof_mm_s - 1.0 / self.skin_mm_s)
+        return layers * (1.0 / (self.roof_mm_s * self.roof_line_width_mm) - self.skin_layer_s_mm2)
 
     @property
     def hidden_wall_s_mm2(self) -> float:
@@ -185,13 +192,15 @@ class PrintTimeSettings:
     @property
     def hidden_bed_share(self) -> float:
         """Share of the time of a skin that is saved at a hidden face on the bed."""
-        return self.bed_layers_saved / self.skin_mm_s / self.skin_s_mm if self.skin_layers > 0.0 else 0.0
+        return (
+            self.bed_layers_saved * self.skin_layer_s_mm2 / self.skin_s_mm2 if self.skin_layers > 0.0 else 0.0
+        )
 
     @property
     def hidden_top_share(self) -> float:
         """Share of the time of a skin that is saved at hidden tops."""
-        saved_s_mm = self.top_layers_saved / self.skin_mm_s + self.roof_s_mm
-        return saved_s_mm / self.skin_s_mm if self.skin_layers > 0.0 else 0.0
+        saved_s_mm2 = self.top_layers_saved * self.skin_layer_s_mm2 + self.roof_s_mm2
+        return saved_s_mm2 / self.skin_s_mm2 if self.skin_layers > 0.0 else 0.0
 
     @property
     def sparse_lines_per_mm(self) -> float:
@@ -267,7 +276,6 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
     walls_s_mm = (1.0 / s.outer_wall_mm_s if s.wall_count > 0 else 0.0) + inner_walls_s_mm
     support_lines_per_mm = 1.0 / s.support_line_distance_mm if s.support_line_distance_mm > 0.0 else 0.0
     infill_s_mm3 = s.sparse_lines_per_mm / (layer_mm * s.infill_mm_s)
-    skin_s_mm2 = s.skin_s_mm / s.line_width_mm
     return {
         "infill": _build_vector(
             volume_mm3=infill_s_mm3,
@@ -282,9 +290,9 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "connections": _build_vector(
             lateral_mm2=s.connection_s_mm2, height_mm=-LOOP_SHORTENING * s.walls_mm * s.connection_s_mm2
         ),
-        "skin": _build_vector(skin_mm2=skin_s_mm2),
-        "skin rim": _build_vector(skin_rim_mm=-skin_s_mm2 * s.walls_mm),
-        "slope ends": _build_vector(slope_mm2=s.skin_stop_s / (layer_mm * s.line_width_mm)),
+        "skin": _build_vector(skin_mm2=s.skin_s_mm2),
+        "skin rim": _build_vector(skin_rim_mm=-s.skin_s_mm2 * s.walls_mm),
+        "slope ends": _build_vector(slope_mm2=s.skin_stop_s / (layer_mm * s.skin_line_width_mm)),
         "columns": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support sides": _build_vector(
@@ -299,7 +307,6 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
 def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
     """Compute the seconds of the terms whose features depend on a pose, as in `compute_time_terms`."""
     s, layer_mm = settings, settings.layer_height_mm
-    skin_s_mm2 = s.skin_s_mm / s.line_width_mm
     stop_s = s.travel_mm_s / s.acceleration_mm_s2 / 2.0
     return {
         "islands": _build_vector(
@@ -312,9 +319,11 @@ def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "holes": _build_vector(
             holes_mm=HOLE_VISITS * stop_s / layer_mm, hole_paths_mm2=HOLE_VISITS / (layer_mm * s.travel_mm_s)
         ),
-        "rims": _build_vector(rim_mm=-skin_s_mm2 * s.walls_mm),
+        "rims": _build_vector(rim_mm=-s.skin_s_mm2 * s.walls_mm),
         # On average over all directions, a line ends once for every length of pi line widths of the rim.
-        "rim ends": _build_vector(rim_ends_mm=s.skin_layers * s.skin_stop_s / (math.pi * s.line_width_mm)),
+        "rim ends": _build_vector(
+            rim_ends_mm=s.skin_layers * s.skin_stop_s / (math.pi * s.skin_line_width_mm)
+        ),
         "rings": _build_vector(ring_mm2=s.connection_s_mm2 if s.infill_steps else 0.0),
         "thin walls": _build_vector(
             bare_mm2=-max(s.wall_count - 1, 0) / s.inner_wall_mm_s / layer_mm,
@@ -322,7 +331,7 @@ def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
             full_mm2=-FACTORS["connections"] * s.connection_s_mm2
             - FACTORS["infill ends"] * s.infill_ends_s_mm2,
         ),
-        "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer_mm * s.line_width_mm * s.skin_mm_s)),
+        "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer_mm * s.skin_line_width_mm * s.skin_mm_s)),
         "steep tops": _build_vector(steep_top_mm2=s.top_line_ratio / (layer_mm * s.infill_mm_s)),
     }
 

@@ -27,11 +27,12 @@ _CURA_SKIN_SPEED, _CURA_ROOF_SPEED = (
 # Fewer and wider lines with the same plastic, at most 1.1 times as wide as the nozzle. The flow is that of
 # the infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of
 # 0.4 mm), and 4 % more in the highest layers that are fitted to a part.
-_MAX_INFILL_FLOW_MM3_S = 5.5
-_INFILL_LINE_WIDTH = (
+_MAX_FLOW_MM3_S = 5.5
+_INFILL_LINE_WIDTH, _SKIN_LINE_WIDTH = (
     "max(line_width, min(1.1 * machine_nozzle_size,"
-    f" {_MAX_INFILL_FLOW_MM3_S} / (resolveOrValue('layer_height') * speed_infill)))"
+    f" {_MAX_FLOW_MM3_S} / (resolveOrValue('layer_height') * {speed})))"
     " if machine_nozzle_size >= 0.4 else line_width"
+    for speed in ("speed_infill", "speed_topbottom")
 )
 
 
@@ -93,6 +94,8 @@ _GLUE = Quality(
         "infill_sparse_density": 10.0,
         "infill_pattern": "zigzag",
         "infill_line_width": Formula(_INFILL_LINE_WIDTH),
+        "skin_line_width": Formula(_SKIN_LINE_WIDTH),
+        "roofing_line_width": Formula("line_width"),  # because the uppermost layer of a top is visible
         # [assumed] Half the infill deeper than 2 mm below any top, where it carries no load. The walls
         # bear the load of a glued joint, as in the paper's prints, whose infill is as light everywhere.
         "gradual_infill_steps": 1,

@@ -79,21 +79,29 @@ def test_walls_inside_the_outline_are_shorter() -> None:
 
 
 def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
-    settings = PrintTimeSettings(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, slow_layers=2)
-    bed_layers_s_mm, upper_layers_s_mm = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
-    assert settings.skin_s_mm == pytest.approx((bed_layers_s_mm + upper_layers_s_mm) / 2.0)
-
-
-def test_uppermost_layer_of_a_top_has_its_own_speed() -> None:
     settings = PrintTimeSettings(
-        skin_layers=4.0, skin_mm_s=50.0, brim_mm_s=50.0, roof_layers=1, roof_mm_s=25.0
+        skin_layers=4.0, skin_line_width_mm=0.4, skin_mm_s=20.0, brim_mm_s=30.0, slow_layers=2
     )
-    assert settings.skin_s_mm == pytest.approx((4.0 / 50.0 + 3.0 / 50.0 + 1.0 / 25.0) / 2.0)
+    bed_layers_s_mm, upper_layers_s_mm = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
+    assert settings.skin_s_mm2 == pytest.approx((bed_layers_s_mm + upper_layers_s_mm) / 2.0 / 0.4)
+
+
+def test_uppermost_layer_of_a_top_has_its_own_lines_and_speed() -> None:
+    settings = PrintTimeSettings(
+        skin_layers=4.0,
+        skin_line_width_mm=0.5,
+        skin_mm_s=40.0,
+        brim_mm_s=40.0,
+        roof_layers=1,
+        roof_line_width_mm=0.4,
+        roof_mm_s=25.0,
+    )
+    assert settings.skin_s_mm2 == pytest.approx((4.0 / 20.0 + 3.0 / 20.0 + 1.0 / 10.0) / 2.0)
     hidden_settings = replace(settings, bed_layers_saved=2.0, top_layers_saved=1.0)
-    assert hidden_settings.hidden_bed_share * settings.skin_s_mm == pytest.approx(2.0 / 50.0)
+    assert hidden_settings.hidden_bed_share * settings.skin_s_mm2 == pytest.approx(2.0 / 20.0)
     # A hidden top saves one layer and the roof.
-    assert hidden_settings.hidden_top_share * settings.skin_s_mm == pytest.approx(2.0 / 50.0)
-    assert settings.hidden_top_share * settings.skin_s_mm == pytest.approx(1.0 / 50.0)
+    assert hidden_settings.hidden_top_share * settings.skin_s_mm2 == pytest.approx(1.0 / 20.0 + 1.0 / 20.0)
+    assert settings.hidden_top_share * settings.skin_s_mm2 == pytest.approx(1.0 / 20.0)
     assert replace(settings, skin_layers=0.0).hidden_top_share == 0.0
 
 

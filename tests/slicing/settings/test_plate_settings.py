@@ -158,10 +158,22 @@ def test_infill_of_glue_is_wider_than_walls_up_to_the_flow_of_the_paper(make_set
     assert float(make_settings("paper").extruder["infill_line_width"]) == 0.35
 
 
+def test_skin_of_glue_is_wide_except_for_visible_tops(make_settings):
+    def read_widths_mm(quality="glue", **overrides):
+        extruder = make_settings(quality, **overrides).extruder
+        return float(extruder["skin_line_width"]), float(extruder["roofing_line_width"])
+
+    assert read_widths_mm() == pytest.approx((0.44, 0.35))
+    assert read_widths_mm(speed_topbottom="75") == pytest.approx((5.5 / 0.2 / 75.0, 0.35))
+    assert read_widths_mm(skin_line_width="0.4") == pytest.approx((0.4, 0.35))
+    assert read_widths_mm("paper") == (0.35, 0.35)
+
+
+@pytest.mark.parametrize("key", ["infill_line_width", "skin_line_width"])
 @pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
-def test_infill_of_other_nozzles_is_as_wide_as_walls(resources, nozzle_mm):
+def test_infill_and_skin_of_other_nozzles_are_as_wide_as_walls(resources, nozzle_mm, key):
     settings = resolve_settings(SettingsRequest(PRINTERS["ultimaker2_plus"], nozzle_mm=nozzle_mm), resources)
-    assert float(settings.extruder["infill_line_width"]) == pytest.approx(settings.line_width_mm)
+    assert float(settings.extruder[key]) == pytest.approx(settings.line_width_mm)
 
 
 def test_override_changes_dependent_settings(make_settings):

@@ -57,6 +57,8 @@ def test_changed_setting_reaches_the_cost(resolve_slice_settings):
         ("support_enable", False, "support_line_distance_mm"),
         ("adhesion_type", "skirt", "brim_mm"),
         ("wall_line_width_0", 0.4, "outer_line_width_mm"),
+        ("skin_line_width", 0.4, "skin_line_width_mm"),
+        ("roofing_line_width", 0.4, "roof_line_width_mm"),
     ):
         new_cost = build_print_time_settings(resolve_slice_settings("glue", **{key: value}), overhead_s=0.0)
         assert getattr(new_cost, field) != getattr(old_cost, field), key
