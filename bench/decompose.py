@@ -189,6 +189,7 @@ def slice_parts(
                 bed_face_hidden=part["bed_face_hidden"],
                 tops_hidden=part["tops_hidden"],
                 hidden_sides=part["hidden_sides"],
+                hidden_grooves=part["hidden_grooves"],
             ),
         )  # fmt: skip
         try:

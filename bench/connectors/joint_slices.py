@@ -17,11 +17,12 @@ from decompose.connectors.strokes import ADVANCE, GRID_WIDTH, LETTERS, draw_stro
 from decompose.geometry import Solid, write_stl
 from decompose.results import Part
 from drivers.printers import SLICING_PROFILES
+from farm.model import PartPrintOptions
+from farm.planning.parts.slice_part import place_hidden_sides
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.checks import read_toolpath, read_wall_layout
 from slicing.checks.toolpath import Toolpath
 from slicing.checks.walls import WallLayout, Walls
-from slicing.hidden_walls import HiddenSide
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
@@ -137,10 +138,11 @@ def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
             tops_hidden=part.tops_hidden,
         ),
     )
-    sides = [
-        HiddenSide((x, y), plain_settings.scale_xy * offset_mm).move((shift[0], shift[1]))
-        for x, y, offset_mm in part.hidden_sides.tolist()
-    ]
+    to_bed = np.diag([*scale, 1.0])
+    to_bed[:3, 3] = shift
+    options = PartPrintOptions.model_validate(
+        {"hidden_sides": part.hidden_sides.tolist(), "hidden_grooves": part.hidden_grooves.tolist()}
+    )
     stl, output = folder / "part.stl", folder / "part.gcode"
     write_stl(stl, (placed_mm + shift)[faces].astype(np.float32))
     result = slice_plate(
@@ -150,7 +152,7 @@ def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
             output_path=output,
             engine=find_engine(),
             bed=ENDLESS_BED,
-            hidden_sides=tuple(sides),
+            hidden_sides=place_hidden_sides(options, to_bed),
         )
     )
     path, layout = read_toolpath(output.read_bytes()), read_wall_layout(settings)

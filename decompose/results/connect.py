@@ -12,6 +12,7 @@ from decompose.geometry import Solid
 from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import ConnectorFault, DrilledParts
 from decompose.results.decomposition import Decomposition
+from decompose.results.hidden_sides import list_hidden_grooves
 
 
 def connect_parts(decomposition: Decomposition) -> Decomposition:
@@ -46,6 +47,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
     cut_parts = {tool.part for tool in connectors.tools}
+    key_grooves = [tool for pin in connectors.pins if pin.key_direction is not None for tool in pin.holes]
     return replace(
         decomposition,
         connectors=connectors,
@@ -54,6 +56,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
                 part,
                 drilled_solid=solid,
                 price_s=part.price_s + price_connectors(connectors, i, blanks[i].up_direction, part.price_s),
+                hidden_grooves=list_hidden_grooves(part, [tool for tool in key_grooves if tool.part == i]),
             )
             if i in cut_parts
             else part

@@ -56,6 +56,8 @@ class Part:
     hidden_sides
         (k, 3) upright sides that are hidden once the parts are glued, in printing pose: rows nx, ny, d with
         an outward normal.
+    hidden_grooves
+        (g, 4) grooves for keys in these sides: see `list_hidden_grooves`.
     stands
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
@@ -76,6 +78,7 @@ class Part:
     tops_hidden: bool = False
     planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     hidden_sides: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    hidden_grooves: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     stands: bool = True
     small_foot_mm2: float | None = None
     drilled_solid: Solid | None = None
@@ -147,6 +150,7 @@ class Part:
             "bed_face_hidden": self.bed_face_hidden,
             "tops_hidden": self.tops_hidden,
             "hidden_sides": self.hidden_sides.tolist(),
+            "hidden_grooves": self.hidden_grooves.tolist(),
             "stands": self.stands,
             "small_foot_mm2": self.small_foot_mm2,
         }

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
+from decompose.connectors import Tool
 from decompose.geometry import Solid
 from decompose.pieces import find_cut_faces
 from decompose.results.decomposition import Part
@@ -16,6 +17,7 @@ MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright s
 MAX_REVERSED_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
 MIN_SIDE_MM2 = 100.0  # minimum area of a side; smaller sides save no time
 ADJACENCY_TOLERANCE_MM = 1e-3
+MIN_NORMAL_COS = 1.0 - 1e-6  # minimum cosine between the normals of a side and of a face with a groove
 
 
 def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
@@ -59,6 +61,35 @@ def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
     offset_mm = plane[3] - plane[:3] @ part.to_model[:3, 3]
     sign = 1.0 if outward_mm2 > inward_mm2 else -1.0
     return sign * np.array([normal[0], normal[1], offset_mm])
+
+
+def list_hidden_grooves(part: Part, tools: Sequence[Tool]) -> Floats:
+    """List the grooves that are cut into the hidden sides of a part.
+
+    Parameters
+    ----------
+    part
+        Part with its hidden sides.
+    tools
+        Tools of its grooves, in the frame of the parts.
+
+    Returns
+    -------
+    ndarray
+        (k, 4) in printing pose: the row of the side, the positions along it in mm between which the groove
+        lies (along (-ny, nx) for the normal nx, ny), and its depth in mm.
+    """
+    rows = []
+    for tool in tools:
+        points_mm = (tool.points_mm - part.to_model[:3, 3]) @ part.to_model[:3, :3]
+        normal = -part.rotation @ tool.inward_normal
+        for number, (x, y, offset_mm) in enumerate(part.hidden_sides):
+            depths_mm = offset_mm - points_mm[:, :2] @ (x, y)
+            # A tool extends slightly beyond its face.
+            if normal[:2] @ (x, y) > MIN_NORMAL_COS and depths_mm.min() < 0.0 < depths_mm.max():
+                positions_mm = points_mm[:, :2] @ (-y, x)
+                rows.append((number, positions_mm.min(), positions_mm.max(), depths_mm.max()))
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
 class _Surface:

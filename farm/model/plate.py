@@ -39,6 +39,9 @@ class PartPrintOptions(Entity):
         True if all faces on the bed, or all top faces, are cut faces that gluing hides.
     hidden_sides
         Outward normals nx, ny and offsets in mm of the upright sides that gluing hides.
+    hidden_grooves
+        Grooves for keys in these sides: the number of the side, the positions along it between which the
+        groove lies (along (-ny, nx)), and its depth, in mm.
     stands
         True if the part is expected to stay upright while it is printed.
     """
@@ -48,6 +51,7 @@ class PartPrintOptions(Entity):
     bed_face_hidden: bool = False
     tops_hidden: bool = False
     hidden_sides: tuple[tuple[float, float, float], ...] = ()
+    hidden_grooves: tuple[tuple[int, float, float, float], ...] = ()
     stands: bool = True
 
 

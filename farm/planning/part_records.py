@@ -69,6 +69,10 @@ class DecomposedPart:
                 bed_face_hidden=part.bed_face_hidden,
                 tops_hidden=part.tops_hidden,
                 hidden_sides=tuple((float(x), float(y), float(d)) for x, y, d in part.hidden_sides),
+                hidden_grooves=tuple(
+                    (int(side), float(low), float(high), float(depth))
+                    for side, low, high, depth in part.hidden_grooves
+                ),
                 stands=part.stands,
             ),
             glue_rank=glue_rank,

@@ -77,8 +77,7 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
     path, sides, settings
         As in `speed_up_hidden_walls`.
     """
-    ends_mm = find_bed_points(path, settings)
-    lengths_mm = np.hypot(*(ends_mm[1] - ends_mm[0]).T)
+    points_mm = find_bed_points(path, settings)
     min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
     is_line = find_level_lines(path) & find_long_layers(path, min_time_s)
     fast_moves = FastMoves(np.zeros(len(is_line)), np.zeros(len(is_line)))
@@ -88,21 +87,24 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
             continue
         has_full_speed = path.feed_mm_min > 60.0 * wall.speed_mm_s - 1.0
         walls = np.flatnonzero(is_line & path.is_feature(wall.feature) & has_full_speed)
+        ends_mm = points_mm[0][walls], points_mm[1][walls]
         for side in sides:
-            depths_mm = np.stack([side.measure_depths_mm(points[walls]) for points in ends_mm])
-            share = _find_fast_share(walls, lengths_mm[walls], depths_mm, wall.depth_mm)
+            share = _find_fast_share(walls, ends_mm, side, wall.depth_mm)
             fast_moves.share[walls] = np.maximum(fast_moves.share[walls], share)
         fast_moves.feed_mm_min[walls] = 60.0 * fast_mm_s
     return fast_moves
 
 
-def _find_fast_share(walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_depth_mm: float) -> Floats:
+def _find_fast_share(
+    walls: Indices, ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
+) -> Floats:
     """Compute the share (k,) of each wall, from its start, that is printed faster along a side.
 
     The parameters are those of `list_side_runs`.
     """
     share = np.zeros(len(walls))
-    for line in list_side_runs(walls, lengths_mm, depths_mm, wall_depth_mm):
+    lengths_mm = np.hypot(*(ends_mm[1] - ends_mm[0]).T)
+    for line in list_side_runs(walls, ends_mm, side, wall_depth_mm):
         to_end_mm = np.cumsum(lengths_mm[line][::-1])[::-1]  # from the start of each move
         if to_end_mm[0] >= MIN_LINE_MM:
             share[line] = np.clip((to_end_mm - RUN_OUT_MM) / lengths_mm[line], 0.0, 1.0)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
+from slicing.hidden_walls.loops import join_loops, list_loops
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm
 from slicing.hidden_walls.sides import (
     MAX_NOTCH_DEPTH_MM,
@@ -115,12 +116,10 @@ class Backing:
         )
 
     def supports(self, stretch: Stretch) -> bool:
-        """Check whether the outer wall along a stretch needs no inner wall, in its layer or in the next.
+        """Check whether the outer wall along a stretch without skin needs no inner wall.
 
-        Infill has to reach it, no skin may be beside it, and the next layer's outer wall has to lie on it.
+        Infill has to reach it, and the next layer's outer wall has to lie on it.
         """
-        if len(self.skin[stretch.side].find(stretch, RUN_OUT_MM)) > 0:
-            return False
         positions_mm = self.infill[stretch.side].find(stretch)
         gaps_mm = np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm)
         is_long = stretch.high_mm - stretch.low_mm > RUN_OUT_MM
@@ -133,12 +132,13 @@ def _find_outer_wall(
     path: Toolpath, points_mm: tuple[Floats, Floats], walls: Indices, side: HiddenSide, wall_depth_mm: float
 ) -> _Band:
     """Find the ends of the runs of the outer wall, with moves (k,), along a side."""
-    starts_mm, ends_mm = (points[walls] for points in points_mm)
-    lengths_mm = np.hypot(*(ends_mm - starts_mm).T)
-    depths_mm = np.stack([side.measure_depths_mm(points) for points in (starts_mm, ends_mm)])
+    if len(walls) == 0:
+        return _Band(np.zeros(0, np.int32), np.zeros(0))
+    moves, numbers = join_loops(list_loops(path, walls, points_mm))
+    starts_mm, ends_mm = points_mm[0][moves], points_mm[1][moves]
     layers, positions_mm = [], []
-    for run in list_side_runs(walls, lengths_mm, depths_mm, wall_depth_mm):
-        layers += 2 * [path.layer[walls[run[0]]]]
+    for run in list_side_runs(numbers, (starts_mm, ends_mm), side, wall_depth_mm):
+        layers += 2 * [path.layer[moves[run[0]]]]
         positions_mm += [starts_mm[run[0]], ends_mm[run[-1]]]
     positions = side.measure_positions_mm(np.array(positions_mm).reshape(-1, 2))
     return _Band(np.array(layers, np.int32), positions)

@@ -15,15 +15,14 @@ import numpy.typing as npt
 from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
 from slicing.hidden_walls.infill import Backing, Stretch, stretch_infill
+from slicing.hidden_walls.loops import find_sides, list_loop_runs, list_loops
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
 from slicing.hidden_walls.sides import (
     RUN_OUT_MM,
     Bools,
     HiddenSide,
-    Indices,
     find_bed_points,
     find_level_lines,
-    list_side_runs,
     list_wall_lines,
     measure_spare_times_s,
 )
@@ -35,8 +34,6 @@ MIN_REMOVED_MM = 10.0
 _SAVED_TIME_MARGIN = 1.1
 """Factor of the time of a removed line at its speed, because the head also accelerates less often. A layer
 never becomes shorter than the minimum layer time."""
-_CLOSURE_TOLERANCE_MM = 0.02
-"""Maximum distance between the ends of a closed loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +74,7 @@ def remove_inner_walls(
 ) -> bytes:
     """Remove the inner wall along hidden sides, if `removes_inner_walls`.
 
-    A layer keeps its inner wall beside skin, where no infill supports the outer wall, and within `RUN_OUT_MM`
+    A layer keeps its inner wall where no infill supports the outer wall, and within `RUN_OUT_MM` of skin or
     of a wall that stays.
 
     Parameters
@@ -130,21 +127,24 @@ def _find_removal(
     walls = np.flatnonzero(is_line & path.is_feature("WALL-INNER"))
     if len(walls) == 0:
         return removal
-    loops = _list_loops(path, walls, points_mm)
-    side_numbers = _find_sides(loops, points_mm, sides, wall_depth_mm)
+    loops = list_loops(path, walls, points_mm)
+    side_numbers = find_sides(loops, points_mm, sides, wall_depth_mm)
     for loop in loops:
-        for moves in _list_loop_runs(loop, side_numbers[loop.moves] >= 0):
+        for moves in list_loop_runs(loop, side_numbers[loop.moves] >= 0):
             layer = int(path.layer[moves[0]])
             starts_mm, deltas_mm = points_mm[0][moves], points_mm[1][moves] - points_mm[0][moves]
             lengths_mm = np.hypot(*deltas_mm.T)
-            is_whole = loop.is_closed and len(moves) == len(loop.moves)
-            first, last = _trim_run(lengths_mm, 0.0 if is_whole else RUN_OUT_MM)
+            is_ring = loop.is_closed and len(moves) == len(loop.moves)
+            numbers = side_numbers[moves]
+            skin_mm = _find_skin_mm(layer, numbers, (starts_mm, starts_mm + deltas_mm), sides, backing)
+            is_whole = is_ring and len(skin_mm) == 0
+            first, last = _clip_run(lengths_mm, skin_mm, 0.0 if is_whole else RUN_OUT_MM)
             removed_mm = (last - first) * lengths_mm
             saved_s = _SAVED_TIME_MARGIN * float((removed_mm * 60.0 / path.feed_mm_min[moves]).sum())
             if float(removed_mm.sum()) < MIN_REMOVED_MM or saved_s > spare_s.get(layer, 0.0):
                 continue
             ends_mm = [starts_mm + share[:, None] * deltas_mm for share in (first, last)]
-            stretches = _list_stretches(layer, side_numbers[moves], ends_mm, last > first, sides)
+            stretches = _list_stretches(layer, numbers, ends_mm, last > first, sides)
             if all(backing.supports(stretch) for stretch in stretches):
                 removal.first_share[moves], removal.last_share[moves] = first, last
                 removal.is_skipped[moves] = is_whole
@@ -153,65 +153,65 @@ def _find_removal(
     return removal
 
 
-@dataclass(frozen=True, slots=True)
-class _Loop:
-    """Successive moves (k,) of an inner wall in one layer: a closed loop or a part of one."""
-
-    moves: Indices
-    is_closed: bool
-
-
-def _list_loops(path: Toolpath, walls: Indices, points_mm: tuple[Floats, Floats]) -> list[_Loop]:
-    """Divide the moves (k,) of inner walls into loops.
-
-    A closed loop begins at its longest move, because CuraEngine may begin it in a notch of a hidden side.
-    """
-    starts_mm, ends_mm = points_mm
-    is_first = (np.diff(walls) != 1) | (np.diff(path.layer[walls]) != 0)
-    loops = []
-    for moves in np.split(walls, np.flatnonzero(is_first) + 1):
-        is_closed = bool(np.hypot(*(ends_mm[moves[-1]] - starts_mm[moves[0]])) < _CLOSURE_TOLERANCE_MM)
-        if is_closed:
-            longest = int(np.argmax(np.hypot(*(ends_mm[moves] - starts_mm[moves]).T)))
-            moves = np.roll(moves, -longest)
-        loops.append(_Loop(moves, is_closed))
-    return loops
-
-
-def _find_sides(
-    loops: Sequence[_Loop],
-    points_mm: tuple[Floats, Floats],
+def _find_skin_mm(
+    layer: int,
+    side_numbers: npt.NDArray[np.int_],
+    ends_mm: tuple[Floats, Floats],
     sides: Sequence[HiddenSide],
-    wall_depth_mm: float,
-) -> npt.NDArray[np.int_]:
-    """Find the number of the hidden side along which each move (n,) lies; -1 for none."""
-    moves = np.concatenate([loop.moves for loop in loops])
-    numbers = np.arange(len(moves)) + np.repeat(np.arange(len(loops)), [len(loop.moves) for loop in loops])
-    starts_mm, ends_mm = (points[moves] for points in points_mm)
-    side_numbers = np.full(len(points_mm[0]), -1)
-    for number, side in enumerate(sides):
-        depths_mm = np.stack([side.measure_depths_mm(points) for points in (starts_mm, ends_mm)])
-        for run in list_side_runs(numbers, np.hypot(*(ends_mm - starts_mm).T), depths_mm, wall_depth_mm):
-            side_numbers[moves[run]] = number
-    return side_numbers
+    backing: Backing,
+) -> Floats:
+    """Find the skin beside a run: distances (s,) along the run from its start, in ascending order.
+
+    Parameters
+    ----------
+    layer
+        Number of the layer.
+    side_numbers
+        (k,) number of the side of each move.
+    ends_mm
+        Starts (k, 2) and ends (k, 2) of the moves.
+    sides, backing
+        Hidden sides of the part, and the skin beside each.
+    """
+    begin_mm = np.cumsum(lengths_mm := np.hypot(*(ends_mm[1] - ends_mm[0]).T)) - lengths_mm
+    skin_mm = [np.zeros(0)]
+    for number in np.unique(side_numbers):
+        on_side = np.flatnonzero(side_numbers == number)
+        first_mm, last_mm = (sides[number].measure_positions_mm(points[on_side]) for points in ends_mm)
+        lows_mm, highs_mm = np.minimum(first_mm, last_mm), np.maximum(first_mm, last_mm)
+        stretch = Stretch(layer, int(number), float(lows_mm.min()), float(highs_mm.max()))
+        positions_mm = backing.skin[number].find(stretch, RUN_OUT_MM).clip(stretch.low_mm, stretch.high_mm)
+        point, move = np.nonzero((positions_mm[:, None] >= lows_mm) & (positions_mm[:, None] <= highs_mm))
+        share = (positions_mm[point] - first_mm[move]) / np.where(
+            highs_mm > lows_mm, last_mm - first_mm, 1.0
+        )[move]
+        skin_mm.append(begin_mm[on_side[move]] + share * lengths_mm[on_side[move]])
+    return np.sort(np.concatenate(skin_mm))
 
 
-def _list_loop_runs(loop: _Loop, is_hidden: Bools) -> Iterator[Indices]:
-    """Yield runs of successive hidden moves of a loop; a run of a closed loop may pass its start."""
-    order = np.arange(len(is_hidden))
-    if loop.is_closed and not is_hidden.all():
-        order = np.roll(order, -int(np.argmin(is_hidden)))
-    changes = np.flatnonzero(np.diff(is_hidden[order].astype(np.int8), prepend=0, append=0))
-    for begin, end in changes.reshape(-1, 2):
-        yield loop.moves[order[begin:end]]
+def _clip_run(lengths_mm: Floats, skin_mm: Floats, margin_mm: float) -> tuple[Floats, Floats]:
+    """Clip a run to its longest part without skin, less a margin at each end.
 
+    Parameters
+    ----------
+    lengths_mm
+        (k,) lengths of the moves.
+    skin_mm
+        (s,) distances from the start of the run at which skin is beside it, in ascending order.
+    margin_mm
+        Margin at each end.
 
-def _trim_run(lengths_mm: Floats, margin_mm: float) -> tuple[Floats, Floats]:
-    """Shorten a run of moves by a margin at each end; return the shares (k,) of the moves that remain."""
+    Returns
+    -------
+    tuple
+        Shares (k,) of the moves, from their starts, between which they remain.
+    """
     end_mm = np.cumsum(lengths_mm)
     begin_mm = end_mm - lengths_mm
-    first = np.clip((margin_mm - begin_mm) / lengths_mm, 0.0, 1.0)
-    last = np.clip((end_mm[-1] - margin_mm - begin_mm) / lengths_mm, 0.0, 1.0)
+    limits_mm = np.concatenate([[0.0], skin_mm, end_mm[-1:]])
+    longest = int(np.argmax(np.diff(limits_mm)))
+    low_mm, high_mm = limits_mm[longest] + margin_mm, limits_mm[longest + 1] - margin_mm
+    first, last = (np.clip((mm - begin_mm) / lengths_mm, 0.0, 1.0) for mm in (low_mm, high_mm))
     return first, np.maximum(first, last)
 
 

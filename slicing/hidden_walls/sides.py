@@ -19,7 +19,9 @@ RUN_OUT_MM = 5.0
 """[assumed] Length at each end of a line along a hidden side that is printed like a visible wall, so that the
 pressure in the nozzle is normal when a visible wall begins."""
 MAX_NOTCH_DEPTH_MM = 0.5
-"""Maximum depth of a notch that counts as a part of the side: a mark or a gutter, but not a pin's hole."""
+"""Maximum depth of a notch that counts as a part of the side: a mark or a gutter, but not a pin's hole.
+
+Grooves for keys are deeper; the side lists them."""
 MAX_NOTCH_LENGTH_MM = 6.0
 """Maximum path through a notch; letters are 5 mm high. A longer path may lie along a visible wall."""
 _NOTCH_RATIO = 0.5
@@ -28,15 +30,33 @@ _LINE_TOLERANCE_MM = 0.05
 
 
 @dataclass(frozen=True, slots=True)
+class SideGroove:
+    """Groove for a key in a hidden side: its depth, and its limits along the side."""
+
+    low_mm: float
+    high_mm: float
+    depth_mm: float
+
+
+@dataclass(frozen=True, slots=True)
 class HiddenSide:
     """Upright side of a part that is hidden: outward unit normal and offset along it, in bed-centred mm."""
 
     normal: tuple[float, float]
     offset_mm: float
+    grooves: tuple[SideGroove, ...] = ()
 
     def move(self, shift_mm: tuple[float, float]) -> HiddenSide:
         """Move the side by X and Y in mm."""
-        return replace(self, offset_mm=self.offset_mm + float(np.dot(self.normal, shift_mm)))
+        along_mm = float(self.measure_positions_mm(np.array(shift_mm)))
+        return replace(
+            self,
+            offset_mm=self.offset_mm + float(np.dot(self.normal, shift_mm)),
+            grooves=tuple(
+                replace(groove, low_mm=groove.low_mm + along_mm, high_mm=groove.high_mm + along_mm)
+                for groove in self.grooves
+            ),
+        )
 
     def measure_depths_mm(self, points_mm: Floats) -> Floats:
         """Measure the depth (n,) of points (n, 2) behind the side."""
@@ -104,35 +124,60 @@ def measure_spare_times_s(path: Toolpath, min_time_s: float) -> dict[int, float]
 
 
 def list_side_runs(
-    walls: Indices, lengths_mm: Floats, depths_mm: Floats, wall_depth_mm: float
+    walls: Indices, ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
 ) -> Iterator[Indices]:
     """Yield runs of successive moves along a side, as indices of `walls`.
 
-    Moves on the side, and in notches between them, are one run; see `MAX_NOTCH_DEPTH_MM`.
+    Moves on the side, and in notches and grooves between them, are one run; see `MAX_NOTCH_DEPTH_MM`.
 
     Parameters
     ----------
     walls
         (k,) numbers of the moves of a wall; moves with successive numbers are connected.
-    lengths_mm
-        (k,) lengths of the moves.
-    depths_mm
-        (2, k) depths of their ends behind the side.
+    ends_mm
+        Starts (k, 2) and ends (k, 2) of the moves.
+    side
+        Hidden side.
     wall_depth_mm
         Depth of the wall along a side without notches.
     """
-    depths_mm = depths_mm - wall_depth_mm
-    deepest_mm, shallowest_mm = depths_mm.max(axis=0), depths_mm.min(axis=0)
-    is_near = (shallowest_mm > -_LINE_TOLERANCE_MM) & (
-        deepest_mm < MAX_NOTCH_DEPTH_MM + _NOTCH_RATIO * wall_depth_mm
-    )
-    on_side = np.flatnonzero((shallowest_mm > -_LINE_TOLERANCE_MM) & (deepest_mm < _LINE_TOLERANCE_MM))
+    depths_mm = np.stack([side.measure_depths_mm(points) for points in ends_mm]) - wall_depth_mm
+    on_side = np.flatnonzero((np.abs(depths_mm) < _LINE_TOLERANCE_MM).all(axis=0))
     if len(on_side) == 0:
         return
+    in_groove = _find_groove_moves(ends_mm, side, wall_depth_mm)
+    is_near = in_groove | find_notch_moves(ends_mm, side, wall_depth_mm)
     first, second = on_side[:-1], on_side[1:]
-    ends_mm, interruptions = np.cumsum(lengths_mm), np.cumsum(~is_near)
-    notches_mm = ends_mm[second] - lengths_mm[second] - ends_mm[first]
+    notch_lengths_mm = np.where(in_groove, 0.0, np.hypot(*(ends_mm[1] - ends_mm[0]).T))
+    ends_along_mm, interruptions = np.cumsum(notch_lengths_mm), np.cumsum(~is_near)
+    notches_mm = ends_along_mm[second] - notch_lengths_mm[second] - ends_along_mm[first]
     is_joined = (np.diff(walls[on_side]) == np.diff(on_side)) & (notches_mm < MAX_NOTCH_LENGTH_MM)
     is_joined &= interruptions[first] == interruptions[second]
     for run in np.split(on_side, np.flatnonzero(~is_joined) + 1):
         yield np.arange(run[0], run[-1] + 1)
+
+
+def find_notch_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:
+    """Mark the moves (k,) along a side and in notches of it; the parameters are those of `list_side_runs`."""
+    return _find_moves_between(ends_mm, side, wall_depth_mm, MAX_NOTCH_DEPTH_MM)
+
+
+def _find_groove_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:
+    """Mark the moves (k,) around the grooves of a side; the parameters are those of `list_side_runs`."""
+    positions_mm = np.stack([side.measure_positions_mm(points) for points in ends_mm])
+    low_mm, high_mm = positions_mm.min(axis=0), positions_mm.max(axis=0)
+    margin_mm = (1.0 + _NOTCH_RATIO) * wall_depth_mm
+    in_groove = np.zeros(len(low_mm), np.bool_)
+    for groove in side.grooves:
+        is_beside = (low_mm > groove.low_mm - margin_mm) & (high_mm < groove.high_mm + margin_mm)
+        in_groove |= is_beside & _find_moves_between(ends_mm, side, wall_depth_mm, groove.depth_mm)
+    return in_groove
+
+
+def _find_moves_between(
+    ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float, notch_depth_mm: float
+) -> Bools:
+    """Mark the moves (k,) between the wall along a side and the wall in a notch of a depth."""
+    depths_mm = np.stack([side.measure_depths_mm(points) for points in ends_mm]) - wall_depth_mm
+    deepest_mm = notch_depth_mm + _NOTCH_RATIO * wall_depth_mm
+    return np.asarray(((depths_mm > -_LINE_TOLERANCE_MM) & (depths_mm < deepest_mm)).all(axis=0))

@@ -16,7 +16,7 @@ from farm.planning.printer_settings import find_usable_volumes, list_model_sizes
 from slicing.hidden_walls import removes_inner_walls
 from slicing.settings import FARM_QUALITIES, EngineSettings, LayerFit, Resources
 
-REMAINING_TRAVEL_SHARE = 0.4
+REMAINING_TRAVEL_SHARE = 0.25
 """Travel where the inner wall of a hidden side is removed, as a share of the length of that wall; the order
 of the remaining pieces saves the rest. Fitted to the slices of 70 parts."""
 

@@ -11,10 +11,11 @@ import trimesh
 
 from drivers.printers import Placement, place_part
 from farm.errors import ErrorCode, FarmError
+from farm.model import PartPrintOptions
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
 from slicing.errors import OutsideBed
-from slicing.hidden_walls import HiddenSide
+from slicing.hidden_walls import HiddenSide, SideGroove
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import EngineSettings, PartSettings, resolve_settings
 
@@ -51,7 +52,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
             engine=task.engine,
             bed=bed,
             cache=task.cache,
-            hidden_sides=tuple(_place_side(side, to_bed) for side in task.print_options.hidden_sides),
+            hidden_sides=place_hidden_sides(task.print_options, to_bed),
         )
         mesh.export(request.stl)
         try:
@@ -91,14 +92,25 @@ def _find_placement(task: SliceTask, extents_mm: tuple[float, float, float]) -> 
     return placement
 
 
-def _place_side(side: tuple[float, float, float], to_bed: npt.NDArray[np.float64]) -> HiddenSide:
-    """Place a hidden side of a part with its mesh; see `_build_transform`."""
-    x, y, offset_mm = side
+def place_hidden_sides(options: PartPrintOptions, to_bed: npt.NDArray[np.float64]) -> tuple[HiddenSide, ...]:
+    """Place the hidden sides of a part, and the grooves in them, by the (4, 4) transform of its mesh.
+
+    The transform may turn the part about Z, scale it alike in X and Y, and move it.
+    """
     turn_and_scale, shift_mm = to_bed[:2, :2], to_bed[:2, 3]
-    normal = turn_and_scale @ (x, y)
-    scale = float(np.hypot(*normal))
-    unit_x, unit_y = (normal / scale).tolist()
-    return HiddenSide((unit_x, unit_y), scale * offset_mm + float(shift_mm @ (unit_x, unit_y)))
+    sides = []
+    for number, (x, y, offset_mm) in enumerate(options.hidden_sides):
+        normal = turn_and_scale @ (x, y)
+        scale = float(np.hypot(*normal))
+        unit_x, unit_y = (normal / scale).tolist()
+        grooves = tuple(
+            SideGroove(scale * low_mm, scale * high_mm, scale * depth_mm)
+            for side, low_mm, high_mm, depth_mm in options.hidden_grooves
+            if side == number
+        )
+        side = HiddenSide((unit_x, unit_y), scale * offset_mm, grooves)
+        sides.append(side.move((float(shift_mm[0]), float(shift_mm[1]))))
+    return tuple(sides)
 
 
 def _build_transform(

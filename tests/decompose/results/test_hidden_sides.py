@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from decompose.connectors import Tool
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, Solid
 from decompose.options import Options
@@ -15,7 +16,7 @@ from decompose.pieces import cut_box
 from decompose.print_time import POSE_ROTATIONS, CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 from decompose.results import Part
-from decompose.results.hidden_sides import mark_hidden_sides
+from decompose.results.hidden_sides import list_hidden_grooves, mark_hidden_sides
 
 BAR = Solid.box((0.0, 0.0, 0.0), (60.0, 40.0, 20.0))
 LEFT_BOX, RIGHT_BOX = ((-1.0, -1.0, -1.0), (25.0, 41.0, 21.0)), ((25.0, -1.0, -1.0), (61.0, 41.0, 21.0))
@@ -49,6 +50,21 @@ def test_sides_follow_the_pose_and_horizontal_ones_do_not_count():
     (left_side,), _ = list_hidden_sides(BAR, LEFT_BOX, RIGHT_BOX, rotation=rotated_axes)
     assert left_side == pytest.approx([np.cos(np.radians(30.0)), np.sin(np.radians(30.0)), 12.5])
     assert list_hidden_sides(BAR, LEFT_BOX, RIGHT_BOX, rotation=POSE_ROTATIONS[0]) == [[], []]
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0, 90.0])
+def test_grooves_lie_along_their_side_in_printing_pose(angle_deg):
+    """Cut a groove from y = 5 to y = 8 and 2 mm deep into the face at x = 25."""
+    rotation = trimesh.transformations.rotation_matrix(np.radians(angle_deg), (0.0, 0.0, 1.0))[:3, :3]
+    left_part, right_part = mark_hidden_sides(
+        make_parts(BAR, LEFT_BOX, RIGHT_BOX, rotation=rotation @ POSE_ROTATIONS[4]), BAR
+    )
+    points_mm = np.array([[x, y, z] for x in (23.0, 25.1) for y in (5.0, 8.0) for z in (0.0, 20.0)])
+    tool = Tool(0, points_mm, np.array([-1.0, 0.0, 0.0]), -25.0)
+    ((number, low_mm, high_mm, depth_mm),) = list_hidden_grooves(left_part, [tool])
+    assert (number, depth_mm) == (0.0, pytest.approx(2.0))
+    assert (low_mm, high_mm) == pytest.approx((5.0 - 20.0, 8.0 - 20.0))
+    assert list_hidden_grooves(right_part, [tool]).shape == (0, 4)
 
 
 def test_side_that_continues_a_visible_face_is_visible():

@@ -8,7 +8,7 @@ import shapely
 import trimesh
 
 from slicing.checks import read_toolpath
-from slicing.hidden_walls import RUN_OUT_MM, HiddenSide
+from slicing.hidden_walls import RUN_OUT_MM, HiddenSide, SideGroove
 from slicing.plate import slice_plate
 
 CENTRE_MM = np.array((111.5, 111.5))
@@ -77,6 +77,19 @@ def test_inner_walls_stay_beside_skin(slice_walls):
         plain_mm, _ = list_lines(plain_path, "WALL-INNER", [layer])
         lines_mm, _ = list_lines(path, "WALL-INNER", [layer])
         assert sum_lengths_mm(lines_mm) == pytest.approx(sum_lengths_mm(plain_mm))
+
+
+def test_inner_wall_stays_only_where_skin_is_beside_it(slice_walls):
+    """Check the side behind a step: the top of the lower half of the block is skin up to x = 0."""
+    stairs = BLOCK.union(make_box((0.0, -25.0, 0.0), (30.0, 25.0, 16.0)))
+    _, path = slice_walls(BACK, mesh=stairs)
+    lines_mm, _ = list_lines(path, "WALL-INNER", [37])
+    is_on_side = np.abs(25.0 - lines_mm[:, :, 1] - INNER_LINE_DEPTH_MM).max(axis=1) < 0.02
+    skin_end_mm = list_lines(path, "SKIN", [37])[0][:, :, 0].max()
+    first_mm, last_mm = np.sort(lines_mm[is_on_side][:, :, 0], axis=1).T
+    assert first_mm.min() == pytest.approx(INNER_LINE_DEPTH_MM - 30.0, abs=0.02)
+    assert last_mm[first_mm.argmin()] == pytest.approx(skin_end_mm + RUN_OUT_MM, abs=0.5)
+    assert first_mm.max() == pytest.approx(30.0 - INNER_LINE_DEPTH_MM - RUN_OUT_MM, abs=0.02)
 
 
 def test_ring_between_hidden_sides_is_skipped(slice_walls):
@@ -201,22 +214,49 @@ def test_turned_block_saves_the_same_filament(slice_walls):
     assert saved_mm[1] == pytest.approx(saved_mm[0], rel=0.1)
 
 
-def cut_groove(depth_mm):
-    """Return the block with an upright V groove of a depth in the middle of its right side."""
+def cut_groove(depth_mm, position_mm=0.0):
+    """Return the block with an upright V groove of a depth at a position on its right side."""
     tool = trimesh.creation.box((2.0**0.5 * depth_mm, 2.0**0.5 * depth_mm, 20.0))
     tool.apply_transform(trimesh.transformations.rotation_matrix(np.radians(45.0), (0.0, 0.0, 1.0)))
-    return BLOCK.difference(tool.apply_translation((30.0, 0.0, 4.0)))
+    return BLOCK.difference(tool.apply_translation((30.0, position_mm, 4.0)))
 
 
-@pytest.mark.parametrize(("depth_mm", "is_kept"), [(0.4, False), (2.0, True)])
-def test_inner_wall_stays_around_a_hole_but_not_around_a_mark(slice_walls, depth_mm, is_kept):
-    _, path = slice_walls(RIGHT, mesh=cut_groove(depth_mm))
+@pytest.mark.parametrize(
+    ("depth_mm", "grooves", "is_kept"),
+    [
+        (0.4, (), False),
+        (2.0, (), True),
+        (2.0, (SideGroove(-2.0, 2.0, 2.0),), False),
+        (2.0, (SideGroove(8.0, 12.0, 2.0),), True),
+        (2.0, (SideGroove(-2.0, 2.0, 1.0),), True),
+    ],
+)
+def test_inner_wall_stays_around_a_hole_but_not_around_a_mark_or_key(slice_walls, depth_mm, grooves, is_kept):
+    _, path = slice_walls(replace(RIGHT, grooves=grooves), mesh=cut_groove(depth_mm))
     lines_mm, layers = list_lines(path, "WALL-INNER", INFILL_LAYERS)
     is_near = (np.abs(lines_mm[:, :, 1]).max(axis=1) < 2.0 + RUN_OUT_MM) & (
         lines_mm[:, :, 0].min(axis=1) > 26.0
     )
     assert (set(layers[is_near]) == set(INFILL_LAYERS)) == is_kept
     assert bool(is_near.any()) == is_kept
+
+
+@pytest.mark.parametrize("seam_mm", [(30.0, 0.0), (-30.0, 0.0)])
+def test_inner_wall_is_removed_wherever_the_outer_wall_begins(slice_walls, make_settings, seam_mm):
+    """Check a groove as wide as the length of wall that the next layer may leave uncovered."""
+    side = replace(RIGHT, grooves=(SideGroove(-2.0, 2.0, 2.0),))
+    x_mm, y_mm = CENTRE_MM + seam_mm
+    settings = make_settings(z_seam_type="back", z_seam_x=x_mm, z_seam_y=y_mm)
+    _, path = slice_walls(side, mesh=cut_groove(2.0), settings=settings)
+    lines_mm, _ = list_lines(path, "WALL-INNER", INFILL_LAYERS)
+    is_on_side = np.abs(30.0 - lines_mm[:, :, 0] - INNER_LINE_DEPTH_MM).max(axis=1) < 0.02
+    assert np.abs(lines_mm[is_on_side][:, :, 1]).min() > 25.0 - INNER_LINE_DEPTH_MM - RUN_OUT_MM - 0.02
+
+
+@pytest.mark.parametrize(("depth_mm", "is_kept"), [(0.4, False), (2.0, True)])
+def test_inner_wall_stays_beside_a_deep_notch_of_a_corner(slice_walls, depth_mm, is_kept):
+    _, path = slice_walls(RIGHT, LEFT, BACK, FRONT, mesh=cut_groove(depth_mm, position_mm=24.4))
+    assert (len(list_lines(path, "WALL-INNER", INFILL_LAYERS)[0]) > 0) == is_kept
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_inner_wall_of_a_hidden_side_is_priced_as_less_travel_where_it_is_remove
             resolve_slice_settings(quality, **overrides), 0.0
         ).hidden_inner_wall_mm_s
 
-    assert find_speed_mm_s("glue") == pytest.approx(375.0)
+    assert find_speed_mm_s("glue") == pytest.approx(600.0)
     assert find_speed_mm_s("glue", wall_line_count=3) == 60.0  # as infill
     assert find_speed_mm_s("glue-strong") == find_speed_mm_s("paper") == 50.0
 

@@ -12,7 +12,7 @@ from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
-from farm.planning.parts.slice_part import slice_part
+from farm.planning.parts.slice_part import place_hidden_sides, slice_part
 from farm.planning.printer_settings import find_usable_volumes, list_model_sizes
 from printers.slicing_printers import PRINTERS
 from slicing.hidden_walls import RUN_OUT_MM
@@ -153,6 +153,22 @@ def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(make_task, i
     nominal_s = 27 * length_mm * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
     assert plain_s - measure_sliced_s((*side, offset_mm)) == pytest.approx(nominal_s, rel=0.1)
     assert measure_sliced_s((*side, offset_mm - 1.0)) == plain_s
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 90.0])
+def test_grooves_of_hidden_sides_are_placed_with_the_part(angle_deg):
+    """Place a groove from y = 4 to y = 7 in the face x = 10 of a part that is turned, scaled and moved."""
+    options = PartPrintOptions(hidden_sides=((1.0, 0.0, 10.0),), hidden_grooves=((0, 4.0, 7.0, 2.0),))
+    to_bed = trimesh.transformations.rotation_matrix(np.radians(angle_deg), (0.0, 0.0, 1.0))
+    to_bed[:3, :3] *= 1.002
+    to_bed[:2, 3] = (-30.0, 12.0)
+    (side,) = place_hidden_sides(options, to_bed)
+    corners_mm = trimesh.transform_points([(10.0, 4.0, 0.0), (8.0, 7.0, 0.0)], to_bed)[:, :2]
+    assert side.measure_depths_mm(corners_mm) == pytest.approx([0.0, 2.0 * 1.002])
+    (groove,) = side.grooves
+    limits_mm = groove.low_mm, groove.high_mm
+    assert side.measure_positions_mm(corners_mm) == pytest.approx(limits_mm)
+    assert groove.depth_mm == pytest.approx(2.0 * 1.002)
 
 
 def test_hidden_faces_are_printed_with_fewer_solid_layers(make_task):
