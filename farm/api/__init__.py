@@ -104,7 +104,7 @@ class JobStatus(View):
 
 
 class SubmitResponse(View):
-    """Response to a submission; `again` is True if its request id was submitted before."""
+    """Response to a submission; `again` is True if a job with the same request id existed."""
 
     job: int
     again: bool

@@ -24,7 +24,7 @@ _FIRST_LAYERS_DIVISOR = 10
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """Attempts to fetch a still from one camera. Times are monotonic, in wall seconds.
+    """State of the attempts to fetch a still from one camera. Times are monotonic, in wall seconds.
 
     Attributes
     ----------

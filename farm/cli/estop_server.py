@@ -1,7 +1,7 @@
 """Server of `estop.sock`: starts a process for each request, with a limit for each user.
 
 ``python -m farm.cli.estop_server [OPTIONS]``, with the listening socket as stdin (farm-estop.service).
-Options (`--state`, `--fleet`) are passed on to those processes. This module imports only the standard
+Options (`--state`, `--fleet`) are passed on to these processes. This module imports only the standard
 library, so that it starts quickly and refuses connections faster than they can be opened.
 """
 
@@ -26,7 +26,7 @@ MAX_REQUEST_BYTES = 1 << 16
 _MAX_WAIT_S = 0.2
 _ACCEPT_PAUSE_S = 1.0  # pause after an error of `accept`, such as a lack of descriptors
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
-_OVERLOAD_ANSWER = {
+_OVERLOAD_RESPONSE = {
     "over": True,
     "error": "too many emergency stops at the same time: try again, or switch the printers off by hand",
 }
@@ -109,7 +109,7 @@ class EstopServer:
         ]
         if len(busy_uids) >= MAX_REQUESTS or busy_uids.count(uid) >= MAX_REQUESTS_PER_USER:
             with connection, suppress(OSError):
-                connection.send(json.dumps(_OVERLOAD_ANSWER).encode() + b"\n")
+                connection.send(json.dumps(_OVERLOAD_RESPONSE).encode() + b"\n")
             return
         self._pending_connections[connection] = _PendingConnection(uid, now_s)
 

@@ -50,7 +50,7 @@ def render_report(client: Client, number: int, find_file: FileFinder) -> Report:
     fleet = client.fetch_status().fleet
     now = datetime.fromisoformat(fleet.now).astimezone(ZoneInfo(fleet.timezone))
     part_by_files = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
-    picture_by_files = {files: _find_picture(part, find_file) for files, part in part_by_files.items()}
+    picture_by_files = {files: _load_picture(part, find_file) for files, part in part_by_files.items()}
     pictures = {
         part.id: png for part in view.parts if (png := picture_by_files[part.file, part.picture]) is not None
     }
@@ -71,7 +71,7 @@ def render_report(client: Client, number: int, find_file: FileFinder) -> Report:
     return Report(text, bool(view.parts) and not pictures and assembly is None)
 
 
-def _find_picture(part: api.PartView, find_file: FileFinder) -> bytes | None:
+def _load_picture(part: api.PartView, find_file: FileFinder) -> bytes | None:
     """Draw a part, or read its stored picture; None if neither file can be read."""
     if part.file is not None:
         model = find_file(part.file)

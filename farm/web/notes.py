@@ -52,20 +52,20 @@ class Notes:
     def __init__(self) -> None:
         self._notes: dict[str, Note] = {}
 
-    def put(self, reader: str, note: Note) -> None:
-        """Store a note for a reader, given by the id of the key or session."""
-        self._notes.pop(reader, None)
-        self._notes[reader] = note
+    def put(self, reader_id: str, note: Note) -> None:
+        """Store a note for the reader with the id of a key or session."""
+        self._notes.pop(reader_id, None)
+        self._notes[reader_id] = note
         if len(self._notes) > _MAX_READERS:
             del self._notes[next(iter(self._notes))]
 
     @contextmanager
-    def show(self, reader: str) -> Iterator[Note | None]:
+    def show(self, reader_id: str) -> Iterator[Note | None]:
         """Yield the note of a reader, or None; delete the note unless rendering its page fails."""
-        note = self._notes.pop(reader, None)
+        note = self._notes.pop(reader_id, None)
         try:
             yield note
         except BaseException:
             if note is not None:
-                self._notes.setdefault(reader, note)
+                self._notes.setdefault(reader_id, note)
             raise

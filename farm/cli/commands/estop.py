@@ -71,7 +71,7 @@ def estop(
 
 
 def stop_all(paths: FarmPaths, printers: Iterable[str], report: ReportCallback) -> None:
-    """Stop printers by their names; all if no name is given.
+    """Stop the named printers, or all printers if no name is given.
 
     Raises
     ------
@@ -124,7 +124,9 @@ def _run_stops(targets: Mapping[str, Target], report: ReportCallback) -> Iterato
         if by_host:
             from drivers.host.stop import stop_host  # slow to load
 
-            stops += [pool.submit(stop_host, *key, starts, results.put) for key, starts in by_host.items()]
+            stops += [
+                pool.submit(stop_host, *key, start_files, results.put) for key, start_files in by_host.items()
+            ]
         for _ in targets:
             while True:
                 with suppress(Empty):

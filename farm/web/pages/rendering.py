@@ -144,7 +144,7 @@ def load_templates() -> Environment:
 
 
 def format_state(state: str) -> Markup:
-    """Format a state as a label with a sign and text, because not everybody can distinguish its colour."""
+    """Format a state as a label with a symbol and text, because not everybody can distinguish colours."""
     glyph = _GLYPHS.get(state, _OTHER_GLYPH)
     return Markup('<span class="state {}"><span aria-hidden="true">{}</span> {}</span>').format(
         state, glyph, describe_value(state)
