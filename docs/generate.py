@@ -246,7 +246,7 @@ def write_states_page(words: dict[str, Any]) -> str:
 def write_lifecycles_page(words: dict[str, Any]) -> str:
     """Draw the transitions between states with their events, from the program's own tables."""
     parts = [(FOLDER / "lifecycles.intro.md").read_text(encoding="utf-8").strip()]
-    parts += [f"## A {table.entity}\n```text\n{draw_lifecycle(table)}\n```" for table in LIFECYCLES]
+    parts += [f"## A {table.entity_name}\n```text\n{draw_lifecycle(table)}\n```" for table in LIFECYCLES]
     all_rows = (row for table in LIFECYCLES for row in (*table.transitions, *table.consequences))
     kinds = sorted({row.event for row in all_rows} | FARM_WIDE_EVENTS, key=lambda kind: kind.__name__)
     rows = pair_with_words((kind.__name__ for kind in kinds), "events", words["events"])

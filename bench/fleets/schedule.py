@@ -48,7 +48,7 @@ def make_fleet(count: int, busy: bool) -> list[FleetPrinter]:
             link=Link.READY,
             is_booked=busy and number % 2 == 0,
             attention_reason=None,
-            free_s=NOW_S + 3600.0 * (number % 7) if busy and number % 2 == 0 else None,
+            print_end_s=NOW_S + 3600.0 * (number % 7) if busy and number % 2 == 0 else None,
             grams=500.0 if number % 5 else None,
         )
         for number in range(count)

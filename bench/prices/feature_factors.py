@@ -186,7 +186,7 @@ def compute_errors(parts: Sequence[PartTimes], firmware: str, splits: int, pause
         )
         ratios = np.array([part.actual_s[firmware] / part.sliced_s for part in test_parts])
         by_feature = np.array([factors.compute_factor(part.shares) for part in test_parts])
-        errors = [np.abs(ratios / expected - 1.0) for expected in (1.0, factors.overall, by_feature)]
+        errors = [np.abs(ratios / expected - 1.0) for expected in (1.0, factors.overall_factor, by_feature)]
         rows.append((*(error.mean() for error in errors), errors[1].max(), errors[2].max()))
     name = firmware + (f", {pauses} pauses" if pauses else "")
     return Errors(name, *np.mean(rows, axis=0).tolist())

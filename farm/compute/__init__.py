@@ -2,7 +2,7 @@
 
 from farm.compute.deferred import DeferredFunction, TaskFiles
 from farm.compute.limits import CHECKING_LIMIT, DECOMPOSING_LIMIT, DRAWING_LIMIT, SLICING_LIMIT, Limit
-from farm.compute.memory import read_process_bytes
+from farm.compute.memory import read_process_memory_bytes
 from farm.compute.pool import Pool, PoolShare
 from farm.compute.worker_pool import WorkerPool
 
@@ -17,5 +17,5 @@ __all__ = [
     "PoolShare",
     "TaskFiles",
     "WorkerPool",
-    "read_process_bytes",
+    "read_process_memory_bytes",
 ]

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from farm.compute.limits import CHECKING_LIMIT, Limit
-from farm.compute.memory import read_machine_bytes
+from farm.compute.memory import read_machine_memory_bytes
 from farm.compute.worker_process import RaisedError, WarmUp, Worker
 from farm.errors import ErrorCode, FarmError
 
@@ -32,7 +32,7 @@ _GB = 2**30
 _CLOSED_MESSAGE = "the daemon is shutting down: submit it again after `farm up`"
 
 
-def compute_worker_bytes(count: int, memory_gb: float | None) -> int:
+def compute_worker_memory_bytes(count: int, memory_gb: float | None) -> int:
     """Return the memory in bytes that a worker may use.
 
     Parameters
@@ -45,7 +45,7 @@ def compute_worker_bytes(count: int, memory_gb: float | None) -> int:
     """
     if memory_gb is not None:
         return int(memory_gb * _GB)
-    machine_bytes = read_machine_bytes()
+    machine_bytes = read_machine_memory_bytes()
     return int(max(0.8 * machine_bytes / count, min(4 * _GB, machine_bytes / 2)))
 
 
@@ -68,7 +68,7 @@ class WorkerPool:
     count
         Number of workers, without the one for urgent tasks; by default, the number of cores.
     memory_gb
-        Memory limit of each worker; see `compute_worker_bytes`.
+        Memory limit of each worker; see `compute_worker_memory_bytes`.
     warm_up
         Function that every worker calls first: it imports the modules that tasks need.
     """
@@ -82,7 +82,7 @@ class WorkerPool:
     ) -> None:
         count = count or len(os.sched_getaffinity(0))
         self._scratch = scratch
-        self._memory_bytes = compute_worker_bytes(count, memory_gb)
+        self._memory_bytes = compute_worker_memory_bytes(count, memory_gb)
         self._warm_up = warm_up
         self._is_closed = False
         self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")
@@ -108,7 +108,7 @@ class WorkerPool:
 
     @property
     def start_step(self) -> str | None:
-        """Step of the start of the workers, as text; None once one of them is ready."""
+        """Current step while the workers start, as text; None once one of them is ready."""
         steps = [worker.start_step for worker in self._live_workers]
         return steps[0] if steps and all(steps) else None
 

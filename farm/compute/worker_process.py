@@ -26,7 +26,8 @@ WarmUp = Callable[[Callable[[str], object]], None]
 _PR_SET_PDEATHSIG = 1
 _EXIT_TIMEOUT_S = 2.0  # maximum wall seconds from the closing of the pipe to the exit of the process
 _START_NICE, _WORK_NICE = 5, 19
-"""Niceness of the start and of the work. With the latter, the start would take minutes on a busy host."""
+"""Niceness while a process starts, and while it works. With the latter, a start would take minutes on a busy
+host."""
 _STEP_FILE = "step"
 
 
@@ -66,7 +67,7 @@ class Worker:
 
     @property
     def start_step(self) -> str | None:
-        """Step of the start, as text; None once the process is ready."""
+        """Current step while the process starts, as text; None once it is ready."""
         try:
             return (self.folder / _STEP_FILE).read_text() or "starting"
         except OSError:
@@ -145,7 +146,7 @@ def _run_call(request: bytes) -> bytes:
 
 
 def _prepare_process(daemon_pid: int, folder: Path, memory_bytes: int) -> None:
-    """Lower the priority, limit memory, set the temporary folder, and die with the daemon (Linux)."""
+    """Lower the priority, limit memory, set the temporary folder, and end the process with the daemon."""
     os.nice(_START_NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import chain
 
 from drivers.clock import Clock
@@ -173,7 +173,10 @@ class Controller:
             raise RuntimeError("the controller has not been started")
         for effect in effects:
             if isinstance(effect, ev.SendStart):
-                effect = effect.model_copy(update=asdict(self.situations.find_limits(effect.print_id)))
+                limits = self.situations.find_limits(effect.print_id)
+                effect = effect.model_copy(
+                    update={"not_after_s": limits.latest_start_s, "ends_by_s": limits.latest_end_s}
+                )
             self._effects.perform(effect, self.books)
 
     def _schedule(self) -> Iterator[Effect]:

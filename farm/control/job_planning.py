@@ -122,7 +122,7 @@ class JobPlanning:
     ) -> ev.AnyEvent:
         now_s = situation.now_s
         if isinstance(result, TooFewPrinters):
-            self._admission.require_parts(job.id, result.needed_count)
+            self._admission.set_min_parts(job.id, result.needed_count)
             return ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None)
         if isinstance(result, FarmError):
             return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))

@@ -13,7 +13,7 @@ from itertools import islice
 from pathlib import Path
 
 from farm.model import AgentSnapshot, Link, Temperatures
-from farm.scheduling import FleetPrinter, StartRules, may_start_now, summarise_availability
+from farm.scheduling import FleetPrinter, StartRules, may_start_now, select_scheduling_fields
 from farm.state import (
     Books,
     detect_alarm,
@@ -75,7 +75,7 @@ class Telemetry:
         return (
             has_failed
             or previous_snapshot is None
-            or summarise_availability(previous_snapshot) != summarise_availability(snapshot)
+            or select_scheduling_fields(previous_snapshot) != select_scheduling_fields(snapshot)
         )
 
     def reject(self, snapshot: AgentSnapshot, previous_snapshot: AgentSnapshot | None, reason: str) -> None:

@@ -43,7 +43,7 @@ class HoldCode(StrEnum):
 
 
 class ShortReel(Entity):
-    """Printer with too little filament for a plate, with available and needed amounts."""
+    """Printer with too little filament for a plate; the text states the available and the needed amount."""
 
     printer: str
     text: str

@@ -19,13 +19,13 @@ class Role(StrEnum):
         order = list(Role)
         return order.index(self) >= order.index(role)
 
-    def limit(self, highest: Role) -> Role:
-        """Return this role, or `highest` if that permits less."""
-        return highest if self.allows(highest) else self
+    def limit(self, max_role: Role) -> Role:
+        """Return this role, or `max_role` if that permits less."""
+        return max_role if self.allows(max_role) else self
 
 
 class KeyKind(StrEnum):
-    """Kind of key, by its user."""
+    """Kind of key: for a program or a person, or for a browser."""
 
     KEY = "key"  # a program or a person, who sends it with each request
     SESSION = "session"  # a browser, which keeps it as a cookie

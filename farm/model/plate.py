@@ -130,14 +130,14 @@ class FeatureFactors(Entity):
 class TimeFactors:
     """Ratios of actual to sliced time of a printer's layers: overall, and by feature after enough prints."""
 
-    overall: float = 1.0
-    by_feature: tuple[float, ...] | None = None  # in the order of `Shares`
+    overall_factor: float = 1.0
+    feature_factors: tuple[float, ...] | None = None  # in the order of `Shares`
 
     def compute_factor(self, shares: Shares | None) -> float:
         """Compute the factor of layers with these shares; the overall factor if the others are unknown."""
-        if self.by_feature is None or shares is None:
-            return self.overall
-        return float(sum(map(mul, shares, self.by_feature)))
+        if self.feature_factors is None or shares is None:
+            return self.overall_factor
+        return float(sum(map(mul, shares, self.feature_factors)))
 
 
 NOMINAL_TIME_FACTORS = TimeFactors()

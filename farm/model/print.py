@@ -64,7 +64,7 @@ class Print(Entity):
     extruded: bool = False
     cancel_reason: str | None = None
     restored: bool = False  # True if from a backup; it may have started or ended since, and is never started
-    fail_reason: str | None = None  # reason why a person failed it (`farm fail`)
+    fail_reason: str | None = None  # reason why a person marked it as failed (`farm fail`)
     charged: bool = True  # True if its failure counts as an attempt of its plate
     verdict: Verdict | None = None  # judgement of its part; None until a person has judged it
     verdict_why: str | None = None

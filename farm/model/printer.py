@@ -81,7 +81,7 @@ class Outage(Entity):
 
 @dataclass(frozen=True, slots=True)
 class Temperatures:
-    """Hottest readings of a minute, in whole degrees Celsius, and the last targets; None: no reading."""
+    """Highest readings of a minute, in whole degrees Celsius, and the last targets; None: no reading."""
 
     at_s: float
     nozzle_c: int | None

@@ -14,8 +14,8 @@ from farm.planning.plan import Plan, SlicedJob
 from farm.planning.plate_times import compute_overhead_s
 from farm.state.storage import store_file
 
-MAX_WARNINGS = 3
-"""Maximum number of a plate's warnings about walls too thin to print, the largest walls first."""
+MAX_WALL_WARNINGS = 3
+"""Maximum number of warnings about walls of a plate that are too thin to print, the largest walls first."""
 MAY_FALL_WARNING = (
     "has a small footprint in every pose that fits: watch it while it prints, or give it a wider brim"
 )
@@ -23,7 +23,7 @@ MAY_FALL_WARNING = (
 
 @dataclass(frozen=True, slots=True)
 class PlateNames:
-    """Identifiers of a plate with one part, in the books."""
+    """Identifiers that a plate and its only part have in the books."""
 
     job: int
     part: str
@@ -78,7 +78,7 @@ def store_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFa
         printer=section.name,
         time_factor=time_factors.compute_factor(features.shares),
         cached=result.is_cached,
-        warnings=(*warnings, *map(str, result.unprinted_walls[:MAX_WARNINGS])),
+        warnings=(*warnings, *map(str, result.unprinted_walls[:MAX_WALL_WARNINGS])),
     )
 
 

@@ -85,7 +85,7 @@ class SliceTask:
 
     Attributes
     ----------
-    part
+    part_name
         Name of the part, for messages.
     stl
         File in printing pose.
@@ -100,7 +100,7 @@ class SliceTask:
         Folder of earlier slices; None for none.
     """
 
-    part: str
+    part_name: str
     stl: Path
     request: SettingsRequest
     resources: Resources

@@ -25,8 +25,10 @@ from farm.model import (
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 MIN_RELEVEL_DELAY_S, MIN_RELEVEL_DELAY_SHARE = 120.0, 0.01
-"""Cuts are moved if the last printer ends at least this much later than the mean of all printers: a time, or
-a share of the longest time if that is more."""
+"""Minimum delay of the last printer, compared with the mean of all, at which cuts are moved.
+
+The larger one counts: a time, or a share of the longest time.
+"""
 
 
 class TooFewPrinters(FarmError):

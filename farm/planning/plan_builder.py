@@ -151,7 +151,7 @@ class PlanBuilder:
         return sliced_job
 
     async def _move_cuts(self, sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
-        """Move the cuts; meanwhile idle workers draw the parts, which may stay unchanged."""
+        """Move the cuts, while idle workers draw the parts, because these may stay unchanged."""
         move_future = asyncio.ensure_future(
             self._workers.run(relevel_parts, sliced_job, folder, limit=DECOMPOSING_LIMIT)
         )

@@ -16,7 +16,7 @@ from farm.scheduling import (
     StartRules,
     describe_plates,
     forecast_prints,
-    make_idle,
+    make_idle_printer,
 )
 from farm.state import Books
 from farm.state import events as ev
@@ -28,7 +28,7 @@ def build_planned_event(
     """Build the event of a plan, with its expected time, including waits for rounds, hours or heating."""
     used_printers = {plate.printer for plate in plan.plates}
     printers = list(printers)
-    fleet = [make_idle(printer) for printer in printers if printer.name in used_printers]
+    fleet = [make_idle_printer(printer) for printer in printers if printer.name in used_printers]
     parts = {part.id: part for part in plan.parts}
     books = replace(books, plates={plate.id: plate for plate in plan.plates}, parts=parts)
     waiting_plates = PlateQueue.from_plates(describe_plates(plan.plates, books))

@@ -109,7 +109,7 @@ def find_usable_volumes(section: PrinterSection, brim_mm: float) -> tuple[Usable
 def list_model_sizes(
     usable_volumes: tuple[UsableVolume, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
-    """Return the largest sizes (x, y, z) of a part in the model, in mm, without shrinkage compensation."""
+    """Return the largest sizes (x, y, z) in mm that a part may have before shrinkage compensation."""
     xy, z = settings.scale_xy, settings.scale_z
     return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in usable_volumes))
 

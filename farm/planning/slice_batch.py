@@ -27,7 +27,7 @@ from slicing.settings import find_engine, find_resources
 async def slice_batch(
     workers: PoolShare, batch: SliceBatch, on_slice: Callable[[PlateResult], None] = lambda _: None
 ) -> tuple[SlicedPart, ...]:
-    """Slice all parts of a batch; a failure or cancellation stops all.
+    """Slice all parts of a batch; a failure or cancellation stops them all.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ async def slice_batch(
         See `build_slice_tasks` and `slice_part`.
     """
 
-    async def slice_one(part: DecomposedPart, task: SliceTask) -> SlicedPart:
+    async def slice_one_part(part: DecomposedPart, task: SliceTask) -> SlicedPart:
         result = await workers.run(slice_part, task, limit=SLICING_LIMIT)
         on_slice(result)
         return SlicedPart(part, batch.find_printer(part), task, result)
@@ -54,7 +54,7 @@ async def slice_batch(
     tasks = await asyncio.to_thread(build_slice_tasks, batch)
     # Longest first, so that all workers finish at about the same time.
     order = sorted(range(len(tasks)), key=lambda i: -batch.parts[i].price_s)
-    slice_tasks = {i: asyncio.ensure_future(slice_one(batch.parts[i], tasks[i])) for i in order}
+    slice_tasks = {i: asyncio.ensure_future(slice_one_part(batch.parts[i], tasks[i])) for i in order}
     try:
         await asyncio.gather(*slice_tasks.values())
         return tuple(slice_tasks[i].result() for i in range(len(tasks)))
@@ -82,7 +82,7 @@ def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
         settings = resolve_printer_settings(section, batch.quality, resources)
         tasks.append(
             SliceTask(
-                part=part.id,
+                part_name=part.id,
                 stl=part.stl,
                 request=build_settings_request(section, batch.quality),
                 resources=resources,

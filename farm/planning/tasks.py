@@ -55,10 +55,13 @@ def list_step_files(drawing_record: Path, _first: int, _end: int, out: Path) -> 
 
 
 def list_draw_files(
-    task: DecomposeTask, drawing_record: Path, overview: Path | None = None, steps: Sequence[Path] = ()
+    task: DecomposeTask,
+    drawing_record: Path,
+    overview_file: Path | None = None,
+    step_files: Sequence[Path] = (),
 ) -> TaskFiles:
     """List the files of `draw_job_parts`: the record of the parts, earlier pictures and the plan's folder."""
-    pictures = steps if overview is None else (overview, *steps)
+    pictures = step_files if overview_file is None else (overview_file, *step_files)
     return TaskFiles(input_files=(drawing_record, *pictures), output_folders=(task.folder,))
 
 

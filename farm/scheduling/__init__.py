@@ -23,7 +23,7 @@ from farm.scheduling.assignment import (
     find_holds,
     select_possible_assignments,
 )
-from farm.scheduling.forecast import Slot, compute_printing_s, forecast_prints, make_idle
+from farm.scheduling.forecast import Slot, compute_printing_s, forecast_prints, make_idle_printer
 from farm.scheduling.forecast_cache import ForecastCache
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
@@ -49,7 +49,7 @@ from farm.scheduling.situation_builder import (
     estimate_remaining_s,
     find_print_limits,
     may_start_now,
-    summarise_availability,
+    select_scheduling_fields,
     update_ends,
 )
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
@@ -98,11 +98,11 @@ __all__ = [
     "list_pending_printers",
     "list_reservations",
     "list_usable_printers",
-    "make_idle",
+    "make_idle_printer",
     "may_start_now",
     "may_take_spare",
     "parse_moment_s",
     "select_possible_assignments",
-    "summarise_availability",
+    "select_scheduling_fields",
     "update_ends",
 ]

@@ -42,12 +42,12 @@ class PlanOrder:
 
 @dataclass(frozen=True, slots=True)
 class JobRequest:
-    """Request of a job without a plan for printers.
+    """Request for printers by a job that has no plan yet.
 
     Attributes
     ----------
     requirements
-        Requirements on each printer.
+        Requirements that each printer must meet.
     printer_count
         Number of printers that the user requested; None for all.
     min_parts
@@ -65,7 +65,7 @@ class JobRequest:
     spare_count: int = 0
     starts_later: bool = False
 
-    def limit_printers(self, available_count: int) -> int:
+    def limit_printer_count(self, available_count: int) -> int:
         """Return the number of the available printers that the job may use."""
         return min(max(1, available_count - self.spare_count), self.printer_count or available_count)
 
@@ -93,7 +93,7 @@ class Availability:
         Printers for which plates are being replanned: chosen only if there are no others.
     is_starting
         True just after the start of the farm: jobs wait for printers that are still connecting.
-    unattended_blocked
+    attended_only_printers
         Printers on which no print may start while nobody is present: chosen only if there are no others.
     """
 
@@ -101,7 +101,7 @@ class Availability:
     reservations: Mapping[str, str] = field(default_factory=dict)
     replan_printers: frozenset[str] = frozenset()
     is_starting: bool = False
-    unattended_blocked: frozenset[str] = frozenset()
+    attended_only_printers: frozenset[str] = frozenset()
 
     def with_pending_plans(self, pending_plans: Iterable[PendingPlan]) -> Availability:
         """Return the availability in which the printers of some pending plans are reserved too."""
@@ -147,9 +147,9 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
     reserved_names = availability.replan_printers | availability.reservations.keys()
     idle = [p for p in usable_printers if p.find_obstacle() is None and p.name not in reserved_names]
     candidates = idle if idle and not request.starts_later else usable_printers
-    number, min_parts = request.limit_printers(len(candidates)), request.min_parts
+    number, min_parts = request.limit_printer_count(len(candidates)), request.min_parts
     if min_parts > number:
-        max_parts = request.limit_printers(len(usable_printers))
+        max_parts = request.limit_printer_count(len(usable_printers))
         if min_parts > max_parts:
             return PlanOrder(tuple(p.name for p in candidates[:number]), rounds=-(-min_parts // number))
         candidates, number = usable_printers, max_parts
@@ -165,7 +165,7 @@ def list_usable_printers(
     usable_printers = [
         p for p in matching_printers if (hold := p.find_obstacle()) is None or hold.code in _TEMPORARY_CODES
     ]
-    blocked_names = availability.unattended_blocked
+    blocked_names = availability.attended_only_printers
     startable = [p for p in usable_printers if p.name not in blocked_names] or usable_printers
     return (
         [p for p in startable if p.name not in availability.replan_printers] or startable or matching_printers
@@ -247,17 +247,17 @@ class JobAdmission:
         self._min_parts: dict[int, int] = {}
         self._planned_printers: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
 
-    def require_parts(self, number: int, part_count: int) -> None:
+    def set_min_parts(self, job: int, part_count: int) -> None:
         """Store the number of parts that a job needs according to an attempt to plan it."""
-        self._min_parts[number] = part_count
+        self._min_parts[job] = part_count
 
     def begin_planning(self, order: StartPlanning) -> None:
-        """Store the printers for which a job is being planned."""
+        """Record that a job is being planned, with its printers."""
         self._planned_printers[order.job] = frozenset(order.printers)
 
-    def end_planning(self, number: int) -> None:
-        """Remove a job whose planning has ended."""
-        self._planned_printers.pop(number, None)
+    def end_planning(self, job: int) -> None:
+        """Record that the planning of a job has ended."""
+        self._planned_printers.pop(job, None)
 
     def list_pending_plans(self, books: Books) -> list[PendingPlan]:
         """List the jobs that are being planned, with their printers."""
@@ -313,7 +313,7 @@ class JobAdmission:
         )
 
 
-def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict[str, str]:
+def list_reservations(situation: Situation, replan_printers: Mapping[str, str]) -> dict[str, str]:
     """Return the printers that are reserved and thus unavailable to a new job, each with its purpose.
 
     No printer is reserved for a plate that may not start now, because that plate may wait for a long time.
@@ -322,8 +322,8 @@ def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict
     ----------
     situation
         The plates that still wait, and the fleet after the current assignment.
-    reserved
-        Printers for which plates are being replanned, with the plate.
+    replan_printers
+        Printers for which plates are being replanned, each with the plate.
     """
     assignments: Iterable[Assignment] = ()
     if situation.rules.max_heating is not None:  # plates that start once another printer has heated up
@@ -331,7 +331,7 @@ def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict
     return {
         **dict.fromkeys(situation.spare_printers, SPARE_PURPOSE),
         **{assignment.printer: assignment.plate for assignment in assignments},
-        **reserved,
+        **replan_printers,
     }
 
 
@@ -342,4 +342,4 @@ def limit_availability(availability: Availability, situation: Situation, job: Jo
     blocked_names = frozenset(
         p.name for p in situation.printers if not (p.may_print_unattended or is_attended)
     )
-    return replace(availability, unattended_blocked=blocked_names)
+    return replace(availability, attended_only_printers=blocked_names)

@@ -119,7 +119,7 @@ class _Simulation:
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         # Number of plates to print by job, including those being printed.
         self._remaining_plates = Counter(plate.job for plate in situation.waiting_plates)
-        self._fleet = {printer.name: make_idle(printer) for printer in usable_printers}
+        self._fleet = {printer.name: make_idle_printer(printer) for printer in usable_printers}
         self._order = FleetOrder.from_printers(self._fleet.values())
         self._planned_plates = Counter(plate.planned_printer for plate in situation.waiting_plates)
         self._extra_printer_counts = situation.waiting_plates.extra_printer_counts
@@ -138,10 +138,10 @@ class _Simulation:
         now_s = self._now_s
         if printer.is_booked:
             self._remaining_plates.update([printer.job] if printer.job is not None else [])
-            self._push_change(max(now_s, printer.free_s or now_s), _PRINT_END, printer.job)
+            self._push_change(max(now_s, printer.print_end_s or now_s), _PRINT_END, printer.job)
         if printer.is_heating:
             self._heating_count += 1
-            self._push_change(max(now_s, printer.heats_until_s or now_s), _HEATING_END, printer.name)
+            self._push_change(max(now_s, printer.heating_end_s or now_s), _HEATING_END, printer.name)
         if not is_used:
             return
         ready_s = _find_ready_time_s(printer, self._rules, now_s)
@@ -263,7 +263,7 @@ class _Simulation:
             del self.queue[plate.queue_rank]
 
 
-def make_idle(printer: FleetPrinter) -> FleetPrinter:
+def make_idle_printer(printer: FleetPrinter) -> FleetPrinter:
     """Return a printer as if it were idle and clear, for the simulation."""
     return replace(
         printer,
@@ -288,7 +288,7 @@ def _find_ready_time_s(printer: FleetPrinter, rules: StartRules, now_s: float) -
     """Return the time at which a printer is idle and clear."""
     if printer.find_obstacle() is None:
         return now_s
-    return rules.find_bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_TIME_S)
+    return rules.find_bed_clear_s(max(now_s, printer.print_end_s or now_s), CLEARING_TIME_S)
 
 
 def _find_fitting_printers(

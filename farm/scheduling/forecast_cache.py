@@ -91,6 +91,6 @@ class ForecastCache:
         self, situation: Situation, books: Books, previous_ends: ExpectedEnds
     ) -> Iterator[None]:
         forecast = yield from forecast_in_steps(situation, include_bound=False)
-        if self._ends is previous_ends:  # otherwise, the clock was set meanwhile
+        if self._ends is previous_ends:  # otherwise, the clock was set during the forecast
             ends_s = {slot.plate: slot.end_s for slot in forecast.slots}
             self._books, self._ends = books, ExpectedEnds(ends_s, situation.now_s)

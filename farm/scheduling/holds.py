@@ -296,7 +296,7 @@ class HoldReasons:
         ends_s = [
             end_s
             for n in busy
-            if (end_s := self._situation.fleet[n].free_s) is not None and end_s > self._situation.now_s
+            if (end_s := self._situation.fleet[n].print_end_s) is not None and end_s > self._situation.now_s
         ]
         rules, now_s = self._situation.rules, self._situation.now_s
         times = (rules.make_text_time(min(ends_s), now_s),) if ends_s else ()

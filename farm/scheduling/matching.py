@@ -90,9 +90,9 @@ class FleetPrinter:
     attention_reason: str | None  # reason why a person has to inspect it
     maintenance: str | None = None  # reason why a person has taken it out of use
     is_heating: bool = False
-    free_s: float | None = None  # expected end of its print
+    print_end_s: float | None = None  # expected end of its print
     job: int | None = None  # number of the job that it is printing
-    heats_until_s: float | None = None  # expected end of its heat-up
+    heating_end_s: float | None = None  # expected end of its heat-up
     grams: float | None = None  # on its reel, minus the grams that its open print needs; None: unknown
     is_reel_uncertain: bool = False  # `grams` may be too high
     time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints

@@ -21,9 +21,9 @@ class FleetOrder:
     Attributes
     ----------
     rank_by_name
-        Rank by name: the lowest build height first, then alphabetically.
+        Rank of each printer in order of build height, then of name.
     kind_by_name
-        Number by name, the same for printers that differ only in name and reel.
+        Number of each printer's kind; printers of one kind differ only in name and reel.
     """
 
     rank_by_name: Mapping[str, int]
@@ -118,22 +118,22 @@ class _PrinterKind:
 
     capabilities: Capabilities
     names: list[str]
-    # The best printer for a plate that was planned for another one is last; assigned ones may remain.
+    # Worst first, for plates that were planned for other printers; may still contain assigned printers.
     unassigned_printers: list[str]
-    grams: float  # largest amount on a reel
+    max_grams: float  # largest amount on a reel
     window: StartWindow
 
     @classmethod
     def from_printers(cls, names: list[str], inputs: MatchingInputs) -> _PrinterKind:
         """Describe free printers of one kind."""
         first = inputs.fleet[names[0]]
-        grams = max(_read_grams(inputs.fleet[name]) for name in names)
+        max_grams = max(_read_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.find_start_window(first.may_print_unattended, inputs.now_s)
         planned_printers, rank = inputs.planned_printers, inputs.order.rank_by_name
         unassigned_printers = names.copy()
         if len(names) > 1:
             unassigned_printers.sort(key=lambda name: (name in planned_printers, rank[name]), reverse=True)
-        return cls(first.capabilities, names, unassigned_printers, grams, window)
+        return cls(first.capabilities, names, unassigned_printers, max_grams, window)
 
 
 class _Matching:
@@ -157,11 +157,11 @@ class _Matching:
         return False
 
     def place(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate, for which placed plates may move; return whether there is one."""
+        """Find a printer for a plate, moving placed plates if necessary; return whether one was found."""
         return self._augment(plate, set())
 
     def place_on_any_printer(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate, including those on which it failed; return whether there is one."""
+        """Find a printer for a plate, including those on which it failed; return whether one was found."""
         for name in self._list_capable_printers(plate):
             if name not in self.plate_by_printer:
                 self.plate_by_printer[name] = plate
@@ -239,7 +239,7 @@ class _Matching:
         return not any(plate.requirements.matches(p.capabilities) for p in other_printers)
 
     def _list_capable_printers(self, plate: WaitingPlate) -> list[str]:
-        """Return the free printers that can take a plate now, the lowest first."""
+        """Return the free printers that can take a plate now, in order of build height."""
         inputs, grams = self._inputs, compute_needed_grams(plate)
         names = [
             name
@@ -255,7 +255,7 @@ class _Matching:
         return [
             kind
             for kind in self._kinds.values()
-            if grams <= kind.grams
+            if grams <= kind.max_grams
             and kind.window.allows(plate)
             and plate.requirements.matches(kind.capabilities)
         ]

@@ -25,7 +25,7 @@ class JobPlates:
 
     @classmethod
     def from_plates(cls, plates: Iterable[WaitingPlate]) -> JobPlates:
-        """Create the plates of a job from plates in any order."""
+        """Create the record of a job from its waiting plates in any order."""
         return cls(tuple(sorted(plates, key=attrgetter("priority_key"))))
 
     @cached_property

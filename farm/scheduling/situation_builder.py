@@ -37,28 +37,28 @@ BuildVolumes = Callable[[PrinterSection], tuple[Box, ...]]
 def _describe_printer(
     section: PrinterSection,
     books: Books,
-    report: AgentSnapshot | None,
+    snapshot: AgentSnapshot | None,
     attempt: Print | None,
     build_volumes: BuildVolumes,
 ) -> FleetPrinter:
     entry = books.get_printer(section.name)
     attention_reason = entry.attention_reason
-    if report is not None and report.link is Link.FAULT and attention_reason is None:
-        attention_reason = report.reason or "its agent reports a fault"
-    attended_reason = _find_attended_reason(section, report)
+    if snapshot is not None and snapshot.link is Link.FAULT and attention_reason is None:
+        attention_reason = snapshot.reason or "its agent reports a fault"
+    attended_reason = _find_attended_reason(section, snapshot)
     return FleetPrinter(
         name=section.name,
         capabilities=describe_capabilities(section, build_volumes),
         bed=entry.bed,
         filament=entry.filament,
-        link=report.link if report is not None else Link.STARTING,
+        link=snapshot.link if snapshot is not None else Link.STARTING,
         is_booked=attempt is not None,
         attention_reason=attention_reason,
         maintenance=entry.maintenance,
         is_heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
-        free_s=None if attempt is None else _compute_expected_end_s(books, attempt, entry.time_factors),
+        print_end_s=None if attempt is None else _compute_expected_end_s(books, attempt, entry.time_factors),
         job=None if attempt is None else attempt.job,
-        heats_until_s=None
+        heating_end_s=None
         if attempt is None
         else _find_start_s(attempt) + books.plates[attempt.plate].overhead_s,
         grams=_compute_free_grams(books, entry, attempt),
@@ -81,10 +81,10 @@ def describe_capabilities(section: PrinterSection, build_volumes: BuildVolumes) 
     )
 
 
-def _find_attended_reason(section: PrinterSection, report: AgentSnapshot | None) -> str:
+def _find_attended_reason(section: PrinterSection, snapshot: AgentSnapshot | None) -> str:
     """Return why a printer prints only while attended; empty if it may print unattended."""
     firmware = PROFILES[section.model].firmware
-    if report is not None and not report.reset_verified:
+    if snapshot is not None and not snapshot.reset_verified:
         return "a reset of its board has not been verified"
     if not (section.simulated or firmware.dead_man_observed):
         return f"it is not verified that {firmware.title} switches the heaters off when its host dies"
@@ -135,9 +135,9 @@ def estimate_remaining_s(
 
 
 def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]) -> Situation:
-    """Return a situation in which the ends of running prints follow from their progress, for display.
+    """Return a situation for display, in which the ends of running prints follow from their progress.
 
-    Decisions use the planned ends, because they are made once for each event and not for each report.
+    Decisions use the planned ends, because they are made once for each event, not for each snapshot.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, Agen
     books
         The open prints and their plates.
     snapshots
-        Latest report of each agent, by printer.
+        Latest snapshot of each agent, by printer.
     """
 
     def update_printer(printer: FleetPrinter) -> FleetPrinter:
@@ -156,7 +156,7 @@ def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, Agen
         report = None if snapshot is None else snapshot.find_print(attempt.id)
         plate, factors = books.plates[attempt.plate], printer.time_factors
         remaining_s = estimate_remaining_s(attempt, plate, report, factors, situation.now_s)
-        return replace(printer, free_s=situation.now_s + remaining_s)
+        return replace(printer, print_end_s=situation.now_s + remaining_s)
 
     return situation.with_printers(tuple([update_printer(printer) for printer in situation.printers]))
 
@@ -183,7 +183,7 @@ class SituationBuilder:
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers."""
-        sections, named_printers = self._list_enabled(fleet), self._find_named_printers(books)
+        sections, named_printers = self._list_enabled_sections(fleet), self._find_named_printers(books)
         return tuple(
             [
                 self._describe(section, books, snapshots.get(name), name in named_printers)
@@ -195,19 +195,19 @@ class SituationBuilder:
         self, fleet: Fleet, name: str, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> FleetPrinter | None:
         """Describe one printer; None if it is disabled or unknown."""
-        section = self._list_enabled(fleet).get(name)
+        section = self._list_enabled_sections(fleet).get(name)
         if section is None:
             return None
         return self._describe(section, books, snapshots.get(name), name in self._find_named_printers(books))
 
-    def _list_enabled(self, fleet: Fleet) -> dict[str, PrinterSection]:
+    def _list_enabled_sections(self, fleet: Fleet) -> dict[str, PrinterSection]:
         if fleet is not self._fleet:
             self._fleet = fleet
             self._sections = {section.name: section for section in fleet.printers if section.enabled}
         return self._sections
 
     def _describe(
-        self, section: PrinterSection, books: Books, report: AgentSnapshot | None, is_named: bool
+        self, section: PrinterSection, books: Books, snapshot: AgentSnapshot | None, is_named: bool
     ) -> FleetPrinter:
         entry, attempt = books.get_printer(section.name), books.find_open_print(section.name)
         cached = self._printers.get(section.name)
@@ -217,16 +217,18 @@ class SituationBuilder:
             and cached.entry is entry
             and cached.attempt is attempt
             and cached.is_named is is_named
-            and (cached.report is report or _are_alike(cached.report, report))
+            and (cached.snapshot is snapshot or _are_alike(cached.snapshot, snapshot))
         ):
-            cached.report = report
+            cached.snapshot = snapshot
             return cached.description
-        description = _describe_printer(section, books, report, attempt, self._build_volumes)
+        description = _describe_printer(section, books, snapshot, attempt, self._build_volumes)
         if is_named:
             description = replace(
                 description, capabilities=replace(description.capabilities, requested_name=section.name)
             )
-        self._printers[section.name] = _CachedPrinter(section, entry, attempt, report, is_named, description)
+        self._printers[section.name] = _CachedPrinter(
+            section, entry, attempt, snapshot, is_named, description
+        )
         return description
 
     def _find_named_printers(self, books: Books) -> frozenset[str]:
@@ -265,12 +267,12 @@ class SituationBuilder:
 
 @dataclass(slots=True)
 class _CachedPrinter:
-    """Description of a printer, with its inputs; `report` is the latest snapshot that gives it."""
+    """Description of a printer, with its inputs; `snapshot` is the latest one that results in it."""
 
     section: PrinterSection
     entry: Printer
     attempt: Print | None
-    report: AgentSnapshot | None
+    snapshot: AgentSnapshot | None
     is_named: bool
     description: FleetPrinter
 
@@ -287,10 +289,10 @@ def _are_alike(first: AgentSnapshot | None, second: AgentSnapshot | None) -> boo
     """Return whether two snapshots of a printer are equal in the fields that the scheduler reads."""
     if first is None or second is None:
         return first is second
-    return summarise_availability(first) == summarise_availability(second)
+    return select_scheduling_fields(first) == select_scheduling_fields(second)
 
 
-def summarise_availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
+def select_scheduling_fields(snapshot: AgentSnapshot) -> tuple[object, ...]:
     """Return the fields of a snapshot that the scheduler reads."""
     reason = snapshot.reason if snapshot.link is Link.FAULT else None
     return snapshot.link, reason, snapshot.reset_verified
@@ -362,18 +364,10 @@ def may_start_now(
 
 @dataclass(frozen=True, slots=True)
 class PrintLimits:
-    """Time limits of a print by attended and quiet hours, in seconds since the epoch; None for no limit.
+    """Limits that attended and quiet hours set on a print, in seconds since the epoch; None for no limit."""
 
-    Attributes
-    ----------
-    not_after_s
-        Latest start.
-    ends_by_s
-        Latest end.
-    """
-
-    not_after_s: float | None
-    ends_by_s: float | None
+    latest_start_s: float | None
+    latest_end_s: float | None
 
 
 def find_print_limits(

@@ -22,7 +22,7 @@ GRAMS_RATIO, MIN_RESERVE_GRAMS = 1.05, 5.0
 FIRST_LAYERS_RESERVE_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
 CLEARING_RESERVE_S = 900.0
-"""Seconds of the attended hours reserved to cool and clear a print that must end in them."""
+"""Seconds of the attended hours reserved to cool and clear the bed of a print that must end in them."""
 _HORIZON_S = 15 * 86400.0
 _TOLERANCE_S = 0.001  # a plate may still start exactly at its latest start
 
@@ -45,7 +45,9 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartWindow:
-    """Limits by attended and quiet hours on prints that start at a time, on printers with equal permissions.
+    """Limits that attended and quiet hours set on prints that start at one time.
+
+    They apply to printers with equal permissions.
 
     Attributes
     ----------
@@ -56,7 +58,7 @@ class StartWindow:
     attended_end_s
         End of the attended hours; minus infinity outside of them.
     may_print_unattended, first_layers_attended
-        True if the printers may print unattended; True if first layers must be attended.
+        Whether the printers may print unattended, and whether first layers must be attended.
     """
 
     at_s: float
@@ -108,19 +110,19 @@ class StartRules:
         """Return a time with its text in a sentence; see `format_moment`."""
         return make_text_time(at_s, now_s, self.zone)
 
-    def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
-        """Find the earliest time from `from_s` at which the hours allow a plate to start on a printer.
+    def find_start(self, plate: WaitingPlate, printer: FleetPrinter, earliest_s: float) -> Start:
+        """Find the first time from `earliest_s` on at which the hours allow a plate to start on a printer.
 
         A print must end before quiet hours begin, and may not start unattended if it needs a person.
         """
-        at_s, reason = from_s, None
+        at_s, reason = earliest_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             at_s = plate.not_before_s
-            reason = self.make_start_hold(at_s, from_s)
-        while at_s < from_s + _HORIZON_S:
+            reason = self.make_start_hold(at_s, earliest_s)
+        while at_s < earliest_s + _HORIZON_S:
             for start in (
-                self._skip_quiet_hours(plate, at_s, from_s),
-                self._find_attended_start(plate, printer, at_s, from_s),
+                self._skip_quiet_hours(plate, at_s, earliest_s),
+                self._find_attended_start(plate, printer, at_s, earliest_s),
             ):
                 if start is not None:
                     break
@@ -165,7 +167,7 @@ class StartRules:
     def _find_attended_start(
         self, plate: WaitingPlate, printer: FleetPrinter, at_s: float, now_s: float
     ) -> Start | None:
-        """Return the next attended hours if the current ones are too short for a print; else None."""
+        """Return the start in the next attended hours; None if the current ones suffice for a print."""
         needed_s = self._compute_attendance_s(plate, printer)
         if needed_s is None:
             return None
@@ -210,7 +212,7 @@ class StartRules:
     def find_next_change_s(
         self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
     ) -> float:
-        """Return the next time at which hours change the plates that may start; infinity for never.
+        """Return the next time at which the hours change which plates may start; infinity for never.
 
         At that time, hours start or end, or a plate reaches its latest start.
         """

@@ -20,9 +20,9 @@ from farm.state.reconciliation import (
 from farm.state.reels import apply_reel, apply_reels
 from farm.state.salvaged_parts import (
     find_failed_print,
+    find_part_name,
     find_possibly_complete_print,
     list_reprinting_printers,
-    name_part,
 )
 from farm.state.validation import validate_books
 
@@ -37,6 +37,7 @@ __all__ = [
     "compute_outage_window_s",
     "detect_alarm",
     "find_failed_print",
+    "find_part_name",
     "find_possibly_complete_print",
     "find_stopped_print",
     "handle_unknown_print",
@@ -44,7 +45,6 @@ __all__ = [
     "list_pending_instructions",
     "list_reprinting_printers",
     "make_refused_print_end",
-    "name_part",
     "observe_idle_printer",
     "put",
     "reconcile_print",

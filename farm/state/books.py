@@ -238,23 +238,23 @@ def locate_entity(entity: Entity) -> tuple[str, object]:
     raise TypeError(f"the books contain no {type(entity).__name__}")
 
 
-def list_changed_entities(before: Books, after: Books) -> Iterable[Entity]:
-    """Yield the entities of `after` that are missing from `before` or differ there."""
+def list_changed_entities(old_books: Books, new_books: Books) -> Iterable[Entity]:
+    """Yield the entities of the new books that are missing from the old ones or differ there."""
     for kind in ("jobs", "parts", "plates", "prints", "printers", "outages", "keys"):
-        old, new = getattr(before, kind), getattr(after, kind)
-        if new is not old:
-            yield from _list_changes(old, new)
+        old_table, new_table = getattr(old_books, kind), getattr(new_books, kind)
+        if new_table is not old_table:
+            yield from _list_changes(old_table, new_table)
 
 
-def _list_changes(old: Mapping[object, E], new: Mapping[object, E]) -> Iterable[E]:
+def _list_changes(old_table: Mapping[object, E], new_table: Mapping[object, E]) -> Iterable[E]:
     """Yield the entities of one table that differ. Fast for tables from `put`, which keeps their order."""
-    if not all(map(is_, old, new)):
-        return (entity for key, entity in new.items() if old.get(key) is not entity)
-    replaced_entities = compress(new.values(), map(is_not, new.values(), old.values()))
-    return chain(replaced_entities, islice(new.values(), len(old), None))
+    if not all(map(is_, old_table, new_table)):
+        return (entity for key, entity in new_table.items() if old_table.get(key) is not entity)
+    replaced_entities = compress(new_table.values(), map(is_not, new_table.values(), old_table.values()))
+    return chain(replaced_entities, islice(new_table.values(), len(old_table), None))
 
 
-def list_removed_keys(before: Books, after: Books) -> Iterable[Key]:
-    """Yield the keys of `before` that are missing from `after`."""
-    if after.keys is not before.keys:
-        yield from (key for name, key in before.keys.items() if name not in after.keys)
+def list_removed_keys(old_books: Books, new_books: Books) -> Iterable[Key]:
+    """Yield the keys of the old books that are missing from the new ones."""
+    if new_books.keys is not old_books.keys:
+        yield from (key for name, key in old_books.keys.items() if name not in new_books.keys)

@@ -6,7 +6,7 @@ from farm.errors import ErrorCode
 from farm.model import Bed, Job, JobState, Outage, Plate, Print, Reopening
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
-from farm.state.outage import find_common_losses
+from farm.state.outage import find_printers_lost_together
 from farm.state.plate_state import PlateState, derive_job_state, find_successful_print, list_counted_failures
 
 CANCELLATION_REASON = "cancelled by a person"
@@ -71,10 +71,10 @@ def request_pause(attempt: Print, is_requested: bool) -> tuple[Print, ev.SendPau
 
 
 def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
-    """Cancel a plate and its open prints; only a person's request reopens it.
+    """Cancel a plate and its open prints; the plate is printed again only if a person requests it.
 
-    A printed plate stays printed, and is not printed again if it is judged bad. For a good plate, only
-    an open reprint is cancelled.
+    A printed plate stays printed, and is not printed again if its part is judged bad. If the part is already
+    judged good, only an open reprint is cancelled.
     """
     state = books.find_plate_state(plate)
     if state is PlateState.CANCELLED:
@@ -100,9 +100,12 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 
 
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
-    """Record the loss of a printer; several losses at once are an outage, whose failures do not count."""
+    """Record the loss of a printer; several printers lost together are an outage.
+
+    Failures that an outage causes do not count as attempts.
+    """
     books = put(books, replace_fields(books.get_printer(name), disconnected_at_s=disconnected_at_s))
-    lost_names = find_common_losses(name, books.printers.values(), books.outage_window_s)
+    lost_names = find_printers_lost_together(name, books.printers.values(), books.outage_window_s)
     if len(lost_names) < 2:
         return books
     outage = books.outage or Outage(id=len(books.outages) + 1, at_s=disconnected_at_s, printers=())

@@ -60,7 +60,7 @@ class PlanningStarted(Event):
 
 
 class PlanningAbandoned(Event):
-    """Planning ended without a plan (the daemon died, or printers were lacking); the job is queued again."""
+    """Planning ended without a plan (the daemon died, or printers were missing); the job is queued again."""
 
     job: int
     hold: Hold | None
@@ -202,14 +202,14 @@ class PrintEnded(Event):
 
 
 class StillKept(Event):
-    """The daemon has taken a picture of a print by its printer's camera, and stored it."""
+    """The daemon stored a picture of a print, taken by its printer's camera."""
 
     print_id: str
     still: Still
 
 
 class PrintFailRequested(Event):
-    """A person failed an open print: it is stopped, and its plate printed again."""
+    """A person marked an open print as failed: it is stopped, and its plate is printed again."""
 
     print_id: str
     why: str
@@ -293,7 +293,7 @@ class PrinterLost(Event):
 
 
 class OutageConfirmed(Event):
-    """A person has confirmed that an outage is resolved."""
+    """A person confirmed that an outage is resolved."""
 
     by: str
 
@@ -310,13 +310,13 @@ class BedCleared(Event):
 
 
 class BooksRestored(Event):
-    """The database was restored from a backup of `copied_s`; the prints since then are unknown."""
+    """The database was restored from a backup made at `copied_s`; the prints since then are unknown."""
 
     copied_s: float
 
 
 class PrintFound(Event):
-    """An agent has a print, of a known plate, that is missing from the restored books."""
+    """An agent reported a print of a known plate that is missing from the restored books."""
 
     plate: str
     printer: str
@@ -324,14 +324,14 @@ class PrintFound(Event):
 
 
 class AgentJournalImported(Event):
-    """An agent has listed its prints since the backup; `unknown` of them match no waiting plate."""
+    """An agent listed its prints since the backup; `unknown` of them match no waiting plate."""
 
     printer: str
     unknown: int
 
 
 class ReelLoaded(Event):
-    """A person loaded a reel on a printer, or reported its grams."""
+    """A person loaded a reel on a printer, or reported how much filament is left on it."""
 
     printer: str
     reel: Reel
@@ -339,7 +339,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed, or an agent its filament; a known value in the books stays."""
+    """An emulator reported its bed, or an agent its filament; values that the books know are kept."""
 
     printer: str
     bed: Bed
@@ -354,7 +354,7 @@ class PrinterAlarmed(Event):
 
 
 class BedBecameUnknown(Event):
-    """An event at a printer was not caused by the farm: bed and filament are unknown."""
+    """Something that the farm did not cause happened at a printer: its bed and filament are unknown."""
 
     printer: str
     reason: str

@@ -19,24 +19,24 @@ def compute_outage_window_s(scale: float) -> float:
     return max(OUTAGE_WINDOW_S, _MIN_WINDOW_WALL_S * scale)
 
 
-def find_common_losses(
+def find_printers_lost_together(
     name: str, printers: Iterable[Printer], window_s: float = OUTAGE_WINDOW_S
 ) -> tuple[str, ...]:
-    """Find the printers that were lost together with a printer, each within the window of another.
+    """Find the printers that were lost together with one printer, each at most `window_s` from another.
 
     Parameters
     ----------
     name
         A printer that has just been lost.
     printers
-        The fleet, with the time of each last loss.
+        The fleet, with the time at which each printer was last lost.
     window_s
         Farm seconds.
 
     Returns
     -------
     tuple of str
-        Their names in order, including `name`.
+        Names of these printers in order, including `name`.
     """
     lost_at_s = {
         printer.name: printer.disconnected_at_s
@@ -52,10 +52,10 @@ def find_common_losses(
     return tuple(sorted(group))
 
 
-def find_common_host_loss_s(
+def find_first_host_loss_s(
     at_s: float, losses: Iterable[HostLoss], window_s: float = OUTAGE_WINDOW_S
 ) -> float:
-    """Find the time of the first loss among those of hosts that were lost together.
+    """Find the time of the first of several losses of hosts that have a common cause.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def find_common_host_loss_s(
     Returns
     -------
     float
-        Time of the first loss, seconds since the epoch; `at_s` without an earlier one in the window.
+        Time of the first loss, seconds since the epoch; `at_s` if the window contains no earlier loss.
     """
     # The notice of the first loss is sent at the end of the window and cannot include a loss at that moment.
     return min((loss.at_s for loss in losses if 0.0 <= at_s - loss.at_s < window_s), default=at_s)

@@ -218,8 +218,8 @@ def import_agent_journal(
     snapshot
         Its agent's latest snapshot.
     prints
-        Prints that had not ended at the backup, in order. Only the last can be open, and all are on this
-        printer; others are counted as unknown, for inspection.
+        Prints in the journal that had not ended at the backup, in order. Only the last can be open. Prints
+        that match no plate of the books are counted as unknown, for inspection.
     now_s
         Farm time.
     """

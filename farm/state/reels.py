@@ -32,7 +32,7 @@ def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:
     return reel.model_copy(update={"grams": max(0.0, reel.grams - grams)})
 
 
-def mark_uncertain(reel: Reel | None) -> Reel | None:
+def mark_reel_uncertain(reel: Reel | None) -> Reel | None:
     """Return the reel with its grams marked as uncertain: unknown prints may have used some."""
     if reel is None or reel.grams is None:
         return reel

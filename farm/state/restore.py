@@ -5,7 +5,7 @@ from __future__ import annotations
 from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Key, Print, Printer
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
-from farm.state.reels import mark_uncertain
+from farm.state.reels import mark_reel_uncertain
 
 RESTORE_HOLD = Hold(
     code=HoldCode.APPROVAL,
@@ -28,7 +28,7 @@ def restore_books(event: ev.BooksRestored, books: Books) -> Books:
 
 
 def _restore_printer(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
-    """Return a printer whose state since the backup is unknown."""
+    """Return a printer whose changes since the backup are marked as unknown."""
     since_s = event.copied_s
     if printer.unreported_since_s is not None:
         since_s = min(since_s, printer.unreported_since_s)
@@ -39,7 +39,7 @@ def _restore_printer(printer: Printer, event: ev.BooksRestored, books: Books) ->
         printer,
         bed=Bed.NOT_CLEAR,
         filament=FilamentState.UNKNOWN,
-        reel=mark_uncertain(printer.reel),
+        reel=mark_reel_uncertain(printer.reel),
         restored_s=event.at_s,
         unreported_since_s=since_s,
     )

@@ -14,7 +14,7 @@ _MIN_TIME_SHARE = 0.8  # minimum share of the expected time after which a plate 
 _UNPRINTED_STATES = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
-def name_part(books: Books, attempt: Print) -> str:
+def find_part_name(books: Books, attempt: Print) -> str:
     """Return the name of the part that a print produces."""
     return books.plates[attempt.plate].parts[0]
 
@@ -38,7 +38,7 @@ def find_failed_print(books: Books, printer: str) -> Print | None:
 def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     """Return the failed print on a bed that may be complete, if its part is needed.
 
-    This is judged by its duration. Its progress is unknown, because its agent died, but the next agent
+    It is judged by its duration. Its progress is unknown, because its agent died, but the next agent
     recorded the time at which it switched the heaters off.
     """
     attempt = find_failed_print(books, printer)
@@ -74,7 +74,7 @@ def _list_reprints(books: Books, attempt: Print) -> list[Print]:
     return list({p.id: p for p in attempts if p.id != attempt.id and not p.state.ended}.values())
 
 
-def record_complete_part(books: Books, print_id: str, by: str, at_s: float) -> Result:
+def record_complete_part(books: Books, print_id: str, caller_name: str, at_s: float) -> Result:
     """Record a failed print as done and good. Reprints that have not started are withdrawn."""
     attempt = books.prints[print_id]
     plate, printer = books.plates[attempt.plate], books.get_printer(attempt.printer)
@@ -85,11 +85,13 @@ def record_complete_part(books: Books, print_id: str, by: str, at_s: float) -> R
         fault=None,
         reason=None,
         verdict=Verdict.GOOD,
-        verdict_why=f"confirmed good by {by}, though its print failed: {failure}",
+        verdict_why=f"confirmed good by {caller_name}, though its print failed: {failure}",
         grams=plate.grams,
     )
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     reprints = [p for p in _list_reprints(books, attempt) if p.state is PrintState.ASSIGNED]
-    cancellations = [request_cancel(p, f"{name_part(books, attempt)} was confirmed good") for p in reprints]
+    cancellations = [
+        request_cancel(p, f"{find_part_name(books, attempt)} was confirmed good") for p in reprints
+    ]
     books = put(books, completed_print, replace_fields(printer, reel=reel), *(p for p, _ in cancellations))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in cancellations)

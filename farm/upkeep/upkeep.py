@@ -25,7 +25,7 @@ from farm.state.retention import (
     find_keep_reason,
     list_deletable_files,
     list_job_file_names,
-    list_lost_jobs,
+    list_jobs_with_lost_files,
     list_named_files,
     select_jobs,
 )
@@ -162,7 +162,7 @@ class Upkeep:
             for name in names
             if wall_s - files[name].stored_s >= min_age_s
         }
-        last_old_event = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
+        last_old_event = self._store.find_last_deletable_number(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         return api.PruneResponse(
             dry_run=True,
             jobs=[self._describe_job(books.jobs[number], files, books) for number in numbers],
@@ -194,7 +194,7 @@ class Upkeep:
     async def _compact_events(self, backup: Path) -> int:
         """Delete expired events in batches; return the number of deleted events."""
         now_s = self._controller.clock.now()
-        last = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
+        last = self._store.find_last_deletable_number(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         if not last:
             return 0
         self._controller.handle(ev.EventsCompacted(at_s=now_s, last=last, backup=backup.name))
@@ -242,7 +242,7 @@ class Upkeep:
         """
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)
-        for number in list_lost_jobs(controller.books, files):
+        for number in list_jobs_with_lost_files(controller.books, files):
             log.warning("job %d: its files are gone; it counts as pruned", number, extra={"job": number})
             controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=number, by=FARM_CALLER))
         freed_bytes = 0

@@ -213,7 +213,7 @@ async def _wait_for(future: Any) -> object:
 
 
 def list_workers(records: dict[str, dict[str, Any]], installation: Installation) -> tuple[ClusterWorker, ...]:
-    """List the workers for farms in the scheduler's records, by address, and compare their versions."""
+    """List the workers that run tasks of farms, in order of their addresses, and compare their versions."""
     workers = []
     for address, record in sorted(records.items()):
         facts = record.get(RESOURCE)

@@ -51,11 +51,11 @@ class Installation:
         """Convert the installation to plain values."""
         return asdict(self)
 
-    def describe_difference(self, expected: Installation) -> str | None:
+    def describe_difference(self, expected_installation: Installation) -> str | None:
         """Describe the first difference from the expected versions; None if both give the same bytes."""
         titles = {"farm": "farm", "engine": "CuraEngine", "settings": "Cura's settings", "libraries": ""}
         for name, title in titles.items():
-            own_value, expected_value = getattr(self, name), getattr(expected, name)
+            own_value, expected_value = getattr(self, name), getattr(expected_installation, name)
             if own_value != expected_value:
                 if name == "libraries":
                     own_value, expected_value = _find_differing_entries(own_value, expected_value)
@@ -113,7 +113,10 @@ def _find_version(name: str) -> str:
         return "missing"
 
 
-def _find_differing_entries(own: str, expected: str) -> tuple[str, str]:
+def _find_differing_entries(own_versions: str, expected_versions: str) -> tuple[str, str]:
     """Return the entries that differ between two lists of versions."""
-    pairs = [(a, b) for a, b in zip(own.split(", "), expected.split(", "), strict=False) if a != b]
-    return (", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)) if pairs else (own, expected)
+    entries = zip(own_versions.split(", "), expected_versions.split(", "), strict=False)
+    pairs = [(a, b) for a, b in entries if a != b]
+    if not pairs:
+        return own_versions, expected_versions
+    return ", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)

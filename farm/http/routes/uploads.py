@@ -12,7 +12,7 @@ from farm.control import JobCommands
 from farm.http.callers import CallerName
 from farm.http.services import Services
 from farm.http.uploads import clean_name, parse_options
-from farm.planning.inspection import name_filament
+from farm.planning.inspection import resolve_filament
 
 _MODEL_BODY = {
     "required": True,
@@ -40,7 +40,7 @@ def make_upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         jobs.check_submission(job_options)
         fleet = services.controller.fleet
         job_options = await asyncio.to_thread(
-            name_filament, job_options, fleet.printers, fleet.fleet.materials
+            resolve_filament, job_options, fleet.printers, fleet.fleet.materials
         )
         name = clean_name(name)
         model = await uploads.receive_model(request.stream(), request_id, name, size, job_options)

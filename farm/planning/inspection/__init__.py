@@ -4,9 +4,9 @@ Functions that run in workers are listed in `farm.planning.tasks`; their modules
 """
 
 from farm.planning.inspection.fleet_check import complete_section
-from farm.planning.inspection.materials import name_filament
+from farm.planning.inspection.materials import resolve_filament
 
 __all__ = [
     "complete_section",
-    "name_filament",
+    "resolve_filament",
 ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from decompose.errors import ModelTooDetailed
 from decompose.geometry import Model, Solid, load_model
-from farm.compute import read_process_bytes
+from farm.compute import read_process_memory_bytes
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, ModelSize
@@ -84,7 +84,7 @@ def inspect_model(
                 name=name,
                 scale=options.scale,
                 longest_side_mm=options.longest_side_mm,
-                memory_bytes=read_process_bytes(),
+                memory_bytes=read_process_memory_bytes(),
                 report=report,
             )
         except ModelTooDetailed as error:
@@ -106,7 +106,7 @@ def inspect_model(
     return InspectedSubmission(file_name, tuple(model.repairs), float(model.scale), size=size)
 
 
-def read_inspected(path: Path) -> Model:
+def read_inspected_model(path: Path) -> Model:
     """Read the model that `inspect_model` stored, without loss. Raises FarmError with code `model`."""
     try:
         with np.load(path) as arrays:

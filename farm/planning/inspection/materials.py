@@ -71,7 +71,7 @@ def _normalise_name(name: str) -> str:
     return " ".join(name.casefold().replace("_", " ").replace("-", " ").split())
 
 
-def list_kinds(resources: Resources) -> dict[str, str]:
+def list_material_kinds(resources: Resources) -> dict[str, str]:
     """Return the kind of each material, by the name of its file."""
     return {name: resources.read_material_kind(name) or "" for name in resources.list_material_names()}
 
@@ -89,7 +89,7 @@ def choose_material(
     BadSetting
         If no material fits, or several do; the message lists the materials that this printer can print.
     """
-    kinds = list_kinds(resources)
+    kinds = list_material_kinds(resources)
     named_material = parse_material(text, kinds)
     if named_material is None:
         printable_text = _describe_printable_kinds(printer, nozzle_mm, kinds, resources)
@@ -111,7 +111,7 @@ def choose_material(
     )
 
 
-def name_filament(
+def resolve_filament(
     options: JobOptions, printers: Sequence[PrinterSection], own_materials: Path | None
 ) -> JobOptions:
     """Replace the requested material with its kind or the name of its file, and set the colour.
@@ -133,7 +133,7 @@ def name_filament(
     if options.material is not None:
         with suppress(SlicingError):  # Cura's files are missing, which the inspection reports
             named_material = parse_material(
-                options.material, list_kinds(find_resources(own_materials=own_materials))
+                options.material, list_material_kinds(find_resources(own_materials=own_materials))
             )
             if named_material is not None:
                 filament = {
@@ -157,7 +157,7 @@ def _can_print(name: str, printer: PrinterModel, nozzle_mm: float, resources: Re
 def _describe_printable_kinds(
     printer: PrinterModel, nozzle_mm: float, kinds: Mapping[str, str], resources: Resources
 ) -> str:
-    """List the kinds that a printer can print: Cura's generic materials, and own materials."""
+    """Describe the kinds that a printer can print: Cura's generic materials, and own materials."""
     own_names = resources.list_own_material_names()
     names = [name for name in kinds if name.startswith(_GENERIC_PREFIX) or name in own_names]
     printable_kinds = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}

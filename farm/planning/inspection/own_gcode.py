@@ -48,17 +48,18 @@ def is_gcode(name: str) -> bool:
     FarmError
         If the file is compressed or packed G-code.
     """
-    lower = name.lower()
-    compressed_suffix = next((suffix for suffix in _UNPACKING_ADVICE if lower.endswith(suffix)), None)
+    lower_name = name.lower()
+    compressed_suffix = next((suffix for suffix in _UNPACKING_ADVICE if lower_name.endswith(suffix)), None)
     if compressed_suffix is not None and (
-        compressed_suffix in (".bgcode", ".ufp") or _is_plain_gcode(lower.removesuffix(compressed_suffix))
+        compressed_suffix in (".bgcode", ".ufp")
+        or _is_plain_gcode(lower_name.removesuffix(compressed_suffix))
     ):
         raise FarmError(f"{name}: {_UNPACKING_ADVICE[compressed_suffix]}, and submit that", ErrorCode.GCODE)
-    return _is_plain_gcode(lower)
+    return _is_plain_gcode(lower_name)
 
 
-def _is_plain_gcode(lower: str) -> bool:
-    return lower.endswith(GCODE_SUFFIXES)
+def _is_plain_gcode(lower_name: str) -> bool:
+    return lower_name.endswith(GCODE_SUFFIXES)
 
 
 def inspect_gcode(
@@ -87,7 +88,7 @@ def inspect_gcode(
 
 
 def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
-    """Plan one plate, on the lowest of the printers that can print it.
+    """Plan one plate, on the printer with the lowest build height of those that can print it.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         task.printers,
         key=lambda section: (
             PROFILES[section.model].height_mm,
-            task.find_time_factors(section.name).overall,
+            task.find_time_factors(section.name).overall_factor,
             section.name,
         ),
     )
@@ -122,7 +123,7 @@ def _store_gcode(
     settings = _resolve_material(section)
     filament_mm3 = accepted_gcode.filament_mm * settings.filament_mm2
     grams = filament_mm3 / 1000 * settings.density_g_cm3
-    profile, time_factor = PROFILES[section.model], task.find_time_factors(section.name).overall
+    profile, time_factor = PROFILES[section.model], task.find_time_factors(section.name).overall_factor
     part = Part(
         id=f"{task.job}/p01",
         job=task.job,
@@ -166,7 +167,7 @@ def _find_common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
 
 
 def _rewrite_gcode(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> AcceptedGcode:
-    """Rewrite the file for a printer, and check that the result can be sent."""
+    """Rewrite a file for a printer, and check that the result can be sent."""
     settings = _resolve_material(section)
     try:
         accepted_gcode = accept_gcode(
@@ -178,7 +179,7 @@ def _rewrite_gcode(path: Path, section: PrinterSection, nozzle_mm: float | None,
                 nozzle_c=settings.nozzle_c,
                 bed_c=settings.bed_c,
             ),
-            time_estimator=FirmwareTime(PROFILES[section.model]),
+            time_estimator=FirmwareTimeEstimator(PROFILES[section.model]),
         )
         read_program(io.BytesIO(accepted_gcode.gcode), PROFILES[section.model])
     except (GcodeRefused, BadGcode) as error:
@@ -193,7 +194,7 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
 
 
 def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
-    """List the changes, and warn if the file seems to be sliced for another material."""
+    """List the changes of a file, and a warning if it seems to be sliced for another material."""
     notices = list(accepted_gcode.notices)
     filament_type, kind = accepted_gcode.filament_type, find_resources().read_material_kind(section.material)
     if (
@@ -308,8 +309,8 @@ class _FileLines:
                 yield line
 
 
-class FirmwareTime:
-    """Estimator of the duration of moves by the firmware's motion planner, with a host that is never late."""
+class FirmwareTimeEstimator:
+    """Estimator of the time that the firmware's motion planner takes for moves if the host is never late."""
 
     def __init__(self, profile: Profile) -> None:
         self._planner = Planner(

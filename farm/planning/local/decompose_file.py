@@ -30,7 +30,7 @@ from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.results import Decomposition
 from drivers.printers import PROFILES, Profile, list_usable_volumes
-from farm.compute import read_process_bytes
+from farm.compute import read_process_memory_bytes
 from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.sliced_parts import PartSlicer, relevel_by_slices, write_sliced_parts
@@ -128,7 +128,7 @@ def decompose_to_folder(
         settings_request = SettingsRequest(build_slicing_printer(profile), request.quality, has_support=True)
         settings = resolve_settings(settings_request, resources)
         scale, longest_side_mm = request.scale, request.longest_side_mm
-        memory_bytes = read_process_bytes()
+        memory_bytes = read_process_memory_bytes()
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm, memory_bytes=memory_bytes)
         cost = CostModel.from_settings(
             replace(build_print_time_settings(settings, overhead_s=0.0), brim_mm=request.brim_mm)
@@ -151,7 +151,10 @@ def decompose_to_folder(
 
 
 def _choose_profile(height_mm: float) -> Profile:
-    """Choose the lowest printer that is high enough; among equal ones the 2+, whose clips are larger."""
+    """Choose the profile with the lowest sufficient build height.
+
+    Among equal ones this is the 2+, whose clips are larger.
+    """
     return max(PROFILES.values(), key=lambda p: (p.height_mm >= height_mm, -p.height_mm))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from farm.compute import CHECKING_LIMIT, DeferredFunction, Limit, TaskFiles, read_process_bytes
+from farm.compute import CHECKING_LIMIT, DeferredFunction, Limit, TaskFiles, read_process_memory_bytes
 from farm.compute.cluster import connect_cluster
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.decompose_file import DecomposeRequest, prepare_output_folder
@@ -40,7 +40,7 @@ class _LocalPool:
     has_idle_worker = True
 
     def __init__(self, on_notice: Callable[[str], None]) -> None:
-        self.memory_bytes = read_process_bytes()
+        self.memory_bytes = read_process_memory_bytes()
         self._on_notice = on_notice
 
     async def run(

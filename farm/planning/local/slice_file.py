@@ -12,7 +12,7 @@ from typing import Any
 
 from decompose.geometry import Model, load_model
 from drivers.printers import SLICING_PROFILES, Profile, UsableVolume, list_usable_volumes, place_part
-from farm.compute import read_process_bytes
+from farm.compute import read_process_memory_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.materials import choose_material
@@ -94,7 +94,7 @@ def slice_to_file(
     usable_volumes = _find_usable_volumes(path.name, model, settings, profile)
     with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
         task = SliceTask(
-            part=path.name,
+            part_name=path.name,
             stl=Path(folder) / "model.stl",
             request=request,
             resources=resources,
@@ -130,7 +130,7 @@ def _read_model(path: Path, options: SliceOptions, on_step: StepListener) -> Mod
         path,
         scale=options.scale,
         longest_side_mm=options.longest_side_mm,
-        memory_bytes=read_process_bytes(),
+        memory_bytes=read_process_memory_bytes(),
         report=lambda step: on_step(f"{path.name}: {step}"),
     )
 
@@ -159,8 +159,8 @@ def _compute_printed_size_mm(model: Model, settings: EngineSettings) -> tuple[fl
 def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: StepListener) -> dict[str, Any]:
     """Slice a model into the file of its task; return the report."""
     model.mesh.export(task.stl)
-    on_step(f"slicing {task.part}")
-    result = slice_part(task, lambda share: on_step(f"slicing {task.part}, {share:.0%}"))
+    on_step(f"slicing {task.part_name}")
+    result = slice_part(task, lambda share: on_step(f"slicing {task.part_name}, {share:.0%}"))
     with translate_errors():
         settings = resolve_slice_settings(task, _compute_printed_size_mm(model, task.settings)[2])
     return _build_report(model, result, settings, profile)
@@ -179,7 +179,7 @@ def _find_printer(printer_model: str) -> Profile:
 def _build_report(
     model: Model, result: PlateResult, settings: EngineSettings, profile: Profile
 ) -> dict[str, Any]:
-    """Build the report of `farm slice --json`, whose names are fixed."""
+    """Build the report of `farm slice --json`, whose field names are fixed."""
     return {
         "schema": 1,
         "repairs": list(model.repairs),

@@ -73,7 +73,7 @@ class PartSlicer:
         parts = [DecomposedPart.from_part(part, folder) for part in stored_decomposition.parts]
         tasks = [
             SliceTask(
-                part=part.id,
+                part_name=part.id,
                 stl=part.stl,
                 request=self.request,
                 resources=self.resources,
@@ -96,7 +96,7 @@ def relevel_by_slices(
     slicer: PartSlicer,
     cost: CostModel,
     executor: Executor,
-    work: Path,
+    folder: Path,
 ) -> SlicedParts:
     """Slice all parts, and move the cuts as long as this shortens the longest sliced time.
 
@@ -104,7 +104,7 @@ def relevel_by_slices(
     ----------
     model, cost, executor
         Model, cost and executor of the decomposition.
-    work
+    folder
         Folder for the files of each round.
 
     Raises
@@ -112,7 +112,7 @@ def relevel_by_slices(
     FarmError
         If a part cannot be sliced (`PartSlicer.slice_parts`).
     """
-    best = slicer.slice_parts(decomposition, work / "0")
+    best = slicer.slice_parts(decomposition, folder / "0")
     for number in range(1, MAX_RELEVELS + 1):
         try:
             moved_parts = relevel_planes(model, best.decomposition, best.times_s, cost, executor)
@@ -120,7 +120,7 @@ def relevel_by_slices(
             break
         if moved_parts is None or moved_parts.faults:
             break
-        moved_slices = slicer.slice_parts(moved_parts, work / str(number))
+        moved_slices = slicer.slice_parts(moved_parts, folder / str(number))
         if max(moved_slices.times_s) >= max(best.times_s):
             break
         best = moved_slices

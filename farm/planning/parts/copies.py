@@ -45,8 +45,11 @@ def iterate_part_counts(copy_count: int, printer_count: int, max_parts: int) -> 
             yield rounds, parts
 
 
-def choose_evenly_spaced(items: Sequence[T], count: int) -> list[T]:
-    """Choose items at equal distances in a sequence; from printers sorted by kind, a share of each kind."""
+def choose_evenly_spaced_items(items: Sequence[T], count: int) -> list[T]:
+    """Choose items at equal distances in a sequence.
+
+    Of printers sorted by kind, this chooses a share of each kind.
+    """
     return [items[i * len(items) // count] for i in range(count)]
 
 

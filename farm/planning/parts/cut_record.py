@@ -18,7 +18,7 @@ from decompose.printers import TargetPrinter
 from decompose.results import Attempt, Coverage, Cutting, Decomposition
 from farm.errors import ErrorCode, FarmError
 
-CUT_RECORD = "cut-record.json"
+CUT_RECORD_FILE_NAME = "cut-record.json"
 _Row = tuple[float, float, float]
 
 
@@ -74,7 +74,7 @@ def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:
     rows = {"frame": cutting.frame.tolist(), "boxes_mm": cutting.boxes_mm.tolist()}
     fields = {name: getattr(cutting, name) for name in ("granularity", "cut_for", "printers", "prices_s")}
     record = _CutRecord(**figures, cutting=_CuttingRecord(**rows, **fields))
-    path = folder / CUT_RECORD
+    path = folder / CUT_RECORD_FILE_NAME
     path.write_text(record.model_dump_json())
     return path
 

@@ -28,9 +28,9 @@ from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.inspect_submission import read_inspected
+from farm.planning.inspection.inspect_submission import read_inspected_model
 from farm.planning.part_records import DecomposedPart
-from farm.planning.parts.copies import choose_evenly_spaced, iterate_part_counts
+from farm.planning.parts.copies import choose_evenly_spaced_items, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.job_drawing import write_drawing_record
 from farm.planning.parts.pricing import build_decompose_options, build_target_printers, estimate_time_factors
@@ -65,7 +65,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
     """
     with translate_errors():
         resources = find_resources()
-    model, quality = read_inspected(task.model), task.options.quality
+    model, quality = read_inspected_model(task.model), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, model.solid, quality, resources)
     printers, cost = build_target_printers(task.printers, time_factors, quality, resources, task.rounds)
     options = build_decompose_options(task.options, task.printers)
@@ -185,7 +185,7 @@ class ModelCutter:
         if task.time_limit_s is not None:
             decomposition = self.cut_within_time(task.time_limit_s)
         elif task.options.printers is None:
-            decomposition = self.keep_whole() or self.cut_for_worthwhile_printers()
+            decomposition = self.keep_model_whole() or self.cut_for_worthwhile_printers()
         else:
             decomposition = self.cut_for_all_printers()
         is_curve_shown = task.options.dry_run and task.options.printers is None
@@ -200,8 +200,8 @@ class ModelCutter:
         goal = replace(self.goal, time_limit_s=time_limit_s)
         return decompose_auto(self.model, self.printers, self.options, self.cost, self.executor, goal)
 
-    def keep_whole(self) -> Decomposition | None:
-        """Keep the model whole, on the lowest printer into which it fits; None if it fits none.
+    def keep_model_whole(self) -> Decomposition | None:
+        """Keep the model whole, on the printer of lowest build height that it fits; None if it fits none.
 
         A user who wants the job to end sooner requests a number of printers.
         """
@@ -233,7 +233,7 @@ class ModelCutter:
         copies, printers = task.options.copies, len(task.printers)
         limit_s = None if task.time_limit_s is None else task.time_limit_s / DEADLINE_MARGIN_RATIO
         has_count = task.options.printers is not None and limit_s is None
-        one_part = None if has_count and copies < printers else self.keep_whole()
+        one_part = None if has_count and copies < printers else self.keep_model_whole()
         if one_part is not None and (
             limit_s is None or one_part.makespan_s * -(-copies // printers) <= limit_s
         ):
@@ -244,7 +244,7 @@ class ModelCutter:
             if parts < min_parts and parts < part_limit:
                 continue
             # Sorted, so that the fastest printer is first, as in `self.printers`.
-            chosen_indices = sorted(choose_evenly_spaced(by_kind, parts))
+            chosen_indices = sorted(choose_evenly_spaced_items(by_kind, parts))
             cutter = replace(self, printers=[self.printers[i] for i in chosen_indices])
             try:
                 if has_count:
@@ -257,9 +257,9 @@ class ModelCutter:
         raise AssertionError("the last attempt has all printers")
 
     def cut_within_time(self, time_limit_s: float) -> Decomposition:
-        """Cut the model into the fewest parts that finish within a time with a margin, or finish first."""
+        """Cut the model into the fewest parts that meet a time limit with a margin, or else finish first."""
         limit_s = time_limit_s / DEADLINE_MARGIN_RATIO
-        whole = self.keep_whole()
+        whole = self.keep_model_whole()
         if whole is not None and whole.makespan_s <= limit_s:
             return whole
         return self.cut_for_worthwhile_printers(time_limit_s=limit_s)

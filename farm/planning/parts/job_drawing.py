@@ -13,12 +13,12 @@ from farm.planning.parts.bed_places import find_beds, make_place_finder
 from farm.planning.plan import DecomposeTask
 from slicing.settings import find_resources
 
-DRAWING_RECORD = "drawing-record.pickle"
+DRAWING_RECORD_FILE_NAME = "drawing-record.pickle"
 
 
 def write_drawing_record(decomposition: Decomposition, folder: Path) -> Path:
     """Write the data of stored parts that `draw_job_parts` needs; return the file."""
-    path = folder / DRAWING_RECORD
+    path = folder / DRAWING_RECORD_FILE_NAME
     path.write_bytes(pickle.dumps(decomposition, protocol=pickle.HIGHEST_PROTOCOL))
     return path
 
@@ -37,7 +37,10 @@ def draw_step_range(drawing_record: Path, first: int, end: int, out: Path) -> No
 
 
 def draw_job_parts(
-    task: DecomposeTask, drawing_record: Path, overview: Path | None = None, steps: Sequence[Path] = ()
+    task: DecomposeTask,
+    drawing_record: Path,
+    overview_file: Path | None = None,
+    step_files: Sequence[Path] = (),
 ) -> None:
     """Draw a job's parts into the folder of its task.
 
@@ -45,20 +48,20 @@ def draw_job_parts(
     ----------
     drawing_record
         File written by `write_drawing_record` in a worker of this farm.
-    overview
+    overview_file
         File written by `draw_overview`; None to draw it.
-    steps
+    step_files
         Files written by `draw_step_range`, with all steps in order; empty to draw them.
     """
-    pictures = [picture for path in steps for picture in pickle.loads(path.read_bytes())]
+    pictures = [picture for path in step_files for picture in pickle.loads(path.read_bytes())]
     with translate_errors():
         beds = find_beds(task.printers, task.options.quality, find_resources())
         draw_parts(
             _read_record(drawing_record),
             task.folder,
             make_place_finder(beds),
-            None if overview is None else overview.read_bytes(),
-            pictures if steps else None,
+            None if overview_file is None else overview_file.read_bytes(),
+            pictures if step_files else None,
         )
 
 

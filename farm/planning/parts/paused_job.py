@@ -16,7 +16,7 @@ from decompose.progress import listen_to_progress
 from decompose.results import Decomposition
 from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.inspect_submission import read_inspected
+from farm.planning.inspection.inspect_submission import read_inspected_model
 from farm.planning.parts.decompose_job import finish_job
 from farm.planning.parts.pricing import build_printer_cost
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
@@ -102,4 +102,4 @@ def _open_search(task: DecomposeTask, record: Path, folder: Path) -> Iterator[Pa
             first, resolve_printer_settings(first, task.options.quality, find_resources())
         )
         best: Decomposition = pickle.loads(record.read_bytes())
-        yield PausedSearch(best, read_inspected(task.model), cost, threads)
+        yield PausedSearch(best, read_inspected_model(task.model), cost, threads)

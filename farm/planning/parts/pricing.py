@@ -78,7 +78,7 @@ def estimate_time_factors(
     """
     factors = {section.name: time_factors.get(section.name, NOMINAL_TIME_FACTORS) for section in printers}
     shares: Shares | None = None
-    if any(factor.by_feature is not None for factor in factors.values()):
+    if any(factor.feature_factors is not None for factor in factors.values()):
         time_settings = build_print_time_settings(
             resolve_printer_settings(printers[0], quality, resources), overhead_s=0.0
         )

@@ -10,7 +10,7 @@ from pathlib import Path
 from decompose.relevel import relevel_planes
 from farm.model import FeatureSeconds, TimeFactors
 from farm.planning.error_translation import translate_errors
-from farm.planning.inspection.inspect_submission import read_inspected
+from farm.planning.inspection.inspect_submission import read_inspected_model
 from farm.planning.parts.cut_record import read_cut_record
 from farm.planning.parts.decompose_job import write_decomposed_job
 from farm.planning.parts.pricing import build_printer_cost, compute_time_ratio
@@ -20,7 +20,7 @@ from slicing.settings import find_resources
 
 
 def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
-    """Move the cuts of a job so that the part with the slowest slice finishes sooner.
+    """Move the cuts of a job so that the part with the longest sliced time finishes sooner.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
         part_s / compute_time_ratio(costs[part.printer.name], cost)
         for part, part_s in zip(sliced_job.parts, _compute_times_s(sliced_job), strict=True)
     ]
-    model = read_inspected(task.model)
+    model = read_inspected_model(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
         new_decomposition = relevel_planes(model, decomposition, part_times_s, cost, threads)
         if new_decomposition is None:
@@ -65,7 +65,7 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
 
 
 def _compute_times_s(sliced_job: SlicedJob) -> list[float]:
-    """Compute the time of each part, scaled by its printer's time factor for the part relative to the job.
+    """Compute the time of each part, scaled by its printer's time factor for the part over that for the job.
 
     Moving planes assumes one speed for each printer, which is its speed for the features of the whole job.
     """

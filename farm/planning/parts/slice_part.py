@@ -87,7 +87,7 @@ def _find_placement(task: SliceTask, extents_mm: tuple[float, float, float]) -> 
     if placement is None:
         size = " x ".join(f"{side:.1f}" for side in extents_mm)
         raise FarmError(
-            f"part {task.part} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
+            f"part {task.part_name} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
         )
     return placement
 

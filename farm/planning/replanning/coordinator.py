@@ -33,7 +33,7 @@ _AttemptKey = tuple[str, int, str | None, float]
 
 @dataclass(frozen=True, slots=True)
 class StartReplan:
-    """Instruction to slice a plate for some printers, or to cut its part for them."""
+    """Instruction to slice the part of a plate for some printers, or to cut it for them."""
 
     plate: str
     printers: tuple[str, ...]
@@ -178,7 +178,7 @@ class ReplanCoordinator:
             (waiting_plate for waiting_plate in situation.waiting_plates if waiting_plate.id == name), None
         )
         if replan is None or waiting_plate is None:
-            return None  # the plate was cancelled or printed meanwhile
+            return None  # the plate was cancelled or printed in the meantime
         for printer in replan.printers:
             if printer in situation.fleet:
                 self._attempted_keys.add(_make_attempt_key(plate, situation.fleet[printer].capabilities))

@@ -30,7 +30,7 @@ from slicing.settings import find_resources
 
 
 def cut_part(task: ReplanTask) -> Pieces:
-    """Cut a part for as many of its printers as save time.
+    """Cut a part into pieces for several of the task's printers, as many as save time.
 
     Raises
     ------

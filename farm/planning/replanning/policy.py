@@ -226,7 +226,7 @@ def _has_same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 
 
 def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
-    """Return whether a printer has the filament of a plate, but is not of the kind of its slice."""
+    """Return whether a printer has the filament of a plate, but is not of the kind that it was sliced for."""
     material, colour, _, _, allowed_printers = demand
     return kind.meets((material, colour, None, None, allowed_printers)) and not kind.meets(demand)
 

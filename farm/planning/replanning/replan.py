@@ -64,7 +64,7 @@ class Pieces:
     parts: tuple[DecomposedPart, ...]
     picture: Path
     assembly: Path
-    decomposition: Path
+    decomposition_report: Path
     instructions: Path
 
 
@@ -120,7 +120,7 @@ def store_recut_part(task: ReplanTask, pieces: Pieces, sliced_parts: Sequence[Sl
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)
         parts.append(store_part(names, piece.part, task.files, cut_from=task.part))
         plates.append(store_plate(names, piece, task.find_time_factors(piece.printer.name), task.files))
-    files = (pieces.picture, pieces.assembly, pieces.decomposition, pieces.instructions)
+    files = (pieces.picture, pieces.assembly, pieces.decomposition_report, pieces.instructions)
     file_names = (store_file(task.files, path) for path in files)
     return ReplannedPlate(tuple(parts), tuple(plates), *file_names)
 

@@ -48,7 +48,7 @@ _ExaminationKey = tuple[int, str | None, frozenset[str], frozenset[str]]
 
 
 class PlanRevisions:
-    """Revisions of plans: decides which jobs are planned again, and whether their new plans are used.
+    """Tracker of plan revisions, which decides which jobs are planned again and whether new plans are used.
 
     A job is examined when its first plate could start, and when a printer of its plan is no longer available.
     Its plates do not start while another plan is made. The state is in memory only: after a restart, jobs are
@@ -76,7 +76,7 @@ class PlanRevisions:
         return number in self._running
 
     def end_replanning(self, number: int) -> None:
-        """Remove a job whose replanning has ended."""
+        """Record that the replanning of a job has ended."""
         self._running.pop(number, None)
         self._hold_ends_s.pop(number, None)
 
@@ -127,13 +127,13 @@ class PlanRevisions:
             return
         plate_by_printer = {assignment.printer: assignment.plate for assignment in assignments}
         starting_jobs = {books.plates[plate].job for plate in plate_by_printer.values()}
-        candidates = _Candidates(situation, (*find_reservations().items(), *plate_by_printer.items()))
+        candidates = _CandidatePrinters(situation, (*find_reservations().items(), *plate_by_printer.items()))
         ratio, forecast_size = compute_assembly_ratio(books.jobs.values()), 0
         for number in sorted(plates_by_job, key=lambda number: number not in starting_jobs):
             job, plates, can_start = books.get_job(number), plates_by_job[number], number in starting_jobs
             if self.is_running(number) or (not can_start and candidates.can_use_all(job, job.planned_for)):
                 continue
-            idle_printers, usable_printers = candidates.choose(job, plates)
+            idle_printers, usable_printers = candidates.choose_printers(job, plates)
             # Idle printers change often, so a job that cannot start yet is examined again when it can.
             key = number, job.plan, frozenset(idle_printers if can_start else ()), frozenset(usable_printers)
             if key in self._examined_keys:
@@ -158,7 +158,7 @@ class PlanRevisions:
         self.postponed_plates |= {plate.id for plate in plates}
 
     def _start(self, job: PlannedJob, names: tuple[str, ...], now_s: float) -> StartPlanning:
-        """Start to plan a job again for some printers; its plates are held meanwhile, but not too long."""
+        """Start planning a job again for some printers; its plates are held for a limited time."""
         number = job.number
         log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
         self._running[number] = StartPlanning(number, names, rounds=1)
@@ -195,7 +195,7 @@ class PlanRevisions:
         job = books.get_job(number)
         changeable_jobs = {number} if _may_change(books, job) else set()
         plates = _find_unstarted_jobs(books, situation, changeable_jobs).get(number)
-        if plates is None:  # a person has cancelled or changed the job meanwhile
+        if plates is None:  # a person has cancelled or changed the job in the meantime
             return None
         if isinstance(result, FarmError):
             log.warning("job %d keeps its plan: %s", number, result, extra={"job": number})
@@ -238,29 +238,32 @@ def _may_change(books: Books, job: Job) -> bool:
     )
 
 
-class _Candidates:
+class _CandidatePrinters:
     """Printers that jobs could use, found once for all jobs with the same requirements.
 
     Parameters
     ----------
     situation
         The plates that may be assigned now, and the fleet.
-    uses
+    purposes
         Printers that are taken, each with its plate or with the purpose of its reservation.
     """
 
-    def __init__(self, situation: Situation, uses: Sequence[tuple[str, str]]) -> None:
-        self._situation, self._uses = situation, uses
+    def __init__(self, situation: Situation, purposes: Sequence[tuple[str, str]]) -> None:
+        self._situation, self._purposes = situation, purposes
         self._usable_printers: dict[Hashable, dict[str, FleetPrinter]] = {}
 
     def can_use_all(self, job: Job, names: Iterable[str]) -> bool:
         """Return whether a job could use each of the named printers, and none of them needs a repair."""
         return all(map(self._find_usable_printers(job).__contains__, names))
 
-    def choose(self, job: Job, plates: Iterable[WaitingPlate]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def choose_printers(
+        self, job: Job, plates: Iterable[WaitingPlate]
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Choose printers for a job and its plates: from the idle ones, and from all that need no repair."""
-        own_uses = {plate.id for plate in plates} | {SPARE_PURPOSE}  # its spares are subtracted below
-        taken_printers = {name for name, use in self._uses if use not in own_uses}
+        # The spares of the job are subtracted below.
+        own_purposes = {plate.id for plate in plates} | {SPARE_PURPOSE}
+        taken_printers = {name for name, purpose in self._purposes if purpose not in own_purposes}
         request = JobRequest(
             derive_job_requirements(job), job.options.printers, spare_count=job.options.spares
         )
@@ -287,7 +290,7 @@ class _Candidates:
 
 def _select_largest_printers(printers: Sequence[FleetPrinter], request: JobRequest) -> tuple[str, ...]:
     largest = sorted(printers, key=lambda p: (-p.capabilities.height_mm, p.name))
-    return tuple(sorted(p.name for p in largest[: request.limit_printers(len(printers))]))
+    return tuple(sorted(p.name for p in largest[: request.limit_printer_count(len(printers))]))
 
 
 def _find_end_s(

@@ -23,7 +23,7 @@ class PrinterState(StrEnum):
 
 
 State = JobState | PlateState | PrintState | PrinterState
-Kind = type[ev.Event]
+EventKind = type[ev.Event]
 NEW = None
 """State of an entity that does not exist yet."""
 
@@ -42,7 +42,7 @@ class Transition:
         States that it can lead to; None if the state stays the same.
     """
 
-    event: Kind
+    event: EventKind
     start_states: frozenset[State | None]
     end_states: frozenset[State] | None
 
@@ -59,9 +59,9 @@ class Lifecycle:
 
     Attributes
     ----------
-    entity
+    entity_name
         Name of the kind: job, plate, print or printer.
-    key
+    key_field
         The field of an event that names the entity.
     states
         All states of the entity.
@@ -73,23 +73,23 @@ class Lifecycle:
         Returns the state of an entity in the books; NEW if it is not in them.
     """
 
-    entity: str
-    key: str
+    entity_name: str
+    key_field: str
     states: type[StrEnum]
     transitions: tuple[Transition, ...]
     consequences: tuple[Transition, ...]
     find_state: Callable[[Books, object], State | None]
 
     @property
-    def kinds(self) -> frozenset[Kind]:
+    def event_kinds(self) -> frozenset[EventKind]:
         """Kinds of events about the entity itself."""
         return frozenset(row.event for row in self.transitions)
 
-    def allows(self, kind: Kind, start: State | None, end: State | None) -> bool:
+    def allows(self, kind: EventKind, start: State | None, end: State | None) -> bool:
         """Return whether an event about the entity leads from one state to the other."""
         return any(row.event is kind and row.allows(start, end) for row in self.transitions)
 
-    def find_start_states(self, kind: Kind) -> frozenset[State | None]:
+    def find_start_states(self, kind: EventKind) -> frozenset[State | None]:
         """Return the states in which an event about the entity can happen."""
         return frozenset().union(*(row.start_states for row in self.transitions if row.event is kind))
 
@@ -122,7 +122,7 @@ class InvalidTransition(FarmError):
     ) -> None:
         self.event, self.lifecycle, self.key, self.start = event, lifecycle, key, start
         self.history, self.reason = tuple(history), reason
-        entity = "the farm" if lifecycle is None else f"{lifecycle.entity} {key}"
+        entity = "the farm" if lifecycle is None else f"{lifecycle.entity_name} {key}"
         state = reason or ("not in the books" if start is None else f"{start}")
         message = f"{type(event).__name__} does not fit: {entity} is {state}"
         if self.history:

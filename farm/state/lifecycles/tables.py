@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from farm.model import Bed, JobState, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.lifecycles.lifecycle import NEW, Kind, Lifecycle, PrinterState, State, Transition
+from farm.state.lifecycles.lifecycle import NEW, EventKind, Lifecycle, PrinterState, State, Transition
 from farm.state.plate_state import PlateState
 
 
@@ -47,16 +47,18 @@ def _find_print_state(books: Books, key: object) -> State | None:
     return NEW if attempt is None else attempt.state
 
 
-def _make_row(event: Kind, starts: Iterable[State | None], ends: Iterable[State] | None) -> Transition:
-    return Transition(event, frozenset(starts), None if ends is None else frozenset(ends))
+def _make_row(
+    event: EventKind, start_states: Iterable[State | None], end_states: Iterable[State] | None
+) -> Transition:
+    return Transition(event, frozenset(start_states), None if end_states is None else frozenset(end_states))
 
 
 _LIVE_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
 _DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 """States that are derived from a job's plates."""
 JOB_LIFECYCLE = Lifecycle(
-    entity="job",
-    key="job",
+    entity_name="job",
+    key_field="job",
     states=JobState,
     find_state=_find_job_state,
     transitions=(
@@ -94,8 +96,8 @@ JOB_LIFECYCLE = Lifecycle(
 
 _UNPRINTED_STATES = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 PLATE_LIFECYCLE = Lifecycle(
-    entity="plate",
-    key="plate",
+    entity_name="plate",
+    key_field="plate",
     states=PlateState,
     find_state=_find_plate_state,
     transitions=(
@@ -144,8 +146,8 @@ PLATE_LIFECYCLE = Lifecycle(
 
 _OPEN_STATES = tuple(state for state in PrintState if not state.ended)
 PRINT_LIFECYCLE = Lifecycle(
-    entity="print",
-    key="print_id",
+    entity_name="print",
+    key_field="print_id",
     states=PrintState,
     find_state=_find_print_state,
     transitions=(
@@ -163,8 +165,8 @@ PRINT_LIFECYCLE = Lifecycle(
 
 _IDLE_STATES = (PrinterState.CLEAR, PrinterState.NOT_CLEAR, PrinterState.UNKNOWN)
 PRINTER_LIFECYCLE = Lifecycle(
-    entity="printer",
-    key="printer",
+    entity_name="printer",
+    key_field="printer",
     states=PrinterState,
     find_state=lambda books, key: find_printer_state(books, str(key)),
     transitions=(
@@ -195,7 +197,7 @@ PRINTER_LIFECYCLE = Lifecycle(
 )
 
 LIFECYCLES = (JOB_LIFECYCLE, PLATE_LIFECYCLE, PRINT_LIFECYCLE, PRINTER_LIFECYCLE)
-FARM_WIDE_EVENTS: frozenset[Kind] = frozenset(
+FARM_WIDE_EVENTS: frozenset[EventKind] = frozenset(
     {
         *(ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed),
         *(ev.HostLost, ev.HostConnected),

@@ -23,7 +23,7 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
     books
         Books with the print.
     printer
-        Its printer, with the changes by the event so far.
+        Its printer, as already changed by the event.
     attempt
         The print.
     """

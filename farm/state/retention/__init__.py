@@ -11,7 +11,7 @@ from farm.state.retention.selection import (
     MIN_AGE_S,
     RetentionRules,
     find_keep_reason,
-    list_lost_jobs,
+    list_jobs_with_lost_files,
     list_prunable_files,
     select_jobs,
 )
@@ -26,7 +26,7 @@ __all__ = [
     "find_keep_reason",
     "list_deletable_files",
     "list_job_file_names",
-    "list_lost_jobs",
+    "list_jobs_with_lost_files",
     "list_named_files",
     "list_prunable_files",
     "select_jobs",

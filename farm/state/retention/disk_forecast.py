@@ -40,7 +40,7 @@ def compute_daily_bytes(files: Iterable[tuple[float, int]]) -> float:
     Parameters
     ----------
     files
-        Age in days, and bytes, of each file.
+        Age in days and size in bytes of each file.
     """
     ages_and_sizes = [(max(0.0, age_days), size_bytes) for age_days, size_bytes in files]
     oldest_days = max((age_days for age_days, _ in ages_and_sizes), default=0.0)

@@ -1,4 +1,4 @@
-"""Selection of the jobs whose files are deleted: ended ones, the oldest first. Pure."""
+"""Selection of the ended jobs whose files are deleted, the oldest first. Pure."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _find_keep_reason(books: Books, job: Job, unjudged_jobs: Mapping[int, str]) 
 
 
 def _find_unjudged_jobs(books: Books) -> dict[int, str]:
-    """Find the jobs with a part on a bed or without a verdict, because a bad part is printed again."""
+    """Find the jobs with a part on a bed or without a verdict, which is printed again if it is bad."""
     keep_reasons = {}
     for printer in books.printers.values():
         last_print = books.find_last_print(printer.name)
@@ -59,7 +59,7 @@ def _is_unjudged(attempt: Print) -> bool:
 def select_jobs(
     books: Books, sizes: Mapping[str, int], rules: RetentionRules, now_s: float, backup_s: float
 ) -> list[int]:
-    """Select the jobs whose files are deleted: those past the age limit, and the oldest above the size limit.
+    """Select the jobs whose files are deleted: those that ended too long ago, then the oldest to free space.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set
     return set(names) - kept_names
 
 
-def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
+def list_jobs_with_lost_files(books: Books, names: Container[str]) -> list[int]:
     """List the jobs that were pruned after the backup, found by their missing files.
 
     Pruning keeps pictures. If these are missing too, the store may be unavailable, so the job is not listed.

@@ -116,9 +116,9 @@ def list_backups(state: StateFolder) -> list[Path]:
     return sorted(state.backups.glob(_NAME_PATTERN), reverse=True)
 
 
-def parse_backup_time_s(copy: Path) -> float:
-    """Return the farm time of a backup."""
-    return datetime.strptime(copy.stem, _NAME_FORMAT).replace(tzinfo=UTC).timestamp()
+def parse_backup_time_s(backup: Path) -> float:
+    """Return the farm time at which a backup was made."""
+    return datetime.strptime(backup.stem, _NAME_FORMAT).replace(tzinfo=UTC).timestamp()
 
 
 def compute_next_backup_s(now_s: float, zone: tzinfo) -> float:
@@ -129,7 +129,7 @@ def compute_next_backup_s(now_s: float, zone: tzinfo) -> float:
 
 
 def is_due(state: StateFolder, now_s: float) -> bool:
-    """Return whether there is no backup of the last day, as on a farm that is switched off every night."""
+    """Return whether a backup is due: none was made in the last day, for example because the farm was off."""
     newest = next(iter(list_backups(state)), None)
     return newest is None or parse_backup_time_s(newest) < now_s - 86400.0
 
@@ -140,8 +140,8 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     Returns
     -------
     store, copied_s
-        The books, and the time of their backup if the agents' journals have not completed it yet: it was
-        restored now, by a daemon that then died, or by a person.
+        The books, and the time up to which they are complete; None if they lack nothing. Books from a backup
+        are incomplete until the agents' journals have added the prints since then.
 
     Raises
     ------

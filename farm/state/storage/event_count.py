@@ -10,7 +10,7 @@ _SUFFIX = "-count"  # appended to the name of the books
 
 
 class EventCount:
-    """File with the number of events that are committed to the books of a path.
+    """File with the number of events that are committed to the books at a path.
 
     The number reveals lost commits: if a checksum in the write-ahead log is wrong, SQLite drops the rest of
     the log without an error. The file is not synced, so that its number may be too small after a power cut,

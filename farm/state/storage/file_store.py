@@ -21,7 +21,17 @@ def compute_sha256(path: Path) -> str:
 
 
 def link_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
-    """Create links into the store in a folder (name -> stored name), and remove its other links."""
+    """Create links in a folder to files in the store, and remove its other links to the store.
+
+    Parameters
+    ----------
+    folder
+        The folder, which is created.
+    store
+        The store.
+    names
+        Name of the stored file for the name of each link.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     relative = Path(os.path.relpath(store, folder))
     for link in folder.iterdir():
@@ -32,17 +42,17 @@ def link_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
 
 
 def remove_broken_links(jobs: Path) -> None:
-    """Remove the links, of all jobs, to files that no longer exist."""
+    """Remove the links in the folders of all jobs to files that no longer exist."""
     for link in jobs.glob("*/*"):
         if link.is_symlink() and not link.exists():
             link.unlink(missing_ok=True)
 
 
 def store_file(folder: Path, source: Path) -> str:
-    """Move a finished file into the store, under its hash and suffix; return that name.
+    """Move a finished file into the store, under its hash and suffix; return its new name.
 
-    The bytes are synced to the disk before the name exists, so every named file is complete. A file that is
-    stored again counts as new: `delete_files` does not delete it before the books name it.
+    The bytes are synced to the disk before the new name exists, so every named file is complete. A file that
+    is stored again counts as new: `delete_files` does not delete it before the books name it.
     """
     name = compute_sha256(source) + source.suffix.lower()
     target = folder / name

@@ -33,7 +33,7 @@ _INITIAL_SCHEMA = (
     "CREATE TABLE event"
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
-EXPECTED_TABLES = frozenset((*_INITIAL_SCHEMA, f"CREATE TABLE {_COPIED_TABLE}"))
+EXPECTED_TABLE_STATEMENTS = frozenset((*_INITIAL_SCHEMA, f"CREATE TABLE {_COPIED_TABLE}"))
 """Statements of the tables as SQLite lists them, to detect a damaged table name."""
 _PRINTS_ON_BEDS_QUERY = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job

@@ -24,7 +24,7 @@ from farm.state.storage.migrations import (
     CHANGED_ROW_QUERY,
     CHECKSUMS_VERSION,
     COPIED_TABLE_STATEMENT,
-    EXPECTED_TABLES,
+    EXPECTED_TABLE_STATEMENTS,
     FIRST_VERSIONS,
     MIGRATIONS,
     SCHEMA_VERSION,
@@ -182,7 +182,7 @@ class Store:
             self._check_rows()
             if is_new:  # the former books were moved away: their count is invalid
                 self._count.remove()
-            self._has_lost_events = self._find_last_event() < self._count.read()
+            self._has_lost_events = self._find_last_event_number() < self._count.read()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
             is_environment_error = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
             message = f"the database {path} cannot be opened: {error}"
@@ -210,7 +210,7 @@ class Store:
     def _check_rows(self) -> None:
         """Raise DamagedBooks if the checksum of a row does not match: SQLite does not detect that."""
         tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
-        if {sql for (sql,) in tables} != EXPECTED_TABLES:
+        if {sql for (sql,) in tables} != EXPECTED_TABLE_STATEMENTS:
             raise DamagedBooks(f"the database {self._path} is damaged: it has unexpected tables")
         for table in TABLES.values():
             changed_row = self._db.execute(CHANGED_ROW_QUERY.format(table)).fetchone()
@@ -222,11 +222,11 @@ class Store:
     def find_last_event_number(self) -> int:
         """Return the number of the last event; 0 if there is none. Raises StoreError."""
         try:
-            return self._find_last_event()
+            return self._find_last_event_number()
         except sqlite3.Error as error:
             raise StoreError(f"the event log cannot be read: {error}") from error
 
-    def _find_last_event(self) -> int:
+    def _find_last_event_number(self) -> int:
         (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         return int(number)
 
@@ -268,20 +268,20 @@ class Store:
         if self._last_number is not None:  # a block may be empty, even after failed commits
             self._count.write(self._last_number)
 
-    def commit(self, event: Event, before: Books, after: Books) -> None:
+    def commit(self, event: Event, old_books: Books, new_books: Books) -> None:
         """Write an event and the changed entities in one transaction, synced to the disk."""
         with self.transaction():
             self._last_number = self._db.execute(
                 "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
                 (event.at_s, type(event).__name__, event.model_dump_json()),
             ).lastrowid
-            for entity in list_changed_entities(before, after):
+            for entity in list_changed_entities(old_books, new_books):
                 body = entity.model_dump_json(exclude_defaults=True)
                 self._db.execute(
                     f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
                     (str(locate_entity(entity)[1]), body, zlib.crc32(body.encode())),
                 )
-            for key in list_removed_keys(before, after):
+            for key in list_removed_keys(old_books, new_books):
                 self._db.execute(f"DELETE FROM {TABLES[Key]} WHERE id = ?", (key.id,))
             if isinstance(event, BooksRestored):
                 self._db.execute("DELETE FROM copied")
@@ -289,7 +289,7 @@ class Store:
             self._has_lost_events = False
 
     def read_all_events(self) -> list[tuple[float, str, str]]:
-        """Return the event log: farm time, kind and JSON of each."""
+        """Return the event log: farm time, kind and JSON of each event."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
     def read_events(self, last_number: int, limit: int) -> list[EventRow]:
@@ -306,7 +306,7 @@ class Store:
         except sqlite3.Error as error:
             raise StoreError(f"the event log cannot be read: {error}") from error
 
-    def find_last_old_event(self, cutoff_s: float, limit: int) -> int:
+    def find_last_deletable_number(self, cutoff_s: float, limit: int) -> int:
         """Find the last event that may be deleted: older than a time, or followed by `limit` newer events.
 
         The newest event is always kept, because its number shows that no commit is lost. Returns 0 if
@@ -353,7 +353,7 @@ class Store:
         """Return an error with the last events about its entity, oldest first."""
         if error.lifecycle is None:
             return error
-        path = f"$.{error.lifecycle.key}"
+        path = f"$.{error.lifecycle.key_field}"
         with suppress(sqlite3.Error):  # the error is returned without it
             rows = self._db.execute(_HISTORY_QUERY, (path, error.key, f"{path}.id", error.key)).fetchall()
             return error.with_history(

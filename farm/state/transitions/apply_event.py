@@ -21,12 +21,12 @@ def apply(event: ev.Event, books: Books) -> Result:
     event
         The event.
     books
-        The books before it; they are not changed.
+        The books before the event; they are not changed.
 
     Returns
     -------
     books, instructions
-        The books after it, and the resulting instructions.
+        The books after the event, and the resulting instructions.
 
     Raises
     ------
@@ -66,9 +66,9 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
     """
     kind = type(event)
     for lifecycle in LIFECYCLES:
-        if kind not in lifecycle.kinds:
+        if kind not in lifecycle.event_kinds:
             continue
-        key: object = getattr(event, lifecycle.key)
+        key: object = getattr(event, lifecycle.key_field)
         if isinstance(event, ev.JobSubmitted):
             key = event.job.id
         start = lifecycle.find_state(books, key)
@@ -85,17 +85,17 @@ def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
         books.get_job(key)
     if lifecycle is PRINTER_LIFECYCLE:
         books.get_printer(str(key))
-    raise NotFoundError(f"there is no {lifecycle.entity} {key}")
+    raise NotFoundError(f"there is no {lifecycle.entity_name} {key}")
 
 
-def list_undeclared_changes(event: ev.Event, before: Books, after: Books) -> list[str]:
+def list_undeclared_changes(event: ev.Event, old_books: Books, new_books: Books) -> list[str]:
     """List state changes by an event that no table declares; tests require that there are none."""
     violations = []
     kind = type(event)
     for lifecycle in LIFECYCLES:
         rows = [row for row in (*lifecycle.transitions, *lifecycle.consequences) if row.event is kind]
-        for key in getattr(after, f"{lifecycle.entity}s"):
-            start, end = lifecycle.find_state(before, key), lifecycle.find_state(after, key)
+        for key in getattr(new_books, f"{lifecycle.entity_name}s"):
+            start, end = lifecycle.find_state(old_books, key), lifecycle.find_state(new_books, key)
             if start != end and not any(row.allows(start, end) for row in rows):
-                violations.append(f"{kind.__name__}: {lifecycle.entity} {key} from {start} to {end}")
+                violations.append(f"{kind.__name__}: {lifecycle.entity_name} {key} from {start} to {end}")
     return violations

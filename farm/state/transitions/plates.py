@@ -54,11 +54,13 @@ def _add_file(files: Mapping[str, str], part: str, file: str | None) -> Mapping[
     return files if file is None else {**files, part: file}
 
 
-def _replace_names(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:
-    """Replace old names with new ones, at the position of the first."""
-    index = names.index(old[0])
-    other_names = tuple(name for name in names if name not in old)
-    return (*other_names[:index], *new, *other_names[index:])
+def _replace_names(
+    names: tuple[str, ...], old_names: tuple[str, ...], new_names: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Replace old names with new ones, at the position of the first old name."""
+    index = names.index(old_names[0])
+    other_names = tuple(name for name in names if name not in old_names)
+    return (*other_names[:index], *new_names, *other_names[index:])
 
 
 @change.register

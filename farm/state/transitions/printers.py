@@ -10,7 +10,7 @@ from farm.state import restore
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, mark_printer_lost, shift_print_times, update_job_state
 from farm.state.lifecycles import InvalidTransition
-from farm.state.outage import find_common_host_loss_s
+from farm.state.outage import find_first_host_loss_s
 from farm.state.salvaged_parts import record_complete_part
 from farm.state.transitions.rules import change
 
@@ -114,7 +114,7 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
 @change.register
 def _(event: ev.HostLost, books: Books) -> Result:
     losses = [printer.host_loss for printer in books.printers.values() if printer.host_loss is not None]
-    at_s = find_common_host_loss_s(event.at_s, losses, books.outage_window_s)
+    at_s = find_first_host_loss_s(event.at_s, losses, books.outage_window_s)
     loss = HostLoss(host=event.host, at_s=at_s, reason=event.reason)
     return _set_host_loss(books, event.printers, loss), ()
 

@@ -32,19 +32,19 @@ def _(event: ev.JobRescheduled, books: Books) -> Result:
     return put(books, replace_fields(books.get_job(event.job), not_before_s=event.not_before_s)), ()
 
 
-def _place_job(job: Job, other_jobs: list[Job], place: int, last_number: int) -> Iterator[Job]:
+def _place_job(job: Job, other_jobs: list[Job], index: int, last_number: int) -> Iterator[Job]:
     """Yield a job with its new rank, and the other jobs with new ranks if no rank between them is free.
 
     Parameters
     ----------
     other_jobs
         The other open jobs, in their order.
-    place
+    index
         Index in `other_jobs` before which the job is put.
     last_number
         Largest number of any job, and thus the largest rank of a job that was not moved.
     """
-    jobs_before, jobs_after = other_jobs[:place], other_jobs[place:]
+    jobs_before, jobs_after = other_jobs[:index], other_jobs[index:]
     if not other_jobs:
         return
     priority = (jobs_after[0] if jobs_after else jobs_before[-1]).priority

@@ -11,7 +11,7 @@ import trimesh
 
 from clusters import failing_work as work
 from farm.compute import DECOMPOSING_LIMIT, Limit, PoolShare
-from farm.compute.worker_pool import WorkerPool, compute_worker_bytes
+from farm.compute.worker_pool import WorkerPool, compute_worker_memory_bytes
 from farm.compute.worker_process import Worker
 from farm.errors import ErrorCode, FarmError
 
@@ -300,9 +300,9 @@ def test_engine_is_not_bound_by_the_memory_limit_of_its_worker(pool, tmp_path):
 
 def test_memory_of_a_worker_is_its_share_or_the_minimum():
     machine_bytes = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    assert compute_worker_bytes(1, None) == pytest.approx(0.8 * machine_bytes)
-    assert compute_worker_bytes(10_000, None) == min(4 * 2**30, machine_bytes // 2)
-    assert compute_worker_bytes(8, 1.5) == 1.5 * 2**30
+    assert compute_worker_memory_bytes(1, None) == pytest.approx(0.8 * machine_bytes)
+    assert compute_worker_memory_bytes(10_000, None) == min(4 * 2**30, machine_bytes // 2)
+    assert compute_worker_memory_bytes(8, 1.5) == 1.5 * 2**30
 
 
 def test_pool_is_idle_while_a_worker_is_free_for_any_task(pool):

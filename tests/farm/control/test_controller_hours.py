@@ -68,8 +68,8 @@ def test_print_gets_its_latest_start_and_end(farm):
     attempt = farm.controller.books.find_open_print("a")
     limits = farm.controller.situations.find_limits(attempt.id)
     needed_s = farm.controller.books.plates[attempt.plate].expected_s * 1.05
-    assert limits.not_after_s == pytest.approx(STOP_S - needed_s)
-    assert limits.ends_by_s == STOP_S
+    assert limits.latest_start_s == pytest.approx(STOP_S - needed_s)
+    assert limits.latest_end_s == STOP_S
 
 
 def test_changed_hours_are_sent_to_the_agent(farm):

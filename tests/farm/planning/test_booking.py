@@ -7,7 +7,7 @@ import pytest
 
 from books.decompose_tasks import join_slices, make_decompose_task, make_slice_tasks
 from farm.model import Job, PartPrintOptions
-from farm.planning.booking import MAX_WARNINGS, MAY_FALL_WARNING, list_job_files, store_plan
+from farm.planning.booking import MAX_WALL_WARNINGS, MAY_FALL_WARNING, list_job_files, store_plan
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.parts.slice_part import slice_part
@@ -30,7 +30,7 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
     slices[0] = replace(slices[0], unprinted_walls=(thin_wall,) * 9)
     draw_job_parts(task, decomposition.drawing_record)
     plan = store_plan(join_slices(task, decomposition, plate_tasks, slices), files)
-    assert [p.warnings for p in plan.plates] == [(str(thin_wall),) * MAX_WARNINGS, (MAY_FALL_WARNING,)]
+    assert [p.warnings for p in plan.plates] == [(str(thin_wall),) * MAX_WALL_WARNINGS, (MAY_FALL_WARNING,)]
     assert [p.printer for p in plan.plates] == [part.printer for part in decomposition.parts]
     assert {p.printer for p in plan.plates} == {"p0", "p1"}
     assert sum(p.geometry.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)

@@ -36,7 +36,7 @@ def choose_order(
             tuple(fleet),
             dict.fromkeys(reserved_printers, "9/01"),
             is_starting=is_starting,
-            unattended_blocked=blocked_printers,
+            attended_only_printers=blocked_printers,
         ),
     )
 

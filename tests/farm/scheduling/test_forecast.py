@@ -34,7 +34,7 @@ fleets = st.lists(
         st.sampled_from("abcd"),
         boxes=st.sampled_from([LOW_BOXES, TALL_BOXES]),
         is_booked=st.booleans(),
-        free_s=st.none() | st.floats(MONDAY_S, MONDAY_S + 10 * HOUR_S),
+        print_end_s=st.none() | st.floats(MONDAY_S, MONDAY_S + 10 * HOUR_S),
         bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
         grams=st.none() | st.floats(0, 300),
         time_factors=st.sampled_from([0.9, 1.0, 1.2]).map(TimeFactors),
@@ -175,7 +175,7 @@ def test_bound_considers_plates_that_fit_only_some_printers():
 
 def test_plate_that_needs_more_filament_than_a_reel_has_waits_for_another_printer():
     plates = [make_plate(f"1/{i}", "a", expected_s=HOUR_S, grams=40.0) for i in range(2)]
-    fleet = [make_printer("a", grams=50.0), make_printer("b", is_booked=True, free_s=10 * HOUR_S)]
+    fleet = [make_printer("a", grams=50.0), make_printer("b", is_booked=True, print_end_s=10 * HOUR_S)]
     forecast = make_forecast(plates, fleet, make_rules(), 0.0)
     assert (forecast.unprintable_plates, [slot.printer for slot in forecast.slots]) == (
         (),

@@ -172,6 +172,8 @@ def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s,
     printers = builder.describe_printers(FLEET, books, snapshots)
     situation = Situation(PlateQueue(), printers, StartRules.from_config(FLEET.fleet), context.now_s)
     busy_printer, *other_printers = update_ends(situation, books, snapshots).printers
-    assert busy_printer.free_s == context.now_s + context.estimate_remaining_s(books.find_open_print("a"))
-    assert replace(busy_printer, free_s=printers[0].free_s) == printers[0]
+    assert busy_printer.print_end_s == context.now_s + context.estimate_remaining_s(
+        books.find_open_print("a")
+    )
+    assert replace(busy_printer, print_end_s=printers[0].print_end_s) == printers[0]
     assert tuple(other_printers) == printers[1:]

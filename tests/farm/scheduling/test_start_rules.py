@@ -280,7 +280,7 @@ def test_hold_has_a_code_and_a_reason(plate, printer, start_rules, code, message
 
 def test_short_reel_is_named_in_addition_to_another_hold():
     short_printer = make_printer("b", grams=10.0)
-    busy_printer = make_printer("a", is_booked=True, free_s=FRIDAY_S + HOUR_S)
+    busy_printer = make_printer("a", is_booked=True, print_end_s=FRIDAY_S + HOUR_S)
     hold = assign_with_holds(
         [make_plate("1/01", "a", grams=20.0)], [busy_printer, short_printer], make_rules(), FRIDAY_S
     )[1]["1/01"]
@@ -312,7 +312,7 @@ def test_plate_ends_with_a_margin_before_quiet_hours():
 
 def test_hold_of_a_large_plate_names_when_its_printers_are_free():
     tall_printers = [
-        make_printer(n, boxes=TALL_BOXES, is_booked=True, free_s=FRIDAY_S + 10.2 * HOUR_S)
+        make_printer(n, boxes=TALL_BOXES, is_booked=True, print_end_s=FRIDAY_S + 10.2 * HOUR_S)
         for n in ("um2x-02", "um2x-03")
     ]
     hold = assign_with_holds(

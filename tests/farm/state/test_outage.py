@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
-from farm.state.outage import OUTAGE_WINDOW_S, compute_outage_window_s, find_common_losses
+from farm.state.outage import OUTAGE_WINDOW_S, compute_outage_window_s, find_printers_lost_together
 from farm.state.plate_state import MAX_ATTEMPTS, PlateState
 
 
@@ -95,7 +95,7 @@ def test_job_continues_after_failures_caused_by_an_outage():
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=8))
 def test_group_of_lost_printers_is_the_same_for_each_of_them(times_s):
     printers = [Printer(name=f"p{i}", disconnected_at_s=at_s) for i, at_s in enumerate(times_s)]
-    groups = {printer.name: find_common_losses(printer.name, printers) for printer in printers}
+    groups = {printer.name: find_printers_lost_together(printer.name, printers) for printer in printers}
     for name, group in groups.items():
         assert name in group
         assert all(groups[other_name] == group for other_name in group)

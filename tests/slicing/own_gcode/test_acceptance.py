@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.printers import PROFILES
-from farm.planning.inspection.own_gcode import FirmwareTime
+from farm.planning.inspection.own_gcode import FirmwareTimeEstimator
 from model_files.make_gcode import FILAMENT_MM2, PURGE_LINES, make_marlin, make_square, make_ultigcode
 from model_files.own_gcode import (
     accept,
@@ -78,7 +78,7 @@ def test_output_of_slicers_has_their_stated_filament_and_time(slicer, filament_m
     recording_path = Path(__file__).parents[1] / "fixtures" / f"tile-{slicer}.gcode.gz"
     result = accept(
         gzip.decompress(recording_path.read_bytes()).splitlines(keepends=True),
-        FirmwareTime(PROFILES["ultimaker2_plus"]),
+        FirmwareTimeEstimator(PROFILES["ultimaker2_plus"]),
     )
     check_rules(result)
     assert (result.nozzle_mm, result.layers) == (0.4, 5)

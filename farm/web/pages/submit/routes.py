@@ -14,7 +14,7 @@ from farm.control import JobCommands
 from farm.errors import FarmError
 from farm.http import CallerName
 from farm.model import JobOptions
-from farm.planning.inspection import name_filament
+from farm.planning.inspection import resolve_filament
 from farm.web.callers import find_holder
 from farm.web.forms import FormReader, FormUploads
 from farm.web.notes import Note, Reader
@@ -51,7 +51,7 @@ def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
         async def read_options(form: FormReader) -> JobOptions:
             values.update({name: form.fields[name] for name in DEFAULTS if name in form.fields})
             options = read_job_options(form.fields)
-            return await asyncio.to_thread(name_filament, options, fleet.printers, fleet.fleet.materials)
+            return await asyncio.to_thread(resolve_filament, options, fleet.printers, fleet.fleet.materials)
 
         given_id = request.query_params.get("request", "")
         request_id = given_id if _REQUEST_ID_PATTERN.fullmatch(given_id) else uuid.uuid4().hex

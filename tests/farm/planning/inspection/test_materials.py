@@ -8,7 +8,7 @@ from drivers.printers import PROFILES
 from farm.config import FieldError, FleetSection, PrinterSection
 from farm.errors import RefusedError
 from farm.model import JobOptions
-from farm.planning.inspection import complete_section, name_filament
+from farm.planning.inspection import complete_section, resolve_filament
 from farm.planning.inspection.materials import NamedMaterial, choose_material, parse_material
 from farm.planning.printer_settings import build_slicing_printer
 from farm.scheduling.matching import Requirements
@@ -109,13 +109,13 @@ def test_material_of_a_job_matches_every_printer_of_its_kind(resources):
         make_section(name="a").with_filament("generic_pla", "PLA", "white"),
         make_section(name="b", port="/dev/b").with_filament("ultimaker_pla_black", "PLA", "black"),
     ]
-    requested_filament = name_filament(JobOptions(material="pla"), printers, None)
+    requested_filament = resolve_filament(JobOptions(material="pla"), printers, None)
     assert [p.has_material(requested_filament.material) for p in printers] == [True, True]
     requirements = Requirements(material=requested_filament.material, colour=None, nozzle_mm=None)
     assert all(requirements.matches(describe_capabilities(p, lambda _: ())) for p in printers)
-    requested_filament = name_filament(JobOptions(material="black PLA"), printers, None)
+    requested_filament = resolve_filament(JobOptions(material="black PLA"), printers, None)
     assert (requested_filament.material, requested_filament.colour) == ("PLA", "black")
     with pytest.raises(RefusedError, match="no printer of the fleet has ABS; it has black PLA, white PLA"):
-        name_filament(JobOptions(material="abs"), printers, None)
+        resolve_filament(JobOptions(material="abs"), printers, None)
     with pytest.raises(RefusedError, match="no printer of the fleet has gold; it has black PLA"):
-        name_filament(JobOptions(material="gold"), printers, None)
+        resolve_filament(JobOptions(material="gold"), printers, None)

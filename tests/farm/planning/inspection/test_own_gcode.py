@@ -10,7 +10,7 @@ from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
-from farm.planning.inspection.own_gcode import FirmwareTime, inspect_gcode, is_gcode, plan_gcode
+from farm.planning.inspection.own_gcode import FirmwareTimeEstimator, inspect_gcode, is_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask
 from model_files.make_gcode import make_marlin, make_square, make_ultigcode
 from slicing.errors import EngineMissing
@@ -215,7 +215,7 @@ def test_file_for_another_machine_causes_a_warning(plan_lines, inspect_lines):
 
 
 def test_print_time_matches_the_planner_of_the_firmware():
-    clock = FirmwareTime(PROFILES[LOW])
+    clock = FirmwareTimeEstimator(PROFILES[LOW])
     clock.move(105.0, 50.0, 20.0, 0.0, 50.0)
     clock.wait(3.0)
     for n in range(40):

@@ -16,7 +16,12 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, TimeFactors
 from farm.planning.booking import store_plan
 from farm.planning.inspection.inspect_submission import inspect_model
-from farm.planning.parts.copies import MAX_PLATES, choose_evenly_spaced, iterate_part_counts, multiply_plan
+from farm.planning.parts.copies import (
+    MAX_PLATES,
+    choose_evenly_spaced_items,
+    iterate_part_counts,
+    multiply_plan,
+)
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.plan import DecomposeTask, Plan
@@ -41,7 +46,7 @@ def test_fewer_rounds_come_before_more_parts_and_all_printers_are_tried(copies, 
 @given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
 def test_items_are_chosen_in_proportion_to_their_counts(items, data):
     count = data.draw(st.integers(1, len(items)))
-    chosen_items = choose_evenly_spaced(sorted(items), count)
+    chosen_items = choose_evenly_spaced_items(sorted(items), count)
     assert len(chosen_items) == count
     item_counts = Counter(chosen_items)
     for item, available_count in Counter(items).items():

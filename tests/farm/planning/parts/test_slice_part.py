@@ -30,7 +30,7 @@ def make_task(tmp_path):
         resources = find_resources()
         settings = resolve_settings(request, resources)
         return SliceTask(
-            part="p1",
+            part_name="p1",
             stl=stl,
             request=request,
             resources=resources,

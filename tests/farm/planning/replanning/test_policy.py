@@ -91,7 +91,7 @@ def test_plate_waits_if_its_printer_is_free_soon():
     """Use a plate of ten hours: a fifth of the waiting time has to be saved."""
 
     def choose_reslice(free_in_h):
-        busy_printer = make_family_printer("a", PLUS, is_booked=True, free_s=NOW_S + free_in_h * HOUR_S)
+        busy_printer = make_family_printer("a", PLUS, is_booked=True, print_end_s=NOW_S + free_in_h * HOUR_S)
         other_printer = make_family_printer("b", UM2)
         return policy.choose_reslice(
             make_part(),
@@ -194,7 +194,7 @@ fleets = st.lists(
         st.sampled_from([PLUS, UM2]),
         nozzle_mm=st.sampled_from([0.4, 0.8]),
         is_booked=st.booleans(),
-        free_s=st.none() | st.floats(NOW_S, NOW_S + 20 * HOUR_S),
+        print_end_s=st.none() | st.floats(NOW_S, NOW_S + 20 * HOUR_S),
         bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
         grams=st.none() | st.floats(0, 200),
         time_factors=st.sampled_from([0.9, 1.0, 1.2]).map(TimeFactors),

@@ -100,7 +100,7 @@ def test_plan_that_no_printer_can_print_is_made_again():
 
 
 fleets = st.lists(
-    st.sampled_from([{}, {"bed": Bed.NOT_CLEAR}, {"is_booked": True, "free_s": 5 * HOUR_S}]), max_size=8
+    st.sampled_from([{}, {"bed": Bed.NOT_CLEAR}, {"is_booked": True, "print_end_s": 5 * HOUR_S}]), max_size=8
 )
 durations_h = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size=1, max_size=8)
 

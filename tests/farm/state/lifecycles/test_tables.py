@@ -9,11 +9,11 @@ from farm.state.lifecycles import FARM_WIDE_EVENTS, LIFECYCLES, NEW
 
 
 def test_every_event_has_a_subject():
-    handled_events = set().union(*(lifecycle.kinds for lifecycle in LIFECYCLES)) | FARM_WIDE_EVENTS
+    handled_events = set().union(*(lifecycle.event_kinds for lifecycle in LIFECYCLES)) | FARM_WIDE_EVENTS
     assert handled_events == set(get_args(ev.AnyEvent))
 
 
-@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity)
+@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity_name)
 def test_every_state_is_reachable(lifecycle):
     rows = [*lifecycle.transitions, *lifecycle.consequences]
     reached_states = {NEW}
@@ -28,6 +28,6 @@ def test_every_state_is_reachable(lifecycle):
     assert reached_states - {NEW} == set(lifecycle.states)
 
 
-@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity)
+@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity_name)
 def test_every_event_about_an_entity_names_it(lifecycle):
-    assert all(lifecycle.key in kind.model_fields for kind in lifecycle.kinds)
+    assert all(lifecycle.key_field in kind.model_fields for kind in lifecycle.event_kinds)

@@ -16,7 +16,7 @@ from farm.state.retention import (
     find_keep_reason,
     list_deletable_files,
     list_job_file_names,
-    list_lost_jobs,
+    list_jobs_with_lost_files,
     list_named_files,
     list_prunable_files,
     select_jobs,
@@ -130,17 +130,17 @@ def test_replaced_parts_keep_their_files_while_the_job_is_open():
 def test_jobs_with_missing_files_are_found_after_a_restore():
     books = make_old_books((JobState.DONE, 100), (JobState.PRINTING, 0))
     files = list_named_files(books) - {"1-p02.stl", "2-p02.stl"}
-    assert list_lost_jobs(books, files) == [1]
-    assert list_lost_jobs(prune_job(books, 1), files) == []
+    assert list_jobs_with_lost_files(books, files) == [1]
+    assert list_jobs_with_lost_files(prune_job(books, 1), files) == []
 
 
 def test_no_job_counts_as_lost_if_the_store_is_unavailable():
     """Keep all jobs if the disk is not mounted, or if a person has moved the folder."""
     books = make_old_books((JobState.DONE, 100), (JobState.PRINTING, 0))
-    assert list_lost_jobs(books, set()) == []
-    assert list_lost_jobs(books, list_named_files(books) - {"picture-1.png", "1-p01.stl"}) == []
+    assert list_jobs_with_lost_files(books, set()) == []
+    assert list_jobs_with_lost_files(books, list_named_files(books) - {"picture-1.png", "1-p01.stl"}) == []
     unplanned_books = put(books, replace_fields(books.jobs[1], picture=None, parts=(), plates=()))
-    assert list_lost_jobs(unplanned_books, set()) == []
+    assert list_jobs_with_lost_files(unplanned_books, set()) == []
 
 
 _job_lists = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), min_size=1, max_size=8)

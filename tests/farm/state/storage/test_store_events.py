@@ -31,7 +31,7 @@ def test_remaining_events_are_the_latest(tmp_path_factory, times_s, end_s, max_c
     path = tmp_path_factory.mktemp("books") / "farm.db"
     with Store(path) as store:
         record_events(store, *times_s)
-        last_number = store.find_last_old_event(end_s, max_count)
+        last_number = store.find_last_deletable_number(end_s, max_count)
         expected_count = store.count_events(last_number)
         deleted_count = 0
         while batch_count := store.delete_events(last_number, batch_size):
@@ -54,7 +54,7 @@ def test_deleting_events_makes_the_file_smaller(tmp_path):
     with Store(path) as store:
         record_events(store, *(float(n) for n in range(300)), person="a" * 4000)
         assert not store.release_space(min_bytes=10**6)  # all space is in use
-        while store.delete_events(store.find_last_old_event(0.0, 10)):
+        while store.delete_events(store.find_last_deletable_number(0.0, 10)):
             pass
         assert not store.release_space()  # less than 16 MB are free
         assert store.release_space(min_bytes=10**5)
