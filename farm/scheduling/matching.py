@@ -159,37 +159,38 @@ class Requirements:
     def matches(self, kind: Capabilities) -> bool:
         return kind.meets(self.demand) and (self.box is None or kind.can_contain(self.box))
 
-    def describe(self, missing_capabilities: tuple[Capabilities, ...] = ()) -> str:
-        """List the requirements as text; with `missing_capabilities`, only those that one of them lacks."""
+    def describe(self, mismatched_capabilities: tuple[Capabilities, ...] = ()) -> str:
+        """List as text all requirements, or only those that one of the mismatched capabilities lacks."""
         texts = []
         if self.material and (
-            not missing_capabilities
-            or not all(kind.has_material(self.material) for kind in missing_capabilities)
+            not mismatched_capabilities
+            or not all(kind.has_material(self.material) for kind in mismatched_capabilities)
         ):
             texts.append(self.material)
         if self.colour and (
-            not missing_capabilities or any(kind.colour != self.colour for kind in missing_capabilities)
+            not mismatched_capabilities or any(kind.colour != self.colour for kind in mismatched_capabilities)
         ):
             texts.append(self.colour)
         if self.nozzle_mm and (
-            not missing_capabilities or any(kind.nozzle_mm != self.nozzle_mm for kind in missing_capabilities)
+            not mismatched_capabilities
+            or any(kind.nozzle_mm != self.nozzle_mm for kind in mismatched_capabilities)
         ):
             texts.append(f"nozzle {self.nozzle_mm} mm")
         if self.family and (
-            not missing_capabilities or any(kind.family != self.family for kind in missing_capabilities)
+            not mismatched_capabilities or any(kind.family != self.family for kind in mismatched_capabilities)
         ):
             texts.append(f"an {self.family}, which it was sliced for")
         if self.allowed_printers and (
-            not missing_capabilities
-            or any(kind.requested_name not in self.allowed_printers for kind in missing_capabilities)
+            not mismatched_capabilities
+            or any(kind.requested_name not in self.allowed_printers for kind in mismatched_capabilities)
         ):
             texts.append(" or ".join(self.allowed_printers))
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
-            needs_height = any(height > kind.height_mm + TOLERANCE_MM for kind in missing_capabilities)
-            needs_width = any(not kind.can_contain((x0, y0, x1, y1, 0.0)) for kind in missing_capabilities)
-            if not missing_capabilities:
+            needs_height = any(height > kind.height_mm + TOLERANCE_MM for kind in mismatched_capabilities)
+            needs_width = any(not kind.can_contain((x0, y0, x1, y1, 0.0)) for kind in mismatched_capabilities)
+            if not mismatched_capabilities:
                 texts.append(f"{width} and {height:.0f} mm of height")
             else:
                 texts += [f"{height:.0f} mm of height"] * needs_height + [width] * needs_width

@@ -45,7 +45,10 @@ class TaskExecutor:
         self._task_folder.mkdir()
 
     async def execute(
-        self, task: RemoteTask, contents: Mapping[str, bytes], on_live: LiveFileListener = lambda *_: None
+        self,
+        task: RemoteTask,
+        contents: Mapping[str, bytes],
+        on_live_file: LiveFileListener = lambda *_: None,
     ) -> RemoteAnswer:
         """Run a task. Cancelling the call ends the process of the task, and the engine that it runs.
 
@@ -55,7 +58,7 @@ class TaskExecutor:
             The task, with the paths of the submitting computer.
         contents
             Files that were sent with the task, by their hash.
-        on_live
+        on_live_file
             Called when a live file of the task changes, with its path on the submitting computer.
         """
         difference = self.installation.describe_difference(task.installation)
@@ -73,7 +76,7 @@ class TaskExecutor:
             folder = self._task_folder / task.id
             try:
                 folder.mkdir()
-                return await self._run_task(task, self._place_files(task, folder), on_live)
+                return await self._run_task(task, self._place_files(task, folder), on_live_file)
             except OSError as error:  # such as a full disk on this computer
                 return RemoteAnswer(self.host, mismatch=str(error))
             except Exception as error:
@@ -104,10 +107,10 @@ class TaskExecutor:
         return Relocation.from_pairs(pairs)
 
     async def _run_task(
-        self, task: RemoteTask, relocation: Relocation, on_live: LiveFileListener
+        self, task: RemoteTask, relocation: Relocation, on_live_file: LiveFileListener
     ) -> RemoteAnswer:
         watch_task = asyncio.get_running_loop().create_task(
-            _watch_files(task.live_files, relocation, on_live)
+            _watch_files(task.live_files, relocation, on_live_file)
         )
         try:
             result = await self._pool.run(run_relocated, task.call, relocation, limit=task.limit)
@@ -133,7 +136,7 @@ def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[s
 
 
 async def _watch_files(
-    live_files: tuple[str, ...], relocation: Relocation, on_live: LiveFileListener
+    live_files: tuple[str, ...], relocation: Relocation, on_live_file: LiveFileListener
 ) -> None:
     """Report live files whenever they change."""
     last_contents: dict[str, bytes] = {}
@@ -146,4 +149,4 @@ async def _watch_files(
                 continue
             if last_contents.get(name) != content:
                 last_contents[name] = content
-                on_live(name, content)
+                on_live_file(name, content)

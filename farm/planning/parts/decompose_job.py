@@ -94,7 +94,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
 
 
 def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | PausedJob:
-    """Write the parts of a search into the folder of the task, or its record if the search has paused.
+    """Write the parts of a search into the folder of the task, or the record of a search that has paused.
 
     The record is a pickle of the best result, for workers of the same version.
     """
