@@ -57,7 +57,7 @@ def _hold_job(job: Job) -> Job:
 
 
 def record_found_print(event: ev.PrintFound, books: Books) -> Books:
-    """Record a print that its agent has; the events of its progress follow."""
+    """Record a print that an agent found in its journal; the events of its progress follow."""
     plate = books.plates[event.plate]
     attempt = Print(
         id=event.print_id,

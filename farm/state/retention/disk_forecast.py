@@ -57,7 +57,7 @@ def estimate_nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: fl
     Parameters
     ----------
     use
-        Space used and free.
+        Space on the disk.
     max_bytes
         Maximum size of the files of jobs; every night, prunable files beyond it are deleted.
     reserve_bytes
@@ -86,7 +86,7 @@ def describe_shortage(folder: str, use: DiskUse, max_gb: float, reserve_gb: floa
     folder
         The state folder, on that disk.
     use
-        Space used and free.
+        Space on the disk.
     max_gb, reserve_gb
         GB that the files of jobs may use, and GB that must stay free.
     """
