@@ -105,12 +105,8 @@ def find_level_lines(path: Toolpath) -> Bools:
 
 def find_long_layers(path: Toolpath, min_time_s: float) -> Bools:
     """Mark the moves (n,) of layers that take at least a minimum time, according to the comments."""
-    is_long = np.zeros(len(path.layer), np.bool_)
-    first, elapsed_s = 0, 0.0
-    for move, end_s in path.list_layer_ends():
-        is_long[first:move] = end_s - elapsed_s >= min_time_s
-        first, elapsed_s = move, end_s
-    return is_long
+    spare_s = measure_spare_times_s(path, min_time_s)
+    return np.isin(path.layer, [layer for layer, seconds in spare_s.items() if seconds >= 0.0])
 
 
 def measure_spare_times_s(path: Toolpath, min_time_s: float) -> dict[int, float]:
