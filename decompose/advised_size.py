@@ -22,7 +22,7 @@ MAX_HALVINGS = 8  # maximum number of times that the range of sizes is halved
 CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
 MAX_TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the one before
 TRIAL_SIZE_RATIO = 0.96  # ratio of the size in a trial to that in the trial before
-TRIAL_BUDGET_S = 2.0  # enough to find a result, although not the best one
+TRIAL_BUDGET_S = 2.0  # budget of a trial: enough to find a result, although not the best one
 
 
 def advise_longest_side_mm(
@@ -32,7 +32,7 @@ def advise_longest_side_mm(
     cost: CostModel,
     executor: Executor | None = None,
 ) -> int | None:
-    """Find a longest side at which a model that needs too many parts could be cut.
+    """Find a length of the longest side at which a model that needs too many parts could be cut.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from decompose.engines.guillotine import (
     CurvePoint,
     classify_printers,
     compute_makespan_curve,
-    find_fewest_in_time,
+    find_fewest_printers_in_time,
     find_knee,
     make_class_tables,
 )
@@ -57,7 +57,7 @@ class CountGoal:
         """Choose the point of a curve that suits the goal."""
         if self.time_limit_s is None:
             return find_knee(points, self.clearing_s, self.assembly_s)
-        return find_fewest_in_time(
+        return find_fewest_printers_in_time(
             points, self.time_limit_s, self.assembly_s if self.includes_gluing else 0.0
         )
 

@@ -28,7 +28,7 @@ _PRINTER = TargetPrinter("", ((90.0, 90.0, 60.0),))
 _QUICK_OPTIONS = Options(
     granularity=6, best=BestOptions(budget_s=0.0), parallelobox=ParalleloboxOptions(tries=1)
 )
-_ENGINES = (
+_ENGINE_OPTIONS = (
     replace(_QUICK_OPTIONS, engine=Engine.GUILLOTINE),
     replace(_QUICK_OPTIONS, engine=Engine.PARALLELOBOX),
     replace(_QUICK_OPTIONS, engine=Engine.PARALLELOBOX, faithful=True),
@@ -40,13 +40,13 @@ _ENGINES = (
 def compile_functions() -> None:
     """Compile every function for the types that decompositions call it with, and store the code.
 
-    Processes that do this at the same time wait for the first one.
+    If several processes do this at the same time, the others wait for the first.
     """
     with ExitStack() as stack:
         if CODE_FOLDER is not None and not is_compiled():
             lock = stack.enter_context((CODE_FOLDER / "lock").open("w"))
             fcntl.flock(lock, fcntl.LOCK_EX)
-        _cut_small_models()
+        _cut_small_model()
         mark_compiled()
 
 
@@ -56,7 +56,7 @@ def ensure_compiled() -> None:
         compile_functions()
 
 
-def _cut_small_models() -> None:
+def _cut_small_model() -> None:
     """Repair a ring that lacks triangles and has a loose triangle, and cut it with each engine."""
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "ring.stl"
@@ -65,7 +65,7 @@ def _cut_small_models() -> None:
         write_stl(path, np.concatenate([ring.triangles[5:], sheet]).astype(np.float32))
         model = load_model(path)
         cost = CostModel.from_settings(PrintTimeSettings())
-        for options in _ENGINES:
+        for options in _ENGINE_OPTIONS:
             printers = [replace(_PRINTER, name=name) for name in "abcdefghij"]
             decomposition = decompose_model(model, printers, options, cost)
         write_decomposition(decomposition, Path(scratch) / "parts")

@@ -138,7 +138,7 @@ def _sum_least_work_s(problem: Problem, triangles: Floats) -> float | None:
 
 
 def simplify_solid_for_pricing(solid: Solid) -> Solid:
-    """Simplify a solid with too many faces to price; this hardly changes its price. Others are unchanged."""
+    """Simplify a solid with too many faces to price, which hardly changes its price; return others as is."""
     simplified = solid
     for tolerance_mm in PRICE_TOLERANCES_MM:
         if simplified.face_count <= MAX_PRICED_FACES:

@@ -19,7 +19,7 @@ class BadSize(ModelUnreadable):
 
 
 class ModelEmpty(DecomposeError):
-    """The file has no triangle with an area."""
+    """The file has no triangle with a nonzero area."""
 
 
 class ModelFlat(DecomposeError):
@@ -107,13 +107,14 @@ class Rule(StrEnum):
     NO_OVERLAP = "no-overlap"
     SURFACE = "surface"  # the original surface is covered exactly once
     WALL = "wall"  # hollows keep their distance from the original surface
-    INSIDE = "inside"  # parts and hollows together are exactly the model
+    INTERIOR = "inside"  # parts and hollows together are exactly the model
     # Rules of pins and marks; a part that breaks one of these is printed without pins and marks.
-    DRILLED = "drilled"  # only the holes and marks are removed, and a part stays one piece
-    SKIN = "skin"  # pins and marks keep a wall to the outside, to other faces and to each other
-    # Each pin can be inserted, and no body fits if it is rotated, or in the place of another body.
-    PINNED = "pinned"
-    ORDER = "order"  # each pin is along the direction of its step
+    ONLY_HOLES_REMOVED = "drilled"  # only the holes and marks are removed, and a part stays one piece
+    # A minimum wall remains between pins and marks, and between them and the surface and other faces.
+    PIN_WALLS = "skin"
+    # Each pin can be inserted, and no body fits when rotated or when swapped with another body.
+    PINS_UNAMBIGUOUS = "pinned"
+    PIN_DIRECTIONS = "order"  # each pin is along the direction of its step
     SUPPORT_FREE = "support-free"  # the ceilings of holes and grooves need no support
     STL = "stl"  # the file, when read back, is watertight and has the part's volume
 
@@ -126,7 +127,7 @@ class GeometryError(DecomposeError):
     rule
         Short name of the rule, a value of `Rule`.
     part
-        Part that breaks it; None if the rule is not broken by a single part.
+        Part that breaks it; None if the rule concerns the decomposition as a whole.
     """
 
     def __init__(self, rule: str, part: str | None, problem: str) -> None:

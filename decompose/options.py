@@ -13,7 +13,7 @@ FILAMENT_MM = 2.85
 THIN_FILAMENT_MM = 1.75
 MIN_PIN_MM, MAX_PIN_MM = 1.0, 10.0
 PIN_FIT_MM = 0.4
-"""[assumed] Clearance of a printed hole: width across the flats, less the diameter of its filament pin."""
+"""[assumed] Clearance of a printed hole: width across the flats minus the diameter of its filament pin."""
 
 
 class Engine(StrEnum):
@@ -89,7 +89,7 @@ class ConnectorOptions:
     pin_mm
         Diameter of the pins; None if there are none.
     pin_fit_mm
-        Clearance of a hole: width across the flats, less the diameter of the pin.
+        Clearance of a hole: width across the flats minus the diameter of the pin.
     marks
         Whether the numbers of the parts are cut into these faces.
     printer_fits_mm

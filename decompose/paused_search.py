@@ -70,7 +70,7 @@ class PausedSearch:
         is_better = outcome.result is not None and self._state.is_beaten_by(outcome.result)
         return replace(outcome, result=outcome.result if is_better else None, error=None)
 
-    def fail_attempt(self, number: int, reason: str) -> Outcome:
+    def make_failed_outcome(self, number: int, reason: str) -> Outcome:
         """Build the outcome of an attempt that could not be made; its share of the budget counts as spent.
 
         Parameters

@@ -40,7 +40,7 @@ def relevel_planes(
     model
         Model that was decomposed.
     previous_result
-        Its decomposition, which may lack its parts, joints and faults (`Decomposition.without_parts`).
+        Its decomposition, which may be without its parts, joints and faults (`Decomposition.without_parts`).
     sliced_times_s
         Sliced time of each of its parts in seconds.
     cost

@@ -67,7 +67,7 @@ def main() -> None:
     with ThreadPoolExecutor(os.cpu_count()) as executor:
         points = measure_stage("curve", lambda: compute_makespan_curve([boxes], printer_counts, executor))
     report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": times_s}
-    if measure_stage("search", lambda: solver.find_min_makespan(options.printers, 0.0)) is not None:
+    if measure_stage("search", lambda: solver.find_min_makespan_s(options.printers, 0.0)) is not None:
         makespan_s = solver.find_longest_time_s()
         proven = measure_stage(
             "bound", lambda: bound_makespan(boxes, grid.is_needed, options.printers, makespan_s)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from decompose.best.attempt import Outcome, Trial, rotate_about_z
 from decompose.errors import DecomposeError
-from decompose.grid import count_cells, count_cuts
+from decompose.grid import choose_cell_counts, count_cuts
 from decompose.options import Engine
 from decompose.problem import MAX_GRANULARITY, WORK_NS, Problem, Work, choose_granularity
 from decompose.results import Attempt, Decomposition
@@ -21,7 +21,7 @@ GRID_SHARE = 0.5  # share of the budget for the tables of the first grid, its so
 USUAL_SOLVE_COUNT = 30  # usual number of solves on a grid, each for a different limit
 # Minimum remaining budget for another attempt, as a share of the first attempt's effort.
 MIN_START_SHARE = 0.5
-OTHER_GRIDS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
+OTHER_GRID_RATIOS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
 # Rotations of the model about z; after a quarter turn the grid is the same.
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
 # Minimum gain from a rotation, as a share of the makespan: cuts along the model's sides are easier to glue.
@@ -50,7 +50,7 @@ class SearchState:
 
     @property
     def has_sound_result(self) -> bool:
-        """True if the best result has parts without faults."""
+        """True if there is a best result, and its parts have no faults."""
         return self.best_result is not None and not self.best_result.faults
 
     @property
@@ -95,8 +95,8 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     no sound result, the usual grid follows with the whole budget, then Parallelobox, because any result is
     better than none. The next rounds are other grids, rotations of the model about z, and other grids at the
     best angle. The attempts of a round have equal shares of the remaining budget. A round has at least one
-    attempt, and otherwise as many as can each spend the effort of the first one. The other attempts form the
-    next round, with the rest of the budget.
+    attempt, and no more than can each spend as much effort as the first one. The other attempts form the next
+    round, with the rest of the budget.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT
     problem, state
         As in `plan_next_round`.
     reason
-        Reason why the attempts are not started.
+        Reason why the attempts have not been started.
     """
     return [
         Attempt(trial.engine, trial.granularity, trial.yaw_deg, finished=False, reason=reason)
@@ -145,11 +145,11 @@ def compute_remaining_s(problem: Problem, state: SearchState) -> float:
     problem, state
         As in `plan_next_round`.
     """
-    counted_attempts = state.attempts[1:] if _is_first_repeated(problem, state) else state.attempts
+    counted_attempts = state.attempts[1:] if _has_restarted_on_usual_grid(problem, state) else state.attempts
     return problem.options.best.budget_s - sum(attempt.effort_s for attempt in counted_attempts)
 
 
-def _is_first_repeated(problem: Problem, state: SearchState) -> bool:
+def _has_restarted_on_usual_grid(problem: Problem, state: SearchState) -> bool:
     """Check whether the usual grid was tried after a coarser one, with the whole budget again."""
     usual = problem.options.granularity
     grids = [attempt.granularity for attempt in state.attempts[:2] if not attempt.yaw_deg]
@@ -163,7 +163,7 @@ def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]
     if not state.has_sound_result:
         stages.append((Trial(Engine.PARALLELOBOX, usual),))
     if usual == "auto" and len(problem.printers) > 1:
-        grid = usual if _is_first_repeated(problem, state) else state.attempts[0].granularity
+        grid = usual if _has_restarted_on_usual_grid(problem, state) else state.attempts[0].granularity
         is_rotated = any(attempt.yaw_deg for attempt in state.attempts)
         if not is_rotated:
             stages.append(_list_other_grids(problem, state, grid))
@@ -188,11 +188,11 @@ def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> 
     rotated_problem = replace(rotated_problem, options=replace(problem.options, granularity=grid))
     extents_mm = rotated_problem.model.extents_mm
     first_cells = rotated_problem.choose_granularity(rotated_problem.model)
-    shapes = {count_cells(extents_mm, first_cells)}
+    shapes = {choose_cell_counts(extents_mm, first_cells)}
     trials = []
-    for ratio in OTHER_GRIDS:
+    for ratio in OTHER_GRID_RATIOS:
         cells = min(MAX_GRANULARITY, round(ratio * first_cells))
-        shape = count_cells(extents_mm, cells)
+        shape = choose_cell_counts(extents_mm, cells)
         if shape not in shapes:
             shapes.add(shape)
             trials.append(Trial(Engine.GUILLOTINE, cells, state.yaw_deg))
@@ -209,7 +209,7 @@ def choose_first_grid(problem: Problem) -> str | int:
         return options.granularity
     cells = finest = problem.choose_granularity(problem.model)
     min_cells = choose_granularity("auto", 1, max(extents_mm) / min(problem.max_part_mm))
-    while cells > min_cells and _estimate_grid_s(count_cells(extents_mm, cells)) > (
+    while cells > min_cells and _estimate_grid_s(choose_cell_counts(extents_mm, cells)) > (
         GRID_SHARE * options.best.budget_s
     ):
         cells -= 1
@@ -217,7 +217,7 @@ def choose_first_grid(problem: Problem) -> str | int:
 
 
 def _estimate_grid_s(shape: tuple[int, int, int]) -> float:
-    """Estimate the effort in s for a grid: its tables, the solves with them, and their bound."""
+    """Estimate the effort in s for a grid: its tables, the solves with them, and the bound from them."""
     boxes = math.prod(n * (n + 1) // 2 for n in shape)
     box_ns = WORK_NS[Work.BOX_PRICED] + WORK_NS[Work.BOX_PROVEN]
     return (boxes * box_ns + USUAL_SOLVE_COUNT * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9

@@ -82,7 +82,7 @@ def end_rounds(problem: Problem, state: SearchState, reason: str = SPENT_REASON)
     state
         Attempts and best result.
     reason
-        Reason why the other attempts are not started.
+        Reason why the other attempts have not been started.
     """
     if state.best_result is None:
         assert state.failure is not None  # the first engine is always tried

@@ -1,4 +1,4 @@
-"""Lower bound on the makespan of all partitions into axis-parallel boxes, on any grid or none.
+"""Lower bound on the makespan of all partitions into axis-parallel boxes, on a grid or not.
 
 The work of all boxes together is bounded from below. One of n boxes has at least an n-th of it or, if the
 printers differ in speed, at least its printer's share.
@@ -65,16 +65,16 @@ def sum_least_work_s(
     float
         Seconds.
     """
-    longest_mm = max(side_mm for printer in printers for box in printer.boxes for side_mm in box)
+    max_length_mm = max(side_mm for printer in printers for box in printer.boxes for side_mm in box)
     volume_mm3 = float(
         np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0
     )
-    work_s = _price_least_surface_s(triangles, cost) + cost.volume_s_mm3 * volume_mm3
+    work_s = _compute_min_surface_price_s(triangles, cost) + cost.volume_s_mm3 * volume_mm3
     grid = _build_grid(triangles)
-    may_omit = _find_unneeded_cells(grid, wall_mm)
+    is_unneeded = _find_unneeded_cells(grid, wall_mm)
     for axis in range(3):
-        solid_mm, hollow_mm, area_mm2 = _measure_rows(grid, may_omit, axis).T
-        work_s += float((area_mm2 * _price_cuts_s_mm2(solid_mm, hollow_mm, longest_mm, cost)).sum())
+        solid_mm, hollow_mm, area_mm2 = _measure_rows(grid, is_unneeded, axis).T
+        work_s += float((area_mm2 * _price_cuts_s_mm2(solid_mm, hollow_mm, max_length_mm, cost)).sum())
     return work_s
 
 
@@ -92,8 +92,8 @@ def bound_shared_work_s(
     cost
         Print time of a part.
     makespan_s
-        Upper limit of the bound, such as the makespan of a known partition. It also limits what
-        rims save, because partitions with a longer makespan are above the bound in any case.
+        Upper limit of the bound, such as the makespan of a known partition. It also limits the
+        savings by rims, because partitions with a longer makespan are above the bound in any case.
 
     Returns
     -------
@@ -103,14 +103,14 @@ def bound_shared_work_s(
     time_factors = [printer.time_factor for printer in printers]
     highest_mm = max(box[2] for printer in printers for box in printer.boxes)
     saved_s = cost.inset_s_mm * float(highest_mm)
-    saved_s += _compute_max_rim_s(cost, makespan_s / min(time_factors))
+    saved_s += _compute_max_rim_savings_s(cost, makespan_s / min(time_factors))
     per_part_s = cost.fixed_s - saved_s
     per_part_s *= min(time_factors) if per_part_s > 0.0 else max(time_factors)
     return min(makespan_s, max(0.0, work_s / sum(1.0 / factor for factor in time_factors) + per_part_s))
 
 
-def _price_least_surface_s(triangles: Floats, cost: CostModel) -> float:
-    """Price the surface of triangles (m, 3, 3) in s, each face in the cheapest of its axis poses."""
+def _compute_min_surface_price_s(triangles: Floats, cost: CostModel) -> float:
+    """Compute the price in s of the surface of triangles (m, 3, 3), each face in its cheapest axis pose."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     doubled_areas_mm2 = np.linalg.norm(cross, axis=1)
     cosines = np.abs(cross) / np.maximum(doubled_areas_mm2, np.finfo(float).tiny)[:, None]
@@ -120,14 +120,14 @@ def _price_least_surface_s(triangles: Floats, cost: CostModel) -> float:
     return float((prices_s_mm2.min(axis=1) * doubled_areas_mm2).sum() / 2.0)
 
 
-def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, cost: CostModel) -> Floats:
+def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, max_length_mm: float, cost: CostModel) -> Floats:
     """Compute the least extra cost of lines compared with a single box, in s per mm2 of their cross-section.
 
     Parameters
     ----------
     solid_mm, hollow_mm
         (k,) minimum lengths L of solid, and maximum lengths U that need not be printed.
-    longest_mm
+    max_length_mm
         Maximum length of a box.
     cost
         Print time of a part.
@@ -135,12 +135,12 @@ def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, co
     hidden_share = max(cost.hidden_bed_share, cost.hidden_top_share)
     upright_s_mm2 = (1.0 - MEAN_SIDE_SHARE * cost.hidden_side_share) * cost.lateral_s_mm2
     face_s_mm2 = min(upright_s_mm2, (1.0 - hidden_share) * cost.skin_s_mm2)
-    boxes = np.maximum(2.0, np.ceil((solid_mm - hollow_mm) / longest_mm - 1e-9))
+    boxes = np.maximum(2.0, np.ceil((solid_mm - hollow_mm) / max_length_mm - 1e-9))
     cut_s = 2.0 * face_s_mm2 * (boxes - 1.0) - cost.volume_s_mm3 * hollow_mm / 3.0
-    return np.asarray(np.where(solid_mm > longest_mm, cut_s, np.minimum(0.0, cut_s)))
+    return np.asarray(np.where(solid_mm > max_length_mm, cut_s, np.minimum(0.0, cut_s)))
 
 
-def _compute_max_rim_s(cost: CostModel, makespan_s: float) -> float:
+def _compute_max_rim_savings_s(cost: CostModel, makespan_s: float) -> float:
     """Compute the maximum time that `compute_price_s` subtracts for the rims of skin within a makespan."""
     if not cost.skin_s_mm2:
         return 0.0
@@ -181,7 +181,7 @@ def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
     return is_unneeded
 
 
-def _measure_rows(grid: Grid, may_omit: Bools, axis: int) -> Floats:
+def _measure_rows(grid: Grid, is_unneeded: Bools, axis: int) -> Floats:
     """Measure the blocks of cells with solid in each row along an axis.
 
     Returns
@@ -196,13 +196,13 @@ def _measure_rows(grid: Grid, may_omit: Bools, axis: int) -> Floats:
     is_start = np.zeros(rows.shape, np.bool_)
     is_start[tuple(starts.T)] = True
     blocks = (is_start.cumsum() - 1).reshape(rows.shape)  # number of the block of each cell with solid
-    longest_mm, hollow_mm = np.zeros(len(starts)), np.zeros(len(starts))
+    max_length_mm, hollow_mm = np.zeros(len(starts)), np.zeros(len(starts))
     full_starts, full_ends = _find_runs(grid.cells == Cell.INTERNAL, axis)
     full_mm = places_mm[full_ends[:, 2]] - places_mm[full_starts[:, 2]]
-    np.maximum.at(longest_mm, blocks[tuple(full_starts.T)], full_mm)
-    omitted = np.argwhere(np.moveaxis(may_omit, axis, 2))
+    np.maximum.at(max_length_mm, blocks[tuple(full_starts.T)], full_mm)
+    omitted = np.argwhere(np.moveaxis(is_unneeded, axis, 2))
     np.add.at(hollow_mm, blocks[tuple(omitted.T)], np.diff(places_mm)[omitted[:, 2]])
-    return np.stack([longest_mm, hollow_mm, a_mm[starts[:, 0]] * b_mm[starts[:, 1]]], axis=1)
+    return np.stack([max_length_mm, hollow_mm, a_mm[starts[:, 0]] * b_mm[starts[:, 1]]], axis=1)
 
 
 def _find_runs(cells: Bools, axis: int) -> tuple[Ints, Ints]:

@@ -40,7 +40,7 @@ def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, box_sums: Floats) -
 
 
 @jit
-def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, cell_sums: Floats) -> None:
+def sum_over_cells(shares: Floats, corners: Ints, differences: Floats, cell_sums: Floats) -> None:
     """Sum, for each cell, the shares of the boxes that cover it.
 
     Parameters
@@ -49,13 +49,12 @@ def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, cell_sums: Floa
         (k,) float64 shares of the boxes.
     corners
         (k, 8) int64 from `find_corners`.
-    steps
-        (nx + 1, ny + 1, nz + 1) float64 workspace for the differences at the places where boxes begin and
-        end.
+    differences
+        (nx + 1, ny + 1, nz + 1) float64 workspace for the differences where boxes begin and end.
     cell_sums
         (nx, ny, nz) float64 sums, filled in.
     """
-    s = steps.ravel()
+    s = differences.ravel()
     s[:] = 0.0
     for k in range(len(corners)):
         if shares[k] == 0.0:
@@ -68,7 +67,7 @@ def sum_over_cells(shares: Floats, corners: Ints, steps: Floats, cell_sums: Floa
         for y in range(ny):
             run = 0.0
             for z in range(nz):
-                run += steps[x, y, z]
+                run += differences[x, y, z]
                 total = run
                 if x > 0:
                     total += cell_sums[x - 1, y, z]
@@ -87,7 +86,7 @@ def find_corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
     boxes
         (k, 6) int64 in cells, half-open.
     shape
-        Cells of the grid.
+        Number of cells of the grid along each axis.
 
     Returns
     -------

@@ -23,8 +23,8 @@ from decompose.jit import jit
 MAX_RESTARTS, RESTART_STEPS = 60, 100  # maximum number of restarts, and number of steps between them
 # Minimum weight of a box that may get a share before the next restart, as a share of its maximum weight.
 MIN_ACTIVE_SHARE = 0.9
-TOLERANCE = 1e-4  # the search stops when the fewest boxes exceed the number of printers by this share
-BOUND_TOLERANCE = 1e-3  # the search stops when the bounds on the fewest boxes differ by this share
+TOLERANCE = 1e-4  # the search stops when the minimum number of boxes exceeds that of printers by this share
+BOUND_TOLERANCE = 1e-3  # the search stops when the bounds on the minimum number of boxes differ by this share
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class _Programme(NamedTuple):
         (nx, ny, nz) bool, true for cells to be covered.
     corners
         (k, 8) int64 from `find_corners`.
-    pieces
+    piece_counts
         (k,) float64 number of pieces of each box.
     needed_counts
         (k,) float64 number of needed cells in each box.
@@ -67,7 +67,7 @@ class _Programme(NamedTuple):
 
     is_needed: Bools
     corners: Ints
-    pieces: Floats
+    piece_counts: Floats
     needed_counts: Floats
     overlap: Floats
 
@@ -84,7 +84,7 @@ class _Workspace(NamedTuple):
 
     Attributes
     ----------
-    sums, steps
+    sums, differences
         (nx + 1, ny + 1, nz + 1), see `sum_in_boxes` and `sum_over_cells`.
     box_sums
         (k,) weight in each box.
@@ -95,14 +95,14 @@ class _Workspace(NamedTuple):
     """
 
     sums: Floats
-    steps: Floats
+    differences: Floats
     box_sums: Floats
     cell_sums: Floats
     extrapolated_shares: Floats
 
 
 @jit
-def _advance_step(p: _Programme, work: _Workspace, balance: float, current: _Iterate, mean: _Iterate) -> None:
+def _take_step(p: _Programme, work: _Workspace, balance: float, iterate: _Iterate, mean: _Iterate) -> None:
     """Take one step of the method, and add the new iterate to the mean.
 
     Parameters
@@ -113,17 +113,17 @@ def _advance_step(p: _Programme, work: _Workspace, balance: float, current: _Ite
         Workspace.
     balance
         Ratio of the steps in shares to those in weights.
-    current, mean
+    iterate, mean
         Iterate, and mean of the iterates of `RESTART_STEPS` steps; both are updated in place.
     """
-    shares, weights = current.shares, current.weights
+    shares, weights = iterate.shares, iterate.weights
     sum_in_boxes(weights, p.corners, work.sums, work.box_sums)
     for k in range(len(shares)):
-        share = max(0.0, shares[k] + balance / p.needed_counts[k] * (work.box_sums[k] - p.pieces[k]))
+        share = max(0.0, shares[k] + balance / p.needed_counts[k] * (work.box_sums[k] - p.piece_counts[k]))
         work.extrapolated_shares[k] = 2.0 * share - shares[k]
         shares[k] = share
         mean.shares[k] += share / RESTART_STEPS
-    sum_over_cells(work.extrapolated_shares, p.corners, work.steps, work.cell_sums)
+    sum_over_cells(work.extrapolated_shares, p.corners, work.differences, work.cell_sums)
     nx, ny, nz = p.is_needed.shape
     for x in range(nx):
         for y in range(ny):
@@ -135,29 +135,32 @@ def _advance_step(p: _Programme, work: _Workspace, balance: float, current: _Ite
 
 
 @jit
-def _advance_active_boxes(p: _Programme, work: _Workspace, balance: float, current: _Iterate) -> _Iterate:
+def _take_steps_with_active_boxes(
+    p: _Programme, work: _Workspace, balance: float, iterate: _Iterate
+) -> _Iterate:
     """Take `RESTART_STEPS` steps with the boxes that may get a share; return the mean of the iterates.
 
-    These boxes have a share, or almost their maximum weight. The bounds on the fewest boxes use all boxes.
+    These boxes have a share, or almost their maximum weight. The bounds on the minimum number of boxes use
+    all boxes.
 
     Parameters
     ----------
     p, work, balance
-        As in `_advance_step`.
-    current
+        As in `_take_step`.
+    iterate
         Iterate, updated in place.
     """
-    sum_in_boxes(current.weights, p.corners, work.sums, work.box_sums)
-    active = np.flatnonzero((current.shares > 0.0) | (work.box_sums > MIN_ACTIVE_SHARE * p.pieces))
+    sum_in_boxes(iterate.weights, p.corners, work.sums, work.box_sums)
+    active = np.flatnonzero((iterate.shares > 0.0) | (work.box_sums > MIN_ACTIVE_SHARE * p.piece_counts))
     programme = _Programme(
-        p.is_needed, p.corners[active], p.pieces[active], p.needed_counts[active], p.overlap
+        p.is_needed, p.corners[active], p.piece_counts[active], p.needed_counts[active], p.overlap
     )
-    iterate = _Iterate(current.shares[active], current.weights)
+    active_iterate = _Iterate(iterate.shares[active], iterate.weights)
     mean = _Iterate(np.zeros(len(active)), np.zeros(p.is_needed.shape))
     for _ in range(RESTART_STEPS):
-        _advance_step(programme, work, balance, iterate, mean)
-    current.shares[active] = iterate.shares
-    shares = np.zeros(len(p.pieces))
+        _take_step(programme, work, balance, active_iterate, mean)
+    iterate.shares[active] = active_iterate.shares
+    shares = np.zeros(len(p.piece_counts))
     shares[active] = mean.shares
     return _Iterate(shares, mean.weights)
 
@@ -179,10 +182,10 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
         Greatest weight per piece in any box, and least sum of shares over a needed cell.
     """
     sum_in_boxes(iterate.weights, p.corners, work.sums, work.box_sums)
-    sum_over_cells(iterate.shares, p.corners, work.steps, work.cell_sums)
+    sum_over_cells(iterate.shares, p.corners, work.differences, work.cell_sums)
     heaviest_box, least_covered_cell = 1e-12, np.inf
-    for k in range(len(p.pieces)):
-        heaviest_box = max(heaviest_box, work.box_sums[k] / p.pieces[k])
+    for k in range(len(p.piece_counts)):
+        heaviest_box = max(heaviest_box, work.box_sums[k] / p.piece_counts[k])
     nx, ny, nz = p.is_needed.shape
     for x in range(nx):
         for y in range(ny):
@@ -193,8 +196,8 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
 
 
 @jit
-def _search_best_iterate(p: _Programme, work: _Workspace, printer_count: int, current: _Iterate) -> _Iterate:
-    """Search for the best feasible weights and shares by the method of this module.
+def _find_best_iterate(p: _Programme, work: _Workspace, printer_count: int, iterate: _Iterate) -> _Iterate:
+    """Find the best feasible weights and shares by the method of this module.
 
     The search ends when it is known whether more pieces are needed than there are printers.
 
@@ -204,28 +207,28 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printer_count: int, cu
         Linear programme, and workspace.
     printer_count
         Number of printers.
-    current
+    iterate
         Iterate to start from, updated in place.
     """
-    best_weights, best_shares = current.weights.copy(), current.shares.copy()
-    lower, upper = 0.0, np.inf  # bounds on the fewest boxes: the sums of the best weights and shares
-    balance = 0.05 * len(p.pieces) / p.is_needed.sum()
+    best_weights, best_shares = iterate.weights.copy(), iterate.shares.copy()
+    lower, upper = 0.0, np.inf  # bounds on the number of boxes: sums of the best weights and shares
+    balance = 0.05 * len(p.piece_counts) / p.is_needed.sum()
     for _ in range(MAX_RESTARTS):
-        old = _Iterate(current.shares.copy(), current.weights.copy())
-        mean = _advance_active_boxes(p, work, balance, current)
+        old = _Iterate(iterate.shares.copy(), iterate.weights.copy())
+        mean = _take_steps_with_active_boxes(p, work, balance, iterate)
         smallest_gap, restart = np.inf, mean
-        for iterate in (_Iterate(current.shares.copy(), current.weights.copy()), mean):
-            heaviest_box, least_covered_cell = _find_feasibility_divisors(p, work, iterate)
+        for candidate in (_Iterate(iterate.shares.copy(), iterate.weights.copy()), mean):
+            heaviest_box, least_covered_cell = _find_feasibility_divisors(p, work, candidate)
             low, high = (
-                iterate.weights.sum() / heaviest_box,
-                (iterate.shares * p.pieces).sum() / least_covered_cell,
+                candidate.weights.sum() / heaviest_box,
+                (candidate.shares * p.piece_counts).sum() / least_covered_cell,
             )
             if low > lower:
-                lower, best_weights = low, iterate.weights / heaviest_box
+                lower, best_weights = low, candidate.weights / heaviest_box
             if high < upper:
-                upper, best_shares = high, iterate.shares / least_covered_cell
+                upper, best_shares = high, candidate.shares / least_covered_cell
             if high - low < smallest_gap:
-                smallest_gap, restart = high - low, iterate
+                smallest_gap, restart = high - low, candidate
         if (
             lower > printer_count * (1.0 + TOLERANCE)
             or upper <= printer_count
@@ -236,37 +239,42 @@ def _search_best_iterate(p: _Programme, work: _Workspace, printer_count: int, cu
         squared_weight_distance = ((restart.weights - old.weights) ** 2 * p.overlap).sum()
         if squared_share_distance > 0.0 and squared_weight_distance > 0.0:
             balance = np.sqrt(balance * np.sqrt(squared_share_distance / squared_weight_distance))
-        current.shares[:], current.weights[:] = restart.shares, restart.weights
+        iterate.shares[:], iterate.weights[:] = restart.shares, restart.weights
     return _Iterate(best_shares, best_weights)
 
 
 @jit
 def _solve_programme(
-    is_needed: Bools, corners: Ints, pieces: Floats, overlap: Floats, printer_count: int, weights: Floats
+    is_needed: Bools,
+    corners: Ints,
+    piece_counts: Floats,
+    overlap: Floats,
+    printer_count: int,
+    weights: Floats,
 ) -> _Iterate:
     """Find good feasible weights and shares of a `_Programme`.
 
     Parameters
     ----------
-    is_needed, corners, pieces, overlap
+    is_needed, corners, piece_counts, overlap
         Arrays of `_Programme`.
     printer_count
         Maximum number of pieces; the search ends when it is known whether more are needed.
     weights
         (nx, ny, nz) float64 initial weights, updated in place.
     """
-    programme = _Programme(is_needed, corners, pieces, np.zeros(len(pieces)), overlap)
+    programme = _Programme(is_needed, corners, piece_counts, np.zeros(len(piece_counts)), overlap)
     nx, ny, nz = is_needed.shape
     work = _Workspace(
         np.zeros((nx + 1, ny + 1, nz + 1)),
         np.zeros((nx + 1, ny + 1, nz + 1)),
-        np.zeros(len(pieces)),
+        np.zeros(len(piece_counts)),
         np.zeros((nx, ny, nz)),
-        np.zeros(len(pieces)),
+        np.zeros(len(piece_counts)),
     )
     sum_in_boxes(is_needed.astype(np.float64), corners, work.sums, programme.needed_counts)
-    shares = np.full(len(pieces), weights.sum() / pieces.sum())
-    return _search_best_iterate(programme, work, printer_count, _Iterate(shares, weights))
+    shares = np.full(len(piece_counts), weights.sum() / piece_counts.sum())
+    return _find_best_iterate(programme, work, printer_count, _Iterate(shares, weights))
 
 
 def cover_cells(
@@ -295,7 +303,7 @@ def cover_cells(
     """
     total = int((boxes.seconds <= limit_s).sum())
     largest, indices = np.zeros((total, 6), np.int16), np.zeros(total, np.int64)
-    tables = (boxes.seconds, boxes.trimmed_box, boxes.pieces)
+    tables = (boxes.seconds, boxes.trimmed_box, boxes.piece_counts)
     count = find_largest_boxes(tables, limit_s, boxes.shape, largest, indices)
     largest = largest[:count].copy()
     corners = find_corners(largest.astype(np.int64), boxes.shape)
@@ -308,6 +316,6 @@ def cover_cells(
             largest,
             np.zeros(len(largest)),
         )
-    pieces = boxes.pieces[indices[:count]].astype(np.float64)
-    best = _solve_programme(is_needed, corners, pieces, overlap, printer_count, weights.copy())
+    piece_counts = boxes.piece_counts[indices[:count]].astype(np.float64)
+    best = _solve_programme(is_needed, corners, piece_counts, overlap, printer_count, weights.copy())
     return Covering(best.weights, largest, best.shares)

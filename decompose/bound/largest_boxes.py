@@ -13,7 +13,7 @@ Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.in
 
 
 @jit
-def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
+def _is_replaceable(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
     """Check whether a box one layer larger can replace a box, within the limit and in no more pieces.
 
     Parameters
@@ -23,7 +23,7 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
     box
         Box in cells, half-open.
     """
-    seconds, trimmed_box, pieces = tables
+    seconds, trimmed_box, piece_counts = tables
     index = compute_index(box, shape)
     is_replaceable = False
     for face in range(6):
@@ -36,7 +36,7 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
                 break
             larger = trimmed_box[compute_index((x0, y0, z0, x1, y1, z1), shape)]
         if larger != index and seconds[larger] <= limit_s:
-            is_replaceable = is_replaceable or pieces[larger] <= pieces[index]
+            is_replaceable = is_replaceable or piece_counts[larger] <= piece_counts[index]
     return is_replaceable
 
 
@@ -49,11 +49,11 @@ def find_largest_boxes(
     Parameters
     ----------
     tables
-        (boxes,) `seconds` float32, `trimmed_box` int32 and `pieces` int16 of `BoxTables`.
+        (boxes,) `seconds` float32, `trimmed_box` int32 and `piece_counts` int16 of `BoxTables`.
     limit_s
         Maximum time of a box.
     shape
-        Cells of the grid.
+        Number of cells of the grid along each axis.
     boxes, indices
         (k, 6) int16 and (k,) int64, filled in with the boxes and their indices; k is at least the number of
         all boxes within the limit.
@@ -70,7 +70,7 @@ def find_largest_boxes(
                             box = compute_index((x0, y0, z0, x1, y1, z1), shape)
                             if not seconds[box] <= limit_s or trimmed_box[box] != box:
                                 continue
-                            if not _is_replaced(tables, limit_s, (x0, y0, z0, x1, y1, z1), shape):
+                            if not _is_replaceable(tables, limit_s, (x0, y0, z0, x1, y1, z1), shape):
                                 boxes[count, 0], boxes[count, 1], boxes[count, 2] = x0, y0, z0
                                 boxes[count, 3], boxes[count, 4], boxes[count, 5] = x1, y1, z1
                                 indices[count] = box

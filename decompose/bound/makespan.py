@@ -2,10 +2,10 @@
 
 The bound from the tables holds for all partitions of the grid into boxes.
 
-Its certificate is a weight for each needed cell. If `n` parts hold all the weight, one of them holds at least
-an n-th of it, so the makespan is at least the time of the fastest box with that share (a box of k pieces
-counts as k parts, and has to hold k shares). This is true for any weights. Weights are whole numbers, so that
-the comparison is exact, and every box is compared.
+The certificate of the bound is a weight for each needed cell. If `n` parts hold all the weight, one of them
+holds at least an n-th of it, so the makespan is at least the time of the fastest box with that share (a box
+of k pieces counts as k parts, and has to hold k shares). This is true for any weights. Weights are whole
+numbers, so that the comparison is exact, and every box is compared.
 
 Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with the
 fewest boxes, or fractions of boxes, that each take at most T seconds. If more than n boxes are needed, T is
@@ -55,7 +55,7 @@ def _find_bound_s(
     makespan_s: float,
     seconds: npt.NDArray[np.float32],
     trimmed_box: npt.NDArray[np.int32],
-    pieces: npt.NDArray[np.int16],
+    piece_counts: npt.NDArray[np.int16],
 ) -> float:
     """Find the time of the fastest box that holds at least the share of weight for its number of pieces.
 
@@ -67,7 +67,7 @@ def _find_bound_s(
         Maximum number of pieces.
     makespan_s
         Upper limit of the result.
-    seconds, trimmed_box, pieces
+    seconds, trimmed_box, piece_counts
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 of `BoxTables`.
     """
     nx, ny, nz = weight_sums.shape[0] - 1, weight_sums.shape[1] - 1, weight_sums.shape[2] - 1
@@ -86,7 +86,7 @@ def _find_bound_s(
                             if not seconds[box] < proven_s or trimmed_box[box] != box:
                                 continue
                             weight = sum_box(weight_sums, (x0, y0, z0, x1, y1, z1))
-                            if weight * printer_count >= pieces[box] * total:
+                            if weight * printer_count >= piece_counts[box] * total:
                                 proven_s = float(seconds[box])
     return proven_s
 
@@ -95,7 +95,7 @@ def _compute_bound(boxes: BoxTables, weights: Floats, printer_count: int, makesp
     """Compute the bound that some weights prove."""
     whole_weights = np.floor(weights * WEIGHT_UNIT).astype(np.int64)
     weight_sums = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
-    tables = (boxes.seconds, boxes.trimmed_box, boxes.pieces)
+    tables = (boxes.seconds, boxes.trimmed_box, boxes.piece_counts)
     return Bound(_find_bound_s(weight_sums, printer_count, makespan_s, *tables), whole_weights)
 
 
@@ -141,9 +141,9 @@ def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printer_count: i
     """Compute a lower bound on the makespan of any partition that prints a surface and a volume.
 
     In the best case, all of the surface is level skin, or the flattest slope without skin; cuts, supports,
-    brims and minimum layer times only add to it. At most `printer_count` parts share the work, and each takes
-    its fixed time in addition. The time that each part saves because its inner walls are shorter, and because
-    walls cover the rim of its skin, is subtracted.
+    brims and minimum layer times only add to the time. At most `printer_count` parts share the work, and each
+    takes its fixed time in addition. The time that each part saves because its inner walls are shorter, and
+    because walls cover the rim of its skin, is subtracted.
 
     Parameters
     ----------

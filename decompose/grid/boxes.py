@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats
 from decompose.grid.box_index import Box, Shape, compute_index, index_box
-from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
+from decompose.grid.clipping import LATERAL_AREA, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
 from decompose.grid.piece_counts import count_pieces
 from decompose.grid.threads import SHARE_COUNT, run_shares
@@ -41,7 +41,7 @@ class BoxTables:
         (boxes,) print time in the best pose that fits; +inf if none fits, or if it was not computed.
     trimmed_box
         (boxes,) index of the smallest box around its needed cells; -1 if it has none.
-    pieces
+    piece_counts
         (boxes,) number of connected pieces of the solid in it, by the grid.
     cut_mm2
         (boxes,) area of the cut faces of boxes that may be printed; (0,) if it is not needed.
@@ -50,7 +50,7 @@ class BoxTables:
     shape: tuple[int, int, int]
     seconds: npt.NDArray[np.float32]
     trimmed_box: npt.NDArray[np.int32]
-    pieces: npt.NDArray[np.int16]
+    piece_counts: npt.NDArray[np.int16]
     cut_mm2: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def find_longest_time_s(self, boxes: Iterable[Box]) -> float:
@@ -191,7 +191,7 @@ def _compute_min_price_s(
             continue
         flat_mm2 = areas_mm2[2 * up] + areas_mm2[2 * up + 1]
         hidden_side_factor = 1.0 - MEAN_SIDE_SHARE * prices["hidden_side_share"]
-        lateral_mm2 = sums[LATERAL + up] + hidden_side_factor * (cut_mm2 - flat_mm2)
+        lateral_mm2 = sums[LATERAL_AREA + up] + hidden_side_factor * (cut_mm2 - flat_mm2)
         visible_skin_mm2 = sums[SKIN + up]
         for is_turned_over in range(2):  # the right way up, and upside down
             pose = 2 * up + is_turned_over
@@ -387,6 +387,6 @@ def price_boxes(
     pricing = Pricing(list_build_volumes(printers), cuts, cost.build_prices())
     ends = _find_cell_ends(grid.is_needed, grid.extents)
     run_shares(executor, partial(_price_share, grid.is_needed, grid.sums, ends, pricing, tables))
-    pieces = np.ones(total, np.int16)
-    count_pieces(grid.shape, grid.bodies, tables.trimmed_box, tables.seconds, pieces, executor)
-    return BoxTables(grid.shape, tables.seconds, tables.trimmed_box, pieces, tables.cut_mm2)
+    piece_counts = np.ones(total, np.int16)
+    count_pieces(grid.shape, grid.bodies, tables.trimmed_box, tables.seconds, piece_counts, executor)
+    return BoxTables(grid.shape, tables.seconds, tables.trimmed_box, piece_counts, tables.cut_mm2)

@@ -11,7 +11,7 @@ from decompose.jit import jit
 
 # Columns of `Grid.sums`, each a sum over a cell. The pose indices are those of `print_time.pose_prices`.
 VOLUME = 0
-LATERAL = 1  # 3 columns, one for each axis as up
+LATERAL_AREA = 1  # 3 columns, one for each axis as up
 SKIN = 4  # 3 columns
 SLOPE = 7  # 3 columns: lateral area of the faces that have skin
 OVERHANG = 10  # 6 columns: projected area of faces that overhang in a pose
@@ -197,7 +197,7 @@ def _add_fragment(
         c = normal[k]
         flux[x, y, z, k] += area_mm2 * c
         lateral_mm2 = area_mm2 * np.sqrt(max(0.0, 1.0 - c * c))
-        sums[x, y, z, LATERAL + k] += lateral_mm2
+        sums[x, y, z, LATERAL_AREA + k] += lateral_mm2
         if abs(c) > skin_cos:
             sums[x, y, z, SKIN + k] += area_mm2 * abs(c)
             sums[x, y, z, SLOPE + k] += lateral_mm2

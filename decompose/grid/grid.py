@@ -27,7 +27,8 @@ MAX_BOXES = 10_000_000  # maximum number of boxes of a grid, which are all kept 
 MAX_CUTS = 300_000_000  # maximum number of cuts of all boxes: each solve computes a sum for each of them
 MAX_FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
 MIN_CELL_MM = 4.0  # minimum side of a cell
-CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells along each axis, to separate their bodies
+CELL_DIVISION = 3  # number of fine cells along each side of a cell, by which its bodies are separated
+MAX_FINE_CELLS = 500_000  # maximum number of fine cells; the cells of a larger grid are divided less
 PLANE_CLEARANCE_MM = 2.0
 """Distance of grid planes from flat faces, if possible, so that cuts leave no slivers and no face counts as a
 cut."""
@@ -179,10 +180,10 @@ def count_cuts(shape: tuple[int, int, int]) -> int:
     return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))
 
 
-def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
+def choose_cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
     """Choose the number of nearly cubic cells along each axis: about granularity**3 in total.
 
-    There are fewer cells if they would become too small.
+    There are fewer if the cells would otherwise be too small.
 
     A flat model would have many times as many boxes of cells as a cube, and a long model many times as many
     cuts, so these numbers are limited too.
@@ -224,7 +225,7 @@ def build_grid(
         Axis and coordinate in mm to which the nearest inner plane of the grid is moved; None for no plane.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    counts = count_cells(hi - lo, granularity)
+    counts = choose_cell_counts(hi - lo, granularity)
     px, py, pz = (
         place_planes(float(lo[a]), float(hi[a]), counts[a], find_flat_coordinates(triangles, a))
         for a in range(3)
@@ -241,7 +242,7 @@ def build_grid(
 
 
 def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: GridRules) -> Grid:
-    """Fill a grid with given planes over a closed mesh; the bodies in its cells are not found.
+    """Build a grid with given planes over a closed mesh, without finding the bodies in its cells.
 
     Parameters
     ----------
@@ -277,7 +278,7 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     cells[area_mm2 > 0.0] = Cell.BOUNDARY
     needed = cells != Cell.EXTERNAL
     if not rules.keeps_interior:
-        needed = (cells == Cell.BOUNDARY) | _find_wall(cells, surface, planes, rules.min_wall_mm)
+        needed = (cells == Cell.BOUNDARY) | _find_wall_cells(cells, surface, planes, rules.min_wall_mm)
     cut_areas = (cuts[0], cuts[1], cuts[2])
     return Grid(planes, cells, needed, sums, area_mm2, extents, surface, cut_areas, NO_BODIES)
 
@@ -308,7 +309,7 @@ def divide_planes(planes: Floats, divisions: int) -> Floats:
     return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
 
-def _find_wall(
+def _find_wall_cells(
     cells: npt.NDArray[np.int8], surface: Floats, planes: tuple[Floats, ...], min_wall_mm: float
 ) -> Bools:
     """Find the internal cells (nx, ny, nz) that may be nearer to the surface than the minimum wall.

@@ -1,4 +1,4 @@
-"""Needed cells of a grid, on finer cells than those along which the model is cut.
+"""Needed cells of a grid, found on finer cells than those along which the model is cut.
 
 On the grid a whole cell counts as needed, even if only a small part of it is needed. This matters when planes
 are moved off the grid: a part next to the cavity may shrink until it contains only the surface and the wall
@@ -68,7 +68,7 @@ def _find_near_cells(extents: Floats, planes: tuple[Floats, Floats, Floats], dis
     return np.asarray(counts[:-1, :-1, :-1] > 0)
 
 
-MAX_UNCOVERED_SHARE = 1e-9  # share of a cell that may stay uncovered because of rounding
+MAX_UNCOVERED_SHARE = 1e-9  # maximum share of a cell that may stay uncovered because of rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -98,7 +98,7 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], divisions: 
 
 @jit
 def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
-    """Join the groups of two bodies; return 1 if they were different groups, else 0.
+    """Join the groups of two bodies; return 1 if the groups were different, else 0.
 
     Parameters
     ----------
@@ -148,12 +148,12 @@ def _find_highest_top(
     trimmed_box: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
 ) -> int:
-    """Find the top of the highest box over a base that may be printed; return its bottom if there is none.
+    """Find the top of the highest printable box over a base; return the bottom if there is none.
 
     Parameters
     ----------
     base
-        Index of a box without the part of its last axis, and its bottom along that axis.
+        Index of a box without the contribution of the last axis, and its bottom along that axis.
     order
         Order of the axes.
     trimmed_box, seconds
@@ -219,7 +219,7 @@ def _count_share(
     bodies: CellBodies,
     trimmed_box: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
-    pieces: npt.NDArray[np.int16],
+    piece_counts: npt.NDArray[np.int16],
     share: int,
 ) -> None:
     """Count the pieces of a share of the boxes that may be printed.
@@ -232,7 +232,7 @@ def _count_share(
         Bodies of all cells.
     trimmed_box, seconds
         (boxes,) int32 and (boxes,) float32 of `BoxTables`.
-    pieces
+    piece_counts
         (boxes,) int16, filled in.
     share
         Number of the share: its boxes begin along the outermost axis at this cell, and at every
@@ -254,7 +254,7 @@ def _count_share(
                             k += _add_layer((a0, a1, b0, b1), bottom, layer, order, bodies, parent)
                             box = row + index_interval(bottom, layer + 1, nc) * order.box_strides[2]
                             if trimmed_box[box] == box and seconds[box] < np.inf:
-                                pieces[box] = max(1, k)
+                                piece_counts[box] = max(1, k)
 
 
 def count_pieces(
@@ -262,7 +262,7 @@ def count_pieces(
     bodies: CellBodies,
     trimmed_box: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
-    pieces: npt.NDArray[np.int16],
+    piece_counts: npt.NDArray[np.int16],
     executor: Executor | None = None,
 ) -> None:
     """Count the pieces of every box that may be printed.
@@ -278,7 +278,7 @@ def count_pieces(
         Bodies of all cells.
     trimmed_box, seconds
         (boxes,) int32 and (boxes,) float32 of `BoxTables`.
-    pieces
+    piece_counts
         (boxes,) int16, filled in.
     executor
         Threads for half of the work; None to do it serially.
@@ -293,4 +293,4 @@ def count_pieces(
         (cell_strides[a], cell_strides[b], cell_strides[c]),
         (box_strides[a], box_strides[b], box_strides[c]),
     )
-    run_shares(executor, partial(_count_share, order, bodies, trimmed_box, seconds, pieces))
+    run_shares(executor, partial(_count_share, order, bodies, trimmed_box, seconds, piece_counts))

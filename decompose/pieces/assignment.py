@@ -53,7 +53,7 @@ def solve_bottleneck_assignment(seconds: Floats) -> list[int] | None:
     Returns
     -------
     list or None
-        Column of each row, each used at most once, and the first of equal columns; None if there is no
+        Column for each row; no column is used twice, and ties go to the first column. None if there is no
         assignment.
     """
     times_s = np.unique(seconds[np.isfinite(seconds)])
@@ -76,5 +76,5 @@ def solve_bottleneck_assignment(seconds: Floats) -> list[int] | None:
 
 
 def _has_matching(is_allowed: Bools) -> bool:
-    """Check whether each row (n, m) can have a column of its own among its allowed ones."""
+    """Check whether a mask (n, m) allows a distinct column for each row."""
     return bool((maximum_bipartite_matching(csr_array(is_allowed), perm_type="column") >= 0).all())

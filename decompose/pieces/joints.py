@@ -115,7 +115,7 @@ class Joint:
 class Fault:
     """Number of a piece that cannot be glued well, and the reason as the end of a sentence."""
 
-    piece: int
+    piece_number: int
     reason: str
 
 
@@ -135,13 +135,15 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
     for plane_key, faces in sides.items():
         for i, (a, side) in enumerate(faces):
             for b, other in faces[i + 1 :]:
-                if a == b or not side.area.intersects(other.area):
+                if a == b or not side.region.intersects(other.region):
                     continue
-                shared_area = side.area.intersection(other.area)
-                if shared_area.area > 0.0:
+                shared_region = side.region.intersection(other.region)
+                if shared_region.area > 0.0:
                     normal, offset_mm = side.plane[:3], float(side.plane[3])
                     joint_faces[min(a, b), max(a, b)].append(
-                        JointFace(normal, offset_mm, choose_plane_axes(np.array(plane_key[:3])), shared_area)
+                        JointFace(
+                            normal, offset_mm, choose_plane_axes(np.array(plane_key[:3])), shared_region
+                        )
                     )
     return [
         Joint(
@@ -202,7 +204,7 @@ def _find_loose_pieces(
 
 
 def _describe_sliver(piece: CutSolid) -> str:
-    """Describe why a piece is a sliver; empty if it is not."""
+    """Describe why a piece is a sliver; return an empty string if it is not one."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
         distances_mm = vertices @ plane[:3] - plane[3]
@@ -219,7 +221,7 @@ def _describe_sliver(piece: CutSolid) -> str:
 
 
 def _label_groups(count: int, joints: Sequence[Joint]) -> Ints:
-    """Label each piece with the number of its group (count,): the pieces that joints connect."""
+    """Label pieces (count,) with the number of their group; joints connect the pieces of a group."""
     pairs = np.array([(j.a, j.b) for j in joints], dtype=np.int64).reshape(-1, 2)
     return label_components(count, pairs[:, 0], pairs[:, 1])
 
@@ -229,7 +231,7 @@ class _Side:
     """Plane (4,), not rounded, and the faces of a solid on it as one geometry."""
 
     plane: Floats
-    area: shapely.Geometry
+    region: shapely.Geometry
 
 
 def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Side]:

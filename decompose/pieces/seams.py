@@ -14,7 +14,7 @@ from decompose.pieces.joints import TWO_WALLS_MM, CutSolid, Joint, JointFace
 from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 
 THIN_REACH_MM = 3.0  # minimum depth of a thin edge, over which a rim is thinner than two walls
-MIN_REPORTED_MM = 5.0  # minimum length of thin rims that is reported
+MIN_REPORTED_LENGTH_MM = 5.0  # minimum length of thin rims that is reported
 LINE_TOLERANCE_MM = 1e-3  # tolerance of lines, because rounding moves the corners of outlines
 
 
@@ -36,7 +36,7 @@ class Seam:
 
 
 def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Sequence[Seam]) -> str:
-    """Describe thin rims in a sentence; empty if they are shorter than `MIN_REPORTED_MM`.
+    """Describe thin rims in a sentence; return '' if they are shorter than `MIN_REPORTED_LENGTH_MM`.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Seq
         Joints, and the seam of each.
     """
     total_mm = sum(seam.thin_length_mm for seam in seams)
-    if total_mm < MIN_REPORTED_MM:
+    if total_mm < MIN_REPORTED_LENGTH_MM:
         return ""
     joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_length_mm)
     return (
@@ -104,38 +104,38 @@ class _Rims:
             is_on_rim = (flat[pairs] & is_outer[:, ::-1]).any(axis=1)
             lines = (vertices @ face.axes.T)[corners[is_on_rim]]
             rim = shapely.union_all(shapely.linestrings(lines))
-            thin = _find_thin_area(self._solids[number], vertices, faces[flat], face)
+            thin = _find_thin_region(self._solids[number], vertices, faces[flat], face)
             self._rims[key] = rim, rim.intersection(thin.buffer(LINE_TOLERANCE_MM))
         return self._rims[key]
 
 
-def _find_thin_area(solid: Solid, vertices: Floats, flat_faces: Ints, face: JointFace) -> shapely.Geometry:
-    """Find the area where a solid is thinner than two walls behind faces (m, 3) on the plane of a joint."""
+def _find_thin_region(solid: Solid, vertices: Floats, flat_faces: Ints, face: JointFace) -> shapely.Geometry:
+    """Find the region where a solid is thinner than two walls behind faces (m, 3) on the plane of a joint."""
     a, b, c = np.moveaxis(vertices[flat_faces], 1, 0)
     outside = np.sign(float((np.cross(b - a, c - a) @ face.normal).sum()))
     rings = (vertices @ face.axes.T)[flat_faces]
     cut_area = shapely.union_all(shapely.polygons(np.concatenate([rings, rings[:, :1]], axis=1)))
     frame = np.vstack([face.axes, face.normal])
     area_behind = solid.cut_section(frame, face.offset_mm - outside * TWO_WALLS_MM)
-    thin = cut_area.difference(_build_area(area_behind))
+    thin = cut_area.difference(_build_region(area_behind))
     opened_area: shapely.Geometry = thin.buffer(-THIN_REACH_MM / 2.0).buffer(THIN_REACH_MM / 2.0 * 1.01)
     return opened_area
 
 
-def _build_area(rings: Sequence[Floats]) -> shapely.Geometry:
-    """Build the area inside rings (n, 2); rings around holes are clockwise."""
+def _build_region(rings: Sequence[Floats]) -> shapely.Geometry:
+    """Build the region inside rings (n, 2); rings around holes are clockwise."""
     outlines = [ring for ring in rings if len(ring) > 2]
-    filled_areas = [_build_valid_area(ring) for ring in outlines if _measure_ring_mm2(ring) > 0.0]
-    holes = [_build_valid_area(ring) for ring in outlines if _measure_ring_mm2(ring) < 0.0]
+    filled_areas = [_build_valid_region(ring) for ring in outlines if _measure_ring_area_mm2(ring) > 0.0]
+    holes = [_build_valid_region(ring) for ring in outlines if _measure_ring_area_mm2(ring) < 0.0]
     return shapely.union_all(filled_areas).difference(shapely.union_all(holes))
 
 
-def _build_valid_area(ring: Floats) -> shapely.Geometry:
-    """Build the valid area of a ring, without the parts of it that collapse to lines."""
+def _build_valid_region(ring: Floats) -> shapely.Geometry:
+    """Build the valid region of a ring, without the parts of it that collapse to lines."""
     return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
 
 
-def _measure_ring_mm2(ring: Floats) -> float:
+def _measure_ring_area_mm2(ring: Floats) -> float:
     """Measure the area of a ring (n, 2), negative if it is clockwise; spikes of the ring are allowed."""
     x, y = (ring - ring[0]).T
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2.0

@@ -57,10 +57,10 @@ def count_parts(solid: Solid, printers: Sequence[TargetPrinter]) -> int:
     return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
 
-def place_plane_clear_of_faces(
+def find_clear_offset_mm(
     solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * PLANE_CLEARANCE_MM
 ) -> float:
-    """Find the offset of a plane near `at_mm` that is not close to any face parallel to the plane.
+    """Find the offset of a plane near `at_mm` that is clear of all faces parallel to the plane.
 
     A cut close to a face would leave slivers, and the face would count as a cut. If no offset within reach is
     clear, the result is the one furthest from all faces.
@@ -99,7 +99,7 @@ def split_connected_pieces(piece: Piece) -> list[Piece]:
 
 
 def refuse_misfits(
-    engine: str, pieces: Sequence[Piece], problem: Problem, sufficient_printers: int | None
+    engine: str, pieces: Sequence[Piece], problem: Problem, sufficient_printer_count: int | None
 ) -> None:
     """Raise `NoFit` if a piece fits no printer in any pose, or if there are more pieces than printers.
 
@@ -111,7 +111,7 @@ def refuse_misfits(
         Pieces that the engine has made.
     problem
         Problem with the printers.
-    sufficient_printers
+    sufficient_printer_count
         Number of printers that would be enough; None if it is unknown.
     """
     printers = len(problem.printers)
@@ -126,5 +126,5 @@ def refuse_misfits(
         raise NoFit(
             f"{engine} makes {len(pieces)} parts, each on its own printer, but there are {printers}: "
             f"free more printers, or choose --engine guillotine",
-            sufficient_printers,
+            sufficient_printer_count,
         )

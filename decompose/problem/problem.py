@@ -67,8 +67,8 @@ class Problem:
     executor
         Threads for work that may run in parallel; None to run it serially.
     effort
-        Work that has been done, and the budget. A search that does not end by itself stops when the budget is
-        spent, with the best result so far.
+        Work that has been done, and the budget. When the budget is spent, a search that has not ended stops
+        with the best result so far.
     on_stage
         Function that is called with the name of each stage when it ends.
     best_known_s
@@ -103,7 +103,7 @@ class Problem:
         return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
 
     @property
-    def fastest_factor(self) -> float:
+    def min_time_factor(self) -> float:
         """Time factor of the fastest printer."""
         return min(printer.time_factor for printer in self.printers)
 
@@ -161,7 +161,7 @@ class Problem:
         return build_grid(vertices[faces], self.choose_granularity(model), rules, target_plane)
 
     def price_boxes(self, grid: Grid, printers: Sequence[TargetPrinter] = ()) -> BoxTables:
-        """Price every box of a grid; a box fits if it fits all of some printers, by default of the problem's.
+        """Price every box of a grid; a box fits if it fits each of the printers.
 
         Parameters
         ----------
@@ -228,7 +228,7 @@ class Problem:
         bound_s = bound_s if proof is None else max(bound_s, proof())
         factors = sorted(printer.time_factor for printer in self.printers)
         makespan_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
-        return GridFigures(makespan_s, self.fastest_factor * bound_s, grid.shape)
+        return GridFigures(makespan_s, self.min_time_factor * bound_s, grid.shape)
 
     def needs_proof(self, pieces: Sequence[Piece]) -> bool:
         """Check whether these pieces may be the best result, for which a bound has to be proven."""
@@ -269,7 +269,7 @@ class Problem:
         return find_best_pose(vertices, faces, cut, printers, self.cost, self.options.fit_first_layer)
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
-        """Find the pose of each piece, once for each solid and its printers, in parallel with an executor."""
+        """Find the best pose of each piece, in parallel if there is an executor; poses are cached."""
         unposed_keys = {
             self._make_pose_key(piece): piece
             for piece in pieces

@@ -165,7 +165,7 @@ def check_missing_volume(parts: Sequence[Part], boxes_mm: Floats, model: Model, 
     hollow_mm3 = 0.0 if hollow is None else hollow.volume_mm3
     if abs(missing_mm3 - hollow_mm3) > MAX_SURFACE_ERROR_SHARE * model_mm3:
         raise GeometryError(
-            Rule.INSIDE,
+            Rule.INTERIOR,
             None,
             f"{missing_mm3:.1f} mm3 are missing, but {hollow_mm3:.1f} are outside all boxes",
         )

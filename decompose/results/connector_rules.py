@@ -78,7 +78,7 @@ class DrilledParts:
             for rule, problem in self._check_pin(pin):
                 yield ConnectorFault(rule, pin.holes[0].part, problem)
         for problem in find_wrong_fits(self.connectors.pins, self.used_distances_mm):
-            yield ConnectorFault(Rule.PINNED, None, problem)
+            yield ConnectorFault(Rule.PINS_UNAMBIGUOUS, None, problem)
 
     def _list_groups(self) -> Iterator[_ToolGroup]:
         """Yield the tools of each hole, mark and gutter."""
@@ -102,26 +102,26 @@ class DrilledParts:
         removed_solid = undrilled.subtract(drilled)
         added_mm3 = drilled.volume_mm3 - undrilled.volume_mm3 + removed_solid.volume_mm3
         if added_mm3 > EPS_MM3 and _is_thick(drilled.subtract(undrilled)):
-            yield Rule.DRILLED, "material was added"
+            yield Rule.ONLY_HOLES_REMOVED, "material was added"
         if _is_thick(
             removed_solid.subtract(Solid.union([_enlarge_tool(t) for group in groups for t in group.tools]))
         ):
-            yield Rule.DRILLED, "more was removed than the holes and marks"
+            yield Rule.ONLY_HOLES_REMOVED, "more was removed than the holes and marks"
         if len(drilled.list_pieces()) != 1:
-            yield Rule.DRILLED, "it is no longer one piece"
+            yield Rule.ONLY_HOLES_REMOVED, "it is no longer one piece"
         sleeves = Solid.union([group.build_sleeve() for group in groups if not group.has_exit])
         if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3 or any(
             _is_thick(self._subtract_parts(group.build_sleeve())) for group in groups if group.has_exit
         ):
-            yield Rule.SKIN, "the wall around a hole or mark is too thin"
+            yield Rule.PIN_WALLS, "the wall around a hole or mark is too thin"
         if any(not group.is_hidden(undrilled) for group in groups):
-            yield Rule.SKIN, "a hole or mark is not inside its joint"
+            yield Rule.PIN_WALLS, "a hole or mark is not inside its joint"
         if any(
             a.measure_gap_mm(b, RIM_MM) < RIM_MM - FILM_MM
             for a, b in combinations(tools, 2)
             if _is_near(a, b)
         ):
-            yield Rule.SKIN, "two holes or marks are too close to each other"
+            yield Rule.PIN_WALLS, "two holes or marks are too close to each other"
         for group in groups:
             overhang_rad = group.compute_overhang_rad(self.blanks[part].up_direction)
             if overhang_rad > group.max_overhang_rad:
@@ -147,19 +147,19 @@ class DrilledParts:
             or fixed.part not in step.fixed_parts
             or not _inserts_pin(pin, step)
         ):
-            yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
+            yield Rule.PIN_DIRECTIONS, f"a pin of step {pin.step + 1} is not along its direction"
         if pin.key_direction is not None and abs(float(pin.key_direction @ moved.inward_normal)) > LEVEL_SIN:
-            yield Rule.PINNED, f"a key of step {pin.step + 1} does not lie in its joint"
+            yield Rule.PINS_UNAMBIGUOUS, f"a key of step {pin.step + 1} does not lie in its joint"
         rod = _build_rod(pin)
         for hole in pin.holes:
             if rod.intersect(self.drilled_solids[hole.part]).volume_mm3 > EPS_MM3:
-                yield Rule.PINNED, f"a pin of step {pin.step + 1} does not go into its hole"
+                yield Rule.PINS_UNAMBIGUOUS, f"a pin of step {pin.step + 1} does not go into its hole"
             if hole.exit_direction is None:
                 continue
             path = _build_rod(pin, hole.exit_direction)
             body = step.moved_parts if hole is moved else step.fixed_parts
             if any(path.intersect(self.drilled_solids[part]).volume_mm3 > EPS_MM3 for part in body):
-                yield Rule.ORDER, f"a key of step {pin.step + 1} does not slide into its groove"
+                yield Rule.PIN_DIRECTIONS, f"a key of step {pin.step + 1} does not slide into its groove"
 
 
 def _inserts_pin(pin: Pin, step: AssemblyStep) -> bool:

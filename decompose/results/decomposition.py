@@ -311,7 +311,7 @@ class Decomposition:
                 "locked": [self._name_parts(parts) for parts in self.assembly.locked_sets],
             },
             "connectors": describe_connectors(self.connectors, [part.id for part in self.parts], self.joints),
-            "faults": [{"part": self.parts[f.piece].id, "what": f.reason} for f in self.faults],
+            "faults": [{"part": self.parts[f.piece_number].id, "what": f.reason} for f in self.faults],
         }
 
     def describe_thin_rims(self) -> str:

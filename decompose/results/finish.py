@@ -91,7 +91,7 @@ def _build_decomposition(
     cut_joints = find_joints(parts)
     rotation = partition.rotation @ problem.frame
     bound_s = compute_surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
-    grid = partition.grid_figures or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
+    grid = partition.grid_figures or GridFigures(makespan_s, problem.min_time_factor * bound_s, None)
     if problem.cost.hidden_side_share > 0.0:
         parts = mark_hidden_sides(parts, partition.model.solid)
     restored_parts = tuple(_restore_frame(part, rotation) for part in parts)

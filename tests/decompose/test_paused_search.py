@@ -84,7 +84,9 @@ def test_search_pauses_once_it_has_a_result(paused_search: PausedSearch) -> None
 
 def test_failed_attempt_keeps_the_best_result(paused_search: PausedSearch) -> None:
     count = len(paused_search.plan_round())
-    outcomes = [paused_search.fail_attempt(number, "its worker had no memory") for number in range(count)]
+    outcomes = [
+        paused_search.make_failed_outcome(number, "its worker had no memory") for number in range(count)
+    ]
     search = replace(paused_search, best_result=paused_search.resume(outcomes))
     attempts = search.best_result.attempts[1 : 1 + count]
     assert {attempt.reason for attempt in attempts} == {"its worker had no memory"}

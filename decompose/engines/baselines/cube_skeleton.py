@@ -1,15 +1,15 @@
-"""The engine `cube-skeleton`: CSSS, a hollow model cut by the sides of a cube inside (Li et al. 2021).
+"""The engine `cube-skeleton`: a hollow model cut by the sides of a cube inside (Li et al. 2021).
 
 The model is hollowed down to the minimum wall. The planes of the largest cube in its cavity cut the shell
 into up to 26 regions. Small loose pieces of a region are joined to their smallest neighbours, and pieces are
 merged while they fit. If the interior is kept, the cube is printed too, with further cubes outwards from its
 faces: the skeleton.
 
-`--faithful` takes a cube of whole cells, and merges pairs by volume only once, regardless of the number of
-printers. Otherwise the cube is also refined against the mesh, and the engine uses the cube whose pieces end
-sooner. Regions that are too large for a printer are cut on a grid, and the neighbours that print fastest are
-merged until there is a printer for each piece.
-If nothing can be hollowed, the largest cube deep inside is a separate piece.
+`--faithful` takes a cube of whole cells, and merges each piece at most once, in order of volume, whatever the
+number of printers. Otherwise the cube is also refined against the mesh, and the engine uses the cube whose
+pieces have the shorter makespan. Regions that are too large for a printer are cut on a grid, and the
+neighbours that print fastest are merged until there is a printer for each piece. If nothing can be hollowed,
+the largest cube deep inside is a separate piece.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from decompose.print_time import price_axis_poses_s
 from decompose.problem import Partition, Problem
 from decompose.problem.fitting import (
     count_blocks,
-    place_plane_clear_of_faces,
+    find_clear_offset_mm,
     refuse_misfits,
     split_connected_pieces,
 )
@@ -49,7 +49,7 @@ MIN_JOINT_MM2 = 1.0  # minimum area of the joint between neighbours
 
 
 def cut_by_cube_skeleton(problem: Problem) -> Partition:
-    """Cut a problem's model by CSSS.
+    """Cut a problem's model by the planes of a cube in its cavity.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
             key=lambda pieces: (len(pieces) > len(problem.printers), problem.compute_makespan_s(pieces)),
         )
     problem.on_stage("cut")
-    refuse_misfits("cube-skeleton", best_pieces, problem, sufficient_printers=len(best_pieces))
+    refuse_misfits("cube-skeleton", best_pieces, problem, sufficient_printer_count=len(best_pieces))
     return Partition(best_pieces, model, np.eye(3))
 
 
@@ -132,7 +132,7 @@ def _cut_to_fit(piece: Piece, problem: Problem) -> list[Piece]:
     axis = int(counts.argmax())
     share = (counts[axis] // 2) / counts[axis]
     at_mm = float(lo[axis] + share * (hi - lo)[axis])
-    halves = _split_piece(piece, axis, place_plane_clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
+    halves = _split_piece(piece, axis, find_clear_offset_mm(piece.solid, np.eye(3)[axis], at_mm))
     return [part for half in halves for part in _cut_to_fit(half, problem)] if len(halves) > 1 else [piece]
 
 
@@ -156,7 +156,7 @@ class _Group:
 
 
 class _PieceMerger:
-    """Groups of merged pieces, by number, and the neighbours of each group."""
+    """Merger of neighbouring pieces into groups, which it keeps by number."""
 
     def __init__(self, pieces: list[Piece], problem: Problem) -> None:
         self.pieces = pieces
@@ -180,8 +180,8 @@ class _PieceMerger:
     def merge_groups(self, a: int, b: int) -> bool:
         """Merge the second group into the first, and return whether that was possible.
 
-        It is impossible if rounding leaves a gap at their cut. It is also impossible if they meet along an
-        edge too, because an STL file of both would not be closed.
+        It is impossible if rounding leaves a gap at the cut between them, or if they also meet along an edge,
+        because an STL file of both would not be closed.
         """
         first, second = self.groups[a], self.groups[b]
         solid = Solid.union([first.solid, second.solid])
@@ -199,11 +199,11 @@ class _PieceMerger:
         return True
 
     def find_smallest_group(self, numbers: set[int]) -> int | None:
-        """Find the group with the smallest volume; None if there is none."""
+        """Find the group with the smallest volume among these numbers; None if there are none."""
         return min(numbers, key=lambda i: (self.groups[i].volume_mm3, i), default=None)
 
     def join_islands(self, islands: list[int]) -> None:
-        """Join each of these pieces, the smallest first, to the smallest neighbour that it can merge with."""
+        """Join each island, the smallest first, to the smallest neighbour that it can merge with."""
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
             is_settled = False
             while not is_settled:
@@ -235,7 +235,9 @@ class _PieceMerger:
                 printer_count, lambda a, b: float(a.measure_common_size_mm(b).prod())
             )
 
-    def _merge_cheapest_neighbours(self, printer_count: int, key: Callable[[_Group, _Group], float]) -> None:
+    def _merge_cheapest_neighbours(
+        self, printer_count: int, compute_key: Callable[[_Group, _Group], float]
+    ) -> None:
         """Merge the neighbours with the lowest key until there are no more groups than printers."""
         while len(self.groups) > printer_count:
             pairs = [
@@ -243,7 +245,9 @@ class _PieceMerger:
             ]
             if not pairs:
                 return
-            self.merge_groups(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))
+            self.merge_groups(
+                *min(pairs, key=lambda pair: (compute_key(*(self.groups[i] for i in pair)), pair))
+            )
 
     def list_merged_pieces(self) -> list[Piece]:
         """List the pieces of all groups, split where they are not connected."""

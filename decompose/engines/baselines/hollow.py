@@ -52,12 +52,12 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     grid
         Grid over it, with the cells that the minimum wall needs.
     cube
-        Cells of a cube that are removed in any case; None for no cube.
+        Cells of a cube, which are always removed; None for no cube.
     """
     cube_cells = np.zeros_like(grid.is_needed)
     if cube is not None:
         cube_cells[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
-    cavity = remove_diagonals(cube_cells | ((grid.cells == Cell.INTERNAL) & ~grid.is_needed), cube_cells)
+    cavity = remove_diagonal_cells(cube_cells | ((grid.cells == Cell.INTERNAL) & ~grid.is_needed), cube_cells)
     if not cavity.any():
         return Shell(solid, cavity, np.zeros((0, 4)), np.zeros((0, 2, 3)))
     holes = [np.array(grid.find_bounds_mm(block)) for block in cover_with_boxes(cavity)]
@@ -67,7 +67,7 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     return Shell(shell, cavity, planes, solid_boxes)
 
 
-def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
+def remove_diagonal_cells(cells: Bools, kept_cells: Bools | None = None) -> Bools:
     """Remove cells that meet others only along an edge.
 
     The surface of a cavity would touch itself there.
@@ -123,12 +123,12 @@ def cover_with_boxes(cells: Bools) -> list[Block]:
 
 
 def find_largest_cube(cells: Bools) -> Block | None:
-    """Find the largest cube of cells (nx, ny, nz); if there are several, the one nearest to their middle.
+    """Find the largest cube of cells (nx, ny, nz); of several, the one nearest to the middle of the cells.
 
     Returns
     -------
     tuple or None
-        None if there are no cells.
+        Cells of the cube; None if there are no cells.
     """
     if not cells.any():
         return None
@@ -148,9 +148,9 @@ def find_largest_cube(cells: Bools) -> Block | None:
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
     """Grow the largest cube within a cuboid until it reaches the minimum wall.
 
-    It grows about its middle and towards each corner, by bisection against the mesh itself, in `ROUND_COUNT`
-    rounds and by at most `MAX_GROWTH_CELLS` cells. Afterwards hardly any larger cube around it keeps the
-    wall.
+    The cube grows about its middle and towards each corner, by bisection against the mesh itself, in
+    `ROUND_COUNT` rounds and by at most `MAX_GROWTH_CELLS` cells. Afterwards hardly any larger cube around it
+    keeps the wall.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def move_planes_to_cube(
     for axis, sides in enumerate(cube_mm.T.tolist()):
         positions_mm, flats_mm = grid.planes[axis].copy(), find_flat_coordinates(vertices[faces], axis)
         low_mm, high_mm = (
-            _find_clear_place(flats_mm, side_mm, reach_mm)
+            _find_clear_position_mm(flats_mm, side_mm, reach_mm)
             for side_mm, reach_mm in zip(sides, (inwards_mm, -inwards_mm), strict=True)
         )
         first = 1 + int(np.abs(positions_mm[1:-2] - low_mm).argmin())
@@ -256,8 +256,8 @@ def move_planes_to_cube(
     return (planes[0], planes[1], planes[2]), (x0, y0, z0, x1, y1, z1)
 
 
-def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
-    """Find the nearest place within reach clear of flat faces (k,), or else the one farthest from them."""
+def _find_clear_position_mm(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
+    """Find the nearest position within reach clear of flat faces (k,), or else the farthest from them."""
     places_mm = np.linspace(at_mm, at_mm + reach_mm, 41)
     gaps_mm = np.abs(places_mm[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
     clear_places = np.flatnonzero(gaps_mm >= PLANE_CLEARANCE_MM)
@@ -265,10 +265,10 @@ def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
 
 
 def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
-    """List cubes outwards from the middle of each face of a cube: the largest ones, but no larger than it.
+    """List cubes outwards from the middle of each face of a cube: the largest that fit, up to its size.
 
-    If the cells are not cubes, each side of a block is shorter than that of the cube by the same number of
-    cells.
+    If the cells are not cubes, each side of a listed block has the same number of cells fewer than that of
+    the cube.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The engine `symmetry`: SBD, recursive cuts at planes of symmetry (Hatton et al. 2023).
+"""The engine `symmetry`: symmetry-based decomposition (SBD) by recursive cuts (Hatton et al. 2023).
 
 First a tree of cuts with a depth of three is built, and its leaves are chosen to minimise the price of the
 costliest part. Then one part after another is cut further as long as printers remain. `--faithful` follows
@@ -26,7 +26,7 @@ from decompose.problem import Partition, Problem
 from decompose.problem.fitting import (
     count_blocks,
     count_parts,
-    place_plane_clear_of_faces,
+    find_clear_offset_mm,
     refuse_misfits,
     split_connected_pieces,
 )
@@ -55,7 +55,7 @@ NO_LEAVES: Leaves = (math.inf, ())
 
 
 class _Method(ABC):
-    """Steps in which the published and the corrected method differ."""
+    """Base of the published and the corrected method: the steps in which they differ."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -80,12 +80,12 @@ class _Method(ABC):
 
 
 def cut_by_symmetry(problem: Problem) -> Partition:
-    """Cut a problem's model by SBD.
+    """Cut a problem's model by symmetry-based decomposition.
 
     Raises
     ------
     NoFit
-        A part fits no printer, or the parts are in more pieces than there are printers.
+        A part fits no printer, or the parts consist of more pieces than there are printers.
     """
     method = _PublishedMethod(problem) if problem.options.faithful else _CorrectedMethod(problem)
     printer_count = len(problem.printers)
@@ -102,7 +102,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     problem.on_stage("greedy")
     pieces = tuple(piece for part in parts for piece in split_connected_pieces(part.piece))
     # With more printers, the engine would make more parts, so no number is known to be enough.
-    refuse_misfits("symmetry", pieces, problem, sufficient_printers=None)
+    refuse_misfits("symmetry", pieces, problem, sufficient_printer_count=None)
     return Partition(pieces, problem.model, np.eye(3))
 
 
@@ -126,7 +126,7 @@ def _find_best_leaves(method: _Method, part: _Part, printer_count: int, depth: i
 
 
 def _join_leaves(first_leaves: list[Leaves], second_leaves: list[Leaves], printer_count: int) -> Leaves:
-    """Find the best leaves of two sides together for a number of printers."""
+    """Join the leaves of two sides into the best ones for a number of printers."""
     shares = [(first_leaves[k], second_leaves[printer_count - k]) for k in range(printer_count + 1)]
     a, b = min(shares, key=lambda pair: (max(pair[0][0], pair[1][0]), len(pair[0][1]) + len(pair[1][1])))
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
@@ -145,7 +145,7 @@ def _sum_printers_needed(parts: list[_Part]) -> int:
 
 
 class _PublishedMethod(_Method):
-    """The authors' program, with its mistakes."""
+    """The method of the authors' program, including its errors."""
 
     def price_part(self, piece: Piece) -> _Part:
         """Price a piece by its volume."""
@@ -156,7 +156,7 @@ class _PublishedMethod(_Method):
         return draw_mirrors(part.piece.solid.arrays()[0], self.rng, max_count)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        """Yield the halves at random planes, the most symmetric one first, unless a half is too small."""
+        """Yield the halves of cuts at random planes, the most symmetric first, unless a half is too small."""
         for mirror in self.draw_planes(part, MAX_DRAWN_PLANES):
             halves = self.cut_in_halves(part, mirror)
             if halves:
@@ -187,7 +187,7 @@ class _PublishedMethod(_Method):
 
 
 class _CorrectedMethod(_Method):
-    """The method as the authors intended it, with parts that fit."""
+    """The method as the authors intended it, in which all parts fit the printers."""
 
     def price_part(self, piece: Piece) -> _Part:
         """Price a piece by its print time per printer that it needs."""
@@ -196,12 +196,12 @@ class _CorrectedMethod(_Method):
         return _Part(piece, seconds / printers_needed, printers_needed)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        """Yield the parts at good planes of symmetry, then at a plane across the longest side."""
+        """Yield the parts of cuts at good planes of symmetry, then at a plane across the longest side."""
         solid = part.piece.solid
         vertices = solid.arrays()[0]
         for mirror in find_good_mirrors(vertices, self.rng, MAX_REFINED_PLANES, REFINEMENT_SAMPLES):
             yield from self.split_at_plane(part.piece, mirror.normal, mirror.offset_mm)
-        normal, places_mm = self.find_planes_across(solid)
+        normal, places_mm = self.find_planes_across_longest_side(solid)
         part_count, best_children = max(2, part.printers_needed), None
         for at_mm in places_mm:
             for children in self.split_at_plane(part.piece, normal, at_mm):
@@ -216,13 +216,13 @@ class _CorrectedMethod(_Method):
 
     def split_at_plane(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """Yield the connected pieces on both sides of a plane near `at_mm`, unless a piece is too small."""
-        at_mm = place_plane_clear_of_faces(piece.solid, normal, at_mm)
+        at_mm = find_clear_offset_mm(piece.solid, normal, at_mm)
         pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected_pieces(half)]
         min_mm3 = MIN_VOLUME_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):
             yield [self.price_part(fragment) for fragment in pieces]
 
-    def find_planes_across(self, solid: Solid) -> tuple[Floats, list[float]]:
+    def find_planes_across_longest_side(self, solid: Solid) -> tuple[Floats, list[float]]:
         """Find planes across the longest side, or across the side that exceeds the build volume most.
 
         The first plane divides the side into whole lengths of the build volume; the others lie near it.

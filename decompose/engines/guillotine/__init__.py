@@ -8,7 +8,7 @@ from decompose.engines.guillotine.curve import (
     CLEARING_S,
     CurvePoint,
     compute_makespan_curve,
-    find_fewest_in_time,
+    find_fewest_printers_in_time,
     find_knee,
 )
 from decompose.engines.guillotine.partitioner import Partitioner
@@ -23,7 +23,7 @@ __all__ = [
     "classify_printers",
     "compute_makespan_curve",
     "cut_by_guillotine",
-    "find_fewest_in_time",
+    "find_fewest_printers_in_time",
     "find_knee",
     "make_class_tables",
     "shift_box_planes",

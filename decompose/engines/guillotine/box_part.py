@@ -45,12 +45,12 @@ class BoxPart:
         return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
 
     def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
-        """Return the part with its pieces in these poses; inf seconds if a piece has no pose."""
+        """Return the part with its pieces in these poses; its time is inf if a piece has no pose."""
         fitting = tuple(pose for pose in poses if pose is not None)
         return replace(self, poses=fitting, seconds=compute_slowest_piece_s(self.pieces, poses))
 
     def has_similar_pieces(self, other: BoxPart) -> bool:
-        """Check whether it has as many pieces as another part, and no sliver by comparison."""
+        """Check whether this part has as many pieces as the other, and none that is newly a sliver."""
         return len(self.pieces) == len(other.pieces) and self.shortest_side_mm >= min(
             SLIVER_MM, other.shortest_side_mm
         )

@@ -3,7 +3,7 @@
 First the model is cut as for equal printers: each part fits the build volume that all printers have in
 common, and the fastest printer prints the longest part. Then it is cut for classes of printers
 (`printer_classes`), by an exact search over all guillotine partitions and all ways to distribute their parts.
-The better of the two cuts is the result, so classes that are too coarse do not make it worse.
+The better of the two partitions is the result, so classes that are too coarse do not make it worse.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from decompose.pieces import Piece, solve_bottleneck_assignment
 from decompose.printers import TargetPrinter
 from decompose.problem import GridFigures, Partition, Problem, Work
 
-Cut = Mapping[Box, Sequence[Piece]]
+PiecesByBox = Mapping[Box, Sequence[Piece]]
 
 MAX_SUMS = 4e8
 """Maximum number of sums for each time limit in the search for classes; they take a few seconds."""
@@ -49,25 +49,26 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     if problem.is_uniform:
         return cut_for_uniform_printers(problem)
     grid, boxes, min_s = build_tables(problem)
-    cuts: list[Cut] = []
+    candidates: list[PiecesByBox] = []
     failure: NoFit | None = None
     try:
-        cuts.append(_assign_printers(problem, ExactSearch(problem, grid, boxes, min_s).run()))
+        candidates.append(_assign_printers(problem, ExactSearch(problem, grid, boxes, min_s).run()))
     except NoFit as error:
         failure = error
     problem.on_stage("search")
-    min_s *= problem.fastest_factor
+    min_s *= problem.min_time_factor
     class_search = _ClassSearch(problem, grid, boxes, min_s)
-    cuts += class_search.run(min((_compute_end_s(problem, cut) for cut in cuts), default=math.inf))
-    if not cuts:
+    makespan_s = min((_compute_makespan_s(problem, c) for c in candidates), default=math.inf)
+    candidates += class_search.run(makespan_s)
+    if not candidates:
         assert failure is not None
         raise _make_shortage_error(problem, grid, boxes) or failure
     problem.on_stage("classes")
-    best = min(cuts, key=lambda cut: _compute_end_s(problem, cut))
+    best = min(candidates, key=lambda c: _compute_makespan_s(problem, c))
     pieces = tuple(shift_planes(problem, grid, best))
-    for cut in cuts:
-        if cut is not best and not problem.effort.is_spent():
-            other_pieces = tuple(shift_planes(problem, grid, cut))
+    for candidate in candidates:
+        if candidate is not best and not problem.effort.is_spent():
+            other_pieces = tuple(shift_planes(problem, grid, candidate))
             pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
     problem.on_stage("planes")
     figures = class_search.compute_grid_figures(grid, best, min_s, pieces)
@@ -75,29 +76,29 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     return Partition(pieces, problem.model, np.eye(3), figures)
 
 
-def _assign_printers(problem: Problem, cut: Cut) -> Cut:
+def _assign_printers(problem: Problem, pieces_by_box: PiecesByBox) -> PiecesByBox:
     """Assign printers to the pieces of boxes so that the last piece ends as soon as possible."""
-    assigned_printers = problem.assign_printers(_list_pieces(cut))
-    return cut if assigned_printers is None else _set_printers(cut, assigned_printers)
+    assigned_printers = problem.assign_printers(_list_pieces(pieces_by_box))
+    return pieces_by_box if assigned_printers is None else _set_printers(pieces_by_box, assigned_printers)
 
 
-def _set_printers(cut: Cut, assigned_printers: Sequence[TargetPrinter]) -> Cut:
-    """Give each piece its printer."""
+def _set_printers(pieces_by_box: PiecesByBox, assigned_printers: Sequence[TargetPrinter]) -> PiecesByBox:
+    """Assign a printer to each piece, in the order of the pieces."""
     printers = iter(assigned_printers)
     return {
         box: [replace(piece, printer=next(printers)) for piece in box_pieces]
-        for box, box_pieces in cut.items()
+        for box, box_pieces in pieces_by_box.items()
     }
 
 
-def _list_pieces(cut: Cut) -> list[Piece]:
+def _list_pieces(pieces_by_box: PiecesByBox) -> list[Piece]:
     """List the pieces of all boxes."""
-    return [piece for box_pieces in cut.values() for piece in box_pieces]
+    return [piece for box_pieces in pieces_by_box.values() for piece in box_pieces]
 
 
-def _compute_end_s(problem: Problem, cut: Cut) -> float:
-    """Compute the time when the last piece ends."""
-    return problem.compute_makespan_s(_list_pieces(cut))
+def _compute_makespan_s(problem: Problem, pieces_by_box: PiecesByBox) -> float:
+    """Compute the makespan of the pieces of all boxes."""
+    return problem.compute_makespan_s(_list_pieces(pieces_by_box))
 
 
 class _ClassSearch(ExactSearch):
@@ -108,27 +109,28 @@ class _ClassSearch(ExactSearch):
 
     def __init__(self, problem: Problem, grid: Grid, shared_tables: BoxTables, min_s: float) -> None:
         self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared_tables.seconds))
-        self.tables = make_class_tables(problem, grid, shared_tables, self.classes)
-        super().__init__(problem, grid, self.tables[0], min_s)
-        other_classes = zip(self.tables[1:], self.classes[1:], strict=True)
+        self.class_tables = make_class_tables(problem, grid, shared_tables, self.classes)
+        super().__init__(problem, grid, self.class_tables[0], min_s)
+        other_classes = zip(self.class_tables[1:], self.classes[1:], strict=True)
         self.solver = Partitioner(
-            self.tables[0], [OtherClass(table, printer_class.count) for table, printer_class in other_classes]
+            self.class_tables[0],
+            [OtherClass(table, printer_class.count) for table, printer_class in other_classes],
         )
 
-    def run(self, known_s: float) -> list[Cut]:  # type: ignore[override]
-        """Find a partition that ends before a known makespan, by true prices.
+    def run(self, best_known_s: float) -> list[PiecesByBox]:  # type: ignore[override]
+        """Find a partition with a shorter makespan than the best known one, by true prices.
 
-        The list is empty if there is no such partition, or only one class.
+        The list is empty if there is no such partition, or if there is only one class.
         """
-        cuts: list[Cut] = []
-        tolerance_s = TOLERANCE * (known_s if math.isfinite(known_s) else self.min_s)
-        if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * known_s, tolerance_s):
-            return cuts
+        candidates: list[PiecesByBox] = []
+        tolerance_s = TOLERANCE * (best_known_s if math.isfinite(best_known_s) else self.min_s)
+        if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * best_known_s, tolerance_s):
+            return candidates
         rounds = 0
         while rounds < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
-            if math.isfinite(known_s) and self.problem.effort.is_spent():
+            if math.isfinite(best_known_s) and self.problem.effort.is_spent():
                 break
-            limit_s = self._solve(self.classes[0].count, tolerance_s, WORTHWHILE_SHARE * known_s)
+            limit_s = self._solve(self.classes[0].count, tolerance_s, WORTHWHILE_SHARE * best_known_s)
             if limit_s is None:
                 break
             self.min_s = max(self.min_s, limit_s - tolerance_s)
@@ -136,21 +138,23 @@ class _ClassSearch(ExactSearch):
             if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
             rounds += 1
-            cut = self._assign_printers_by_tables(boxes)
-            end_s = _compute_end_s(self.problem, cut)
-            if end_s < known_s:
-                cuts, known_s = [cut], end_s
-            if end_s <= RETRY_RATIO * limit_s:
+            candidate = self._assign_printers_by_tables(boxes)
+            makespan_s = _compute_makespan_s(self.problem, candidate)
+            if makespan_s < best_known_s:
+                candidates, best_known_s = [candidate], makespan_s
+            if makespan_s <= RETRY_RATIO * limit_s:
                 break
-            self._record_prices(cut)
-        return cuts
+            self._record_prices(candidate)
+        return candidates
 
     def _may_succeed(self, max_s: float, tolerance_s: float) -> bool:
         """Check whether a partition could end in time if every printer were the best printer for each box."""
-        best_tables = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
+        best_tables = replace(
+            self.tables, seconds=np.min([table.seconds for table in self.class_tables], axis=0)
+        )
         count = sum(printer_class.count for printer_class in self.classes)
         solver = Partitioner(best_tables)
-        min_s = solver.find_min_makespan(count, self.min_s, tolerance_s, max_s)
+        min_s = solver.find_min_makespan_s(count, self.min_s, tolerance_s, max_s)
         self.problem.effort.record(Work.SUM, solver.sum_count)
         if min_s is not None:
             self.min_s = max(self.min_s, min_s - tolerance_s)
@@ -158,65 +162,65 @@ class _ClassSearch(ExactSearch):
 
     def _forbid_box(self, index: int) -> None:
         """Exclude a box from the tables of all classes."""
-        for table in self.tables:
+        for table in self.class_tables:
             table.seconds[index] = math.inf
 
-    def _assign_printers_by_tables(self, boxes: Sequence[Box]) -> Cut:
+    def _assign_printers_by_tables(self, boxes: Sequence[Box]) -> PiecesByBox:
         """Assign printers to the pieces of boxes, by the times of the tables."""
-        cut = {box: self.cut[box] for box in boxes}
+        pieces_by_box = {box: self.pieces_by_box[box] for box in boxes}
         assigned_printers = solve_bottleneck_assignment(self._look_up_seconds(boxes))
         assert assigned_printers is not None  # the search has found an assignment
         printers = [printer for printer_class in self.classes for printer in printer_class.printers]
-        return _set_printers(cut, [printers[i] for i in assigned_printers])
+        return _set_printers(pieces_by_box, [printers[i] for i in assigned_printers])
 
     def _look_up_seconds(self, boxes: Sequence[Box]) -> Floats:
         """Look up the seconds (pieces, printers) of each piece; printers in the order of the classes."""
-        indices = [index_box(box, self.boxes.shape) for box in boxes]
-        rows = np.repeat(indices, self.boxes.pieces[indices])
+        indices = [index_box(box, self.tables.shape) for box in boxes]
+        rows = np.repeat(indices, self.tables.piece_counts[indices])
         columns = [
             table.seconds[rows].astype(np.float64) / printer_class.time_factor * printer.time_factor
-            for table, printer_class in zip(self.tables, self.classes, strict=True)
+            for table, printer_class in zip(self.class_tables, self.classes, strict=True)
             for printer in printer_class.printers
         ]
         return np.array(columns).T
 
-    def _record_prices(self, cut: Cut) -> None:
+    def _record_prices(self, pieces_by_box: PiecesByBox) -> None:
         """Record the true prices of pieces in the tables of all classes with their printer's build volume."""
-        for box, pieces in cut.items():
-            index = index_box(box, self.boxes.shape)
+        for box, pieces in pieces_by_box.items():
+            index = index_box(box, self.tables.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
                 seconds = math.inf if pose is None else pose.price_s
                 printer_class = next(
                     other_class for other_class in self.classes if piece.printer in other_class.printers
                 )
-                for other_class, table in zip(self.classes, self.tables, strict=True):
+                for other_class, table in zip(self.classes, self.class_tables, strict=True):
                     if other_class.boxes == printer_class.boxes:
                         table.seconds[index] = max(
                             float(table.seconds[index]), seconds * other_class.time_factor
                         )
 
     def compute_grid_figures(
-        self, grid: Grid, cut: Cut, min_s: float, pieces: Sequence[Piece]
+        self, grid: Grid, pieces_by_box: PiecesByBox, min_s: float, pieces: Sequence[Piece]
     ) -> GridFigures:
-        """Compute the makespan of a cut by the tables, and a lower bound for all partitions.
+        """Compute the makespan of a partition by the tables, and a lower bound for all partitions.
 
         The bound is proven as if all printers had the speed of the fastest one and, for each box, the best
         build volume.
         """
         problem = self.problem
-        times_s = self._look_up_seconds(list(cut))
+        times_s = self._look_up_seconds(list(pieces_by_box))
         assigned_printers = solve_bottleneck_assignment(times_s)
-        if assigned_printers is None:  # the cut for all printers may use boxes that this search has excluded
-            makespan_s = _compute_end_s(problem, cut)
+        if assigned_printers is None:  # the first search may use boxes that this one has excluded
+            makespan_s = _compute_makespan_s(problem, pieces_by_box)
         else:
             makespan_s = float(times_s[range(len(assigned_printers)), assigned_printers].max())
         if problem.needs_proof(pieces):
-            fastest_factor = np.float32(problem.fastest_factor)
+            min_time_factor = np.float32(problem.min_time_factor)
             tables = [problem.price_boxes(grid, [printer]) for printer in problem.distinct_printers]
             best_tables = replace(
                 tables[0],
-                seconds=fastest_factor * np.min([boxes.seconds for boxes in tables], axis=0),
-                pieces=np.max([boxes.pieces for boxes in tables], axis=0),
+                seconds=min_time_factor * np.min([boxes.seconds for boxes in tables], axis=0),
+                piece_counts=np.max([boxes.piece_counts for boxes in tables], axis=0),
             )
             problem.effort.record(Work.BOX_PROVEN, len(best_tables.seconds))
             proven = bound_makespan(best_tables, grid.is_needed, len(problem.printers), makespan_s)
@@ -275,7 +279,7 @@ def make_class_tables(
 ) -> list[BoxTables]:
     """Build the tables of each class of printers, whose times include its speed.
 
-    `trimmed_box` and `pieces` are the same in all of them.
+    `trimmed_box` and `piece_counts` are the same in all of them.
 
     Parameters
     ----------
@@ -296,12 +300,12 @@ def make_class_tables(
         tables[printer_class.boxes] = (
             shared_tables if is_smallest else problem.price_boxes(grid, [printer_class.smallest_printer])
         )
-    pieces = np.maximum(shared_tables.pieces, np.max([boxes.pieces for boxes in tables.values()], axis=0))
+    piece_counts = np.max([shared_tables.piece_counts, *(t.piece_counts for t in tables.values())], axis=0)
     return [
         replace(
             shared_tables,
             seconds=tables[printer_class.boxes].seconds * np.float32(printer_class.time_factor),
-            pieces=pieces,
+            piece_counts=piece_counts,
         )
         for printer_class in classes
     ]

@@ -41,7 +41,7 @@ class _MakespanBounds:
 
     def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
         max_counts = fleets.max(axis=0)
-        self._boxes = tables[0]
+        self._first_tables = tables[0]
         self._other_classes = [
             OtherClass(table, int(count)) for table, count in zip(tables[1:], max_counts[1:], strict=True)
         ]
@@ -49,9 +49,9 @@ class _MakespanBounds:
         self.upper_bounds_s = np.full(len(fleets), np.inf)
         self.lower_bounds_s = np.zeros(len(fleets))
 
-    def solve_limit(self, limit_s: float) -> tuple[float, Bools, float]:
+    def solve_for_limit(self, limit_s: float) -> tuple[float, Bools, float]:
         """Solve for a limit; return it, whether each fleet (n,) meets it, and when the last part ends."""
-        solver = Partitioner(self._boxes, self._other_classes)
+        solver = Partitioner(self._first_tables, self._other_classes)
         solver.solve(limit_s)
         states, fewest_printers = solver.list_class_counts()
         fewest_by_state = {
@@ -108,7 +108,7 @@ def compute_makespan_curve(
     limits_s = [max(float(times_s.max()) for times_s in finite_times_s if len(times_s))]
     run = map if executor is None else executor.map
     while limits_s:
-        for result in run(bounds.solve_limit, limits_s):
+        for result in run(bounds.solve_for_limit, limits_s):
             bounds.narrow_bounds(*result)
         limits_s = bounds.choose_limits_s()
     counts, makespans_s = fleets.sum(axis=1).tolist(), bounds.upper_bounds_s.tolist()
@@ -130,7 +130,7 @@ def find_knee(
     return min(points, key=lambda p: (p.makespan_s + p.printers * (clearing_s + assembly_s), p.printers))
 
 
-def find_fewest_in_time(
+def find_fewest_printers_in_time(
     points: Sequence[CurvePoint], time_limit_s: float, handling_s: float = 0.0
 ) -> CurvePoint:
     """Find the point with the fewest printers that finish within a time, or else the one that finishes first.

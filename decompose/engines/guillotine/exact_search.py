@@ -29,7 +29,7 @@ MAX_ROUNDS = 8  # maximum number of rounds; each finds true prices of the chosen
 MAX_REJECTIONS = 40  # maximum number of choices rejected because of a sliver or a weak joint
 RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
 TOLERANCE_S = 1.0  # minimum accuracy of the minimum makespan by the tables
-TOLERANCE = 5e-4  # the same as a share of the makespan; the errors of the tables' prices are larger
+TOLERANCE = 5e-4  # minimum accuracy as a share of the makespan; the errors of the tables' prices are larger
 SEARCH_SHARE = 0.75  # share of the unreserved budget for the exact search; the rest is for windows
 # Growth of the makespan's limit, as a share, when the budget is spent without a result.
 LATE_GROWTH_SHARE = 0.02
@@ -47,15 +47,15 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     NoFit
         There are more pieces than printers; the error has the number that would be enough.
     """
-    grid, boxes, bound_s = build_tables(problem)
+    grid, tables, bound_s = build_tables(problem)
     find_cells = problem.start(partial(refine_needed_cells, problem, grid))
-    engine = ExactSearch(problem, grid, boxes, bound_s)
+    engine = ExactSearch(problem, grid, tables, bound_s)
     needs_proof = problem.options.prove and math.isinf(problem.best_known_s)  # no result to beat
     problem.effort.reserved_s = estimate_shift_s(problem, len(problem.printers))
     partition = engine.run()
     problem.effort.reserved_s = 0.0
     problem.on_stage("search")
-    proof = problem.start_proof(grid, boxes, list(partition)) if needs_proof else None
+    proof = problem.start_proof(grid, tables, list(partition)) if needs_proof else None
     pieces = tuple(shift_planes(problem, grid, partition, find_cells()))
     is_promising = (
         problem.is_thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
@@ -67,7 +67,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
             if problem.effort.is_spent():
                 break
     problem.on_stage("planes")
-    figures = problem.compute_grid_figures(grid, boxes, list(partition), pieces, proof)
+    figures = problem.compute_grid_figures(grid, tables, list(partition), pieces, proof)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
 
@@ -76,11 +76,11 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
     """Build a problem's grid, price its boxes, and bound the makespan in s by surface and volume."""
     grid = problem.build_grid(problem.model)
     problem.on_stage("grid")
-    boxes = problem.price_boxes(grid)
+    tables = problem.price_boxes(grid)
     problem.on_stage("boxes")
     needed_mm3 = float(grid.sums[grid.is_needed][:, VOLUME].sum())
     area_mm2 = problem.model.solid.area_mm2
-    return grid, boxes, compute_surface_bound_s(area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    return grid, tables, compute_surface_bound_s(area_mm2, needed_mm3, len(problem.printers), problem.cost)
 
 
 class ExactSearch:
@@ -92,12 +92,14 @@ class ExactSearch:
     prices only grow, so the makespan only grows.
     """
 
-    def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:
-        self.problem, self.grid, self.boxes = problem, grid, boxes
+    def __init__(self, problem: Problem, grid: Grid, tables: BoxTables, bound_s: float) -> None:
+        self.problem, self.grid, self.tables = problem, grid, tables
         self.min_s = bound_s
-        self.is_near = False  # whether the next minimum is probably near `min_s`, because prices only grow
-        self.solver = Partitioner(boxes, executor=problem.executor)
-        self.cut: dict[Box, list[Piece]] = {}
+        self.is_near_min = (
+            False  # whether the next minimum is probably near `min_s`, because prices only grow
+        )
+        self.solver = Partitioner(tables, executor=problem.executor)
+        self.pieces_by_box: dict[Box, list[Piece]] = {}
         self.true_times_s: dict[Box, float] = {}
         self.rejections: list[str] = []  # the fault of each rejected choice
 
@@ -131,22 +133,30 @@ class ExactSearch:
                 best, best_s = boxes, longest_s
             if longest_s <= RETRY_RATIO * makespan_s or rounds == MAX_ROUNDS:
                 break
-        return {box: self.cut[box] for box in self._improve_partition(best)}
+        return {box: self.pieces_by_box[box] for box in self._improve_partition(best)}
 
-    def list_looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
+    def list_looser_partitions(self, best_partition: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
         """Yield partitions with less work than the best one; their slowest box may take a little longer.
 
         The partition with the least makespan on the grid need not have it once its planes are shifted,
         because shifts balance the times of its parts, so the total work matters. Each partition has the
         fewest boxes within a limit, and the least work among the partitions with that number of boxes.
         """
-        if len(best) < 2:
+        if len(best_partition) < 2:
             return
-        seconds, pieces = self.boxes.seconds.copy(), self.boxes.pieces.copy()  # the tables stay as they are
+        # The tables of this search stay as they are.
+        seconds, piece_counts = self.tables.seconds.copy(), self.tables.piece_counts.copy()
         search = ExactSearch(
-            self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.min_s
+            self.problem,
+            self.grid,
+            replace(self.tables, seconds=seconds, piece_counts=piece_counts),
+            self.min_s,
         )
-        search.cut, search.true_times_s, search.is_near = self.cut, self.true_times_s, True
+        search.pieces_by_box, search.true_times_s, search.is_near_min = (
+            self.pieces_by_box,
+            self.true_times_s,
+            True,
+        )
         printer_count = len(self.problem.printers)
         tolerance_s = max(TOLERANCE_S, TOLERANCE * self.min_s)
         min_s, fewer_s = (
@@ -155,15 +165,17 @@ class ExactSearch:
         )
         if min_s is None:
             return
-        known_partitions = {frozenset(best)}
+        known_partitions = {frozenset(best_partition)}
         for share in LOOSER_LIMIT_SHARES:
-            boxes = search._solve_limit(min_s + share * ((fewer_s or MAX_LIMIT_RATIO * min_s) - min_s))
+            boxes = search._find_partition_within_limit(
+                min_s + share * ((fewer_s or MAX_LIMIT_RATIO * min_s) - min_s)
+            )
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
-                yield {box: self.cut[box] for box in boxes}
+                yield {box: self.pieces_by_box[box] for box in boxes}
 
-    def _solve_limit(self, limit_s: float) -> list[Box]:
-        """Find a partition with about the least work whose true times meet a limit; [] if there is none."""
+    def _find_partition_within_limit(self, limit_s: float) -> list[Box]:
+        """Find a partition whose true times meet a limit, with about the least work; [] if there is none."""
         best: list[Box] = []
         for _ in range(MAX_ROUNDS):
             if self.problem.effort.is_spent():
@@ -183,68 +195,70 @@ class ExactSearch:
         return best
 
     def _solve(self, printer_count: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
-        """Find the least makespan by the tables (`Partitioner.find_min_makespan`), and record the work."""
+        """Find the least makespan by the tables (`Partitioner.find_min_makespan_s`), and record the work."""
         previous_sums = self.solver.sum_count
-        min_s = self.solver.find_min_makespan(
-            printer_count, self.min_s, tolerance_s, max_s, is_near=self.is_near
+        min_s = self.solver.find_min_makespan_s(
+            printer_count, self.min_s, tolerance_s, max_s, is_near_min=self.is_near_min
         )
-        self.is_near = min_s is not None
+        self.is_near_min = min_s is not None
         self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sums)
         return min_s
 
-    def _improve_partition(self, best: list[Box]) -> list[Box]:
+    def _improve_partition(self, partition: list[Box]) -> list[Box]:
         """Find the best partition near this one by true prices, not limited to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
             if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
-            boxes = improve_locally(self.boxes, best, len(self.problem.printers), effort=self.problem.effort)
-            if boxes == best:
+            boxes = improve_locally(
+                self.tables, partition, len(self.problem.printers), effort=self.problem.effort
+            )
+            if boxes == partition:
                 break
             if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
             self._compute_true_makespan_s(boxes)
-            if sort_times_s(self.boxes, boxes) < sort_times_s(self.boxes, best):
-                best = boxes
-        return best
+            if sort_times_s(self.tables, boxes) < sort_times_s(self.tables, partition):
+                partition = boxes
+        return partition
 
     def _correct_piece_counts(self, boxes: list[Box]) -> bool:
         """Record the true counts of pieces in the table; return whether a box has more than before."""
         has_more = False
         for box in boxes:
-            if box not in self.cut:
+            if box not in self.pieces_by_box:
                 self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.face_count)
-                self.cut[box] = cut_cells(self.problem.model.solid, self.grid, box)
-            index = index_box(box, self.boxes.shape)
-            has_more = has_more or len(self.cut[box]) > int(self.boxes.pieces[index])
-            self.boxes.pieces[index] = len(self.cut[box])
+                self.pieces_by_box[box] = cut_cells(self.problem.model.solid, self.grid, box)
+            index = index_box(box, self.tables.shape)
+            has_more = has_more or len(self.pieces_by_box[box]) > int(self.tables.piece_counts[index])
+            self.tables.piece_counts[index] = len(self.pieces_by_box[box])
         return has_more
 
     def _forbid_faulty_boxes(self, boxes: list[Box]) -> bool:
         """Exclude boxes with a piece that cannot be glued well; return whether there was one."""
-        owners = [box for box in boxes for _ in self.cut[box]]
-        pieces = [piece for box in boxes for piece in self.cut[box]]
+        owners = [box for box in boxes for _ in self.pieces_by_box[box]]
+        pieces = [piece for box in boxes for piece in self.pieces_by_box[box]]
         faults = find_faults(pieces, self.problem.options.min_glue_mm2)
         for fault in faults:
-            self._forbid_box(index_box(owners[fault.piece], self.boxes.shape))
+            self._forbid_box(index_box(owners[fault.piece_number], self.tables.shape))
         self.rejections += [faults[0].reason] if faults else []
         return bool(faults)
 
     def _forbid_box(self, index: int) -> None:
         """Exclude a box from the tables."""
-        self.boxes.seconds[index] = math.inf
+        self.tables.seconds[index] = math.inf
 
     def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
         """Compute the true makespan of boxes in seconds, and raise their prices in the table to true ones."""
         new_pieces = [
-            (box, piece) for box in boxes if box not in self.true_times_s for piece in self.cut[box]
+            (box, piece) for box in boxes if box not in self.true_times_s for piece in self.pieces_by_box[box]
         ]
         poses = self.problem.find_poses([piece for _, piece in new_pieces])
         for (box, _), pose in zip(new_pieces, poses, strict=True):
             seconds = math.inf if pose is None else pose.price_s
             self.true_times_s[box] = max(self.true_times_s.get(box, 0.0), seconds)
         for box in boxes:
-            index = index_box(box, self.boxes.shape)
-            self.boxes.seconds[index] = max(float(self.boxes.seconds[index]), self.true_times_s[box])
+            index = index_box(box, self.tables.shape)
+            self.tables.seconds[index] = max(float(self.tables.seconds[index]), self.true_times_s[box])
         return max(self.true_times_s[box] for box in boxes)
 
     def _make_no_fit_error(self) -> NoFit:

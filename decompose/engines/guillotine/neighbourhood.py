@@ -1,4 +1,4 @@
-"""Neighbourhood search: it improves a partition where it is slowest, and is not limited to guillotine cuts.
+"""Neighbourhood search: improves a partition around its slowest boxes, not limited to guillotine cuts.
 
 A window is the slowest box with a few boxes near it. It is cut again into at most as many parts, so that the
 slowest of them ends sooner; all other boxes stay as they are. The union of its boxes need not be a box.
@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Ints
 from decompose.engines.guillotine.partitioner import Partitioner
-from decompose.engines.guillotine.pinwheel import Pinwheel, count_fewest_in_pinwheel, list_pinwheel_boxes
+from decompose.engines.guillotine.pinwheel import Pinwheel, find_smallest_pinwheel, list_pinwheel_boxes
 from decompose.grid import Box, BoxTables, Shape, compute_index, find_interval_ends, index_box, sum_box
 from decompose.jit import jit
 from decompose.problem import Effort, Work
@@ -28,7 +28,7 @@ from decompose.problem import Effort, Work
 MAX_WINDOWS = 200  # maximum number of windows solved in one search
 MAX_BOXES_IN_WINDOW = 5  # maximum number of boxes in a window
 MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box in its windows, the fastest first
-MAX_WINDOWS_OF_A_BOX = 24  # maximum number of windows around one box, those with the most slack first
+MAX_WINDOWS_PER_BOX = 24  # maximum number of windows around one box, those with the most slack first
 MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables
 MAX_TIME_RATIO = 0.999  # a window's new time must be below this share of its old one
 TOLERANCE = 0.002  # accuracy of the minimum makespan, as a share of it
@@ -111,14 +111,14 @@ def _fill_tables(
     place
         First cell x, y, z of the window on the grid, and the grid's shape.
     grid_tables
-        `seconds` float32 and `pieces` int16 of the grid, (boxes of the grid,).
+        `seconds` float32 and `piece_counts` int16 of the grid, (boxes of the grid,).
     tables
-        `seconds` float32, `trimmed_box` int32 and `pieces` int16 of the window, (boxes of the window,),
+        `seconds` float32, `trimmed_box` int32 and `piece_counts` int16 of the window, (boxes of the window,),
         filled in; initially +inf, -1 and 1.
     """
     (x, y, z), grid_shape = place
-    grid_seconds, grid_pieces = grid_tables
-    seconds, trimmed_box, pieces = tables
+    grid_seconds, grid_piece_counts = grid_tables
+    seconds, trimmed_box, piece_counts = tables
     wx, wy, wz = shape = own_cells.shape
     ends = np.zeros((len(seconds), 6), np.int16)
     box = -1
@@ -146,21 +146,21 @@ def _fill_tables(
                             (x + x0, y + y0, z + z0, x + x1, y + y1, z + z0 + dz), grid_shape
                         )
                         seconds[box] = grid_seconds[grid_index]
-                        pieces[box] = grid_pieces[grid_index]
+                        piece_counts[box] = grid_piece_counts[grid_index]
 
 
 class Window:
-    """Some boxes of a partition, which are cut again while the others stay.
+    """Window of a partition: some of its boxes, which are cut again while the others stay.
 
     Parameters
     ----------
-    boxes
+    tables
         The tables of the grid.
     boxes_to_cut, other_boxes
         Boxes of the partition that are cut again, and all its other boxes.
     """
 
-    def __init__(self, boxes: BoxTables, boxes_to_cut: Iterable[Box], other_boxes: Iterable[Box]) -> None:
+    def __init__(self, tables: BoxTables, boxes_to_cut: Iterable[Box], other_boxes: Iterable[Box]) -> None:
         window_boxes = np.array(sorted(boxes_to_cut))
         self._lo, hi = window_boxes[:, :3].min(axis=0), window_boxes[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
@@ -170,7 +170,7 @@ class Window:
         for cell in np.argwhere(is_covered):
             x, y, z = (self._lo + cell).tolist()
             is_covered[tuple(cell)] = (
-                boxes.trimmed_box[index_box((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
+                tables.trimmed_box[index_box((x, y, z, x + 1, y + 1, z + 1), tables.shape)] >= 0
             )
         boxes_outside = np.array(list(other_boxes)).reshape(-1, 6)
         boxes_outside = boxes_outside[
@@ -181,17 +181,17 @@ class Window:
         total = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
         seconds = np.full(total, np.inf, np.float32)
         trimmed_box = np.full(total, -1, np.int32)
-        pieces = np.ones(total, np.int16)
-        grid_tables = (boxes.seconds, boxes.pieces)
-        place = ((x_offset, y_offset, z_offset), boxes.shape)
-        _fill_tables(is_covered, sums, place, grid_tables, (seconds, trimmed_box, pieces))
-        self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed_box, pieces))
+        piece_counts = np.ones(total, np.int16)
+        grid_tables = (tables.seconds, tables.piece_counts)
+        place = ((x_offset, y_offset, z_offset), tables.shape)
+        _fill_tables(is_covered, sums, place, grid_tables, (seconds, trimmed_box, piece_counts))
+        self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed_box, piece_counts))
         self._pinwheel: Pinwheel | None = None
 
     @property
     def box_count(self) -> int:
         """Number of boxes in the window's tables."""
-        return len(self._solver.boxes.seconds)
+        return len(self._solver.tables.seconds)
 
     @property
     def sum_count(self) -> int:
@@ -209,7 +209,7 @@ class Window:
     def count_fewest_parts(self, limit_s: float) -> int:
         """Count the fewest parts of at most `limit_s` each; `UNREACHABLE_COUNT` or more if impossible."""
         fewest_by_cuts = self._solver.solve(limit_s, break_ties=True)
-        count, *pinwheel = count_fewest_in_pinwheel(self._solver.counts, *self.shape)
+        count, *pinwheel = find_smallest_pinwheel(self._solver.counts, *self.shape)
         axis, is_mirrored, p1, p2, q1, q2 = pinwheel
         self._pinwheel = (axis, is_mirrored, p1, p2, q1, q2) if count < fewest_by_cuts else None
         return min(fewest_by_cuts, int(count))
@@ -250,7 +250,7 @@ class Window:
 
 
 def improve_locally(
-    boxes: BoxTables,
+    tables: BoxTables,
     partition: Sequence[Box],
     printer_count: int,
     max_windows: int = MAX_WINDOWS,
@@ -260,8 +260,8 @@ def improve_locally(
 
     Parameters
     ----------
-    boxes
-        The tables.
+    tables
+        The tables of the grid.
     partition
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printer_count
@@ -274,17 +274,17 @@ def improve_locally(
     effort = effort or Effort()
     parts = list(partition)
     failed_windows: set[frozenset[Box]] = set()
-    groups = _list_groups(boxes, parts)
+    groups = _list_groups(tables, parts)
     for _ in range(max_windows):
         group = next((g for g in groups if g not in failed_windows), None)
         if group is None or effort.is_spent():
             break
-        spare_printers = printer_count - _count_pieces(boxes, parts)
+        spare_printers = printer_count - _count_pieces(tables, parts)
         other_boxes = [box for box in parts if box not in group]
-        times_s = [_find_seconds(boxes, box) for box in group]
-        window = Window(boxes, group, other_boxes)
+        times_s = [_look_up_seconds(tables, box) for box in group]
+        window = Window(tables, group, other_boxes)
         replacement = window.solve(
-            _count_pieces(boxes, group) + spare_printers,
+            _count_pieces(tables, group) + spare_printers,
             MAX_TIME_RATIO * max(times_s),
             0.5 * float(np.mean(times_s)),
         )
@@ -294,37 +294,37 @@ def improve_locally(
             failed_windows.add(group)
         else:
             parts = other_boxes + replacement
-            groups = _list_groups(boxes, parts)
+            groups = _list_groups(tables, parts)
     return parts
 
 
-def sort_times_s(boxes: BoxTables, partition: Sequence[Box]) -> list[float]:
+def sort_times_s(tables: BoxTables, partition: Sequence[Box]) -> list[float]:
     """Sort the times of a partition, the longest first; lexicographically lower is better.
 
     Parameters
     ----------
-    boxes
+    tables
         Tables of the grid.
     partition
         Boxes of the partition.
     """
-    return sorted((_find_seconds(boxes, box) for box in partition), reverse=True)
+    return sorted((_look_up_seconds(tables, box) for box in partition), reverse=True)
 
 
-def _find_seconds(boxes: BoxTables, box: Box) -> float:
+def _look_up_seconds(tables: BoxTables, box: Box) -> float:
     """Look up the time of a box."""
-    return float(boxes.seconds[index_box(box, boxes.shape)])
+    return float(tables.seconds[index_box(box, tables.shape)])
 
 
-def _count_pieces(boxes: BoxTables, partition: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
+def _count_pieces(tables: BoxTables, partition: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
     """Count the pieces of all boxes by the tables."""
-    return sum(int(boxes.pieces[index_box(box, boxes.shape)]) for box in partition)
+    return sum(int(tables.piece_counts[index_box(box, tables.shape)]) for box in partition)
 
 
-def _list_groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Yield groups of boxes to cut again: around the slowest part first, those with the most slack first."""
+def _list_groups(tables: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
+    """Yield groups of boxes to cut again: the slowest centres first, and for each the most slack first."""
     ends = np.array(parts)
-    seconds = np.array([_find_seconds(boxes, box) for box in parts])
+    seconds = np.array([_look_up_seconds(tables, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):
         lo, hi = ends[centre, :3], ends[centre, 3:]
         gap = np.maximum(ends[:, :3] - hi, lo - ends[:, 3:]).max(axis=1)
@@ -339,5 +339,5 @@ def _list_groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]
                 sides = ends[numbers, 3:].max(axis=0) - ends[numbers, :3].min(axis=0)
                 if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:
                     groups.append((float(seconds[numbers].mean()), sorted(parts[i] for i in numbers)))
-        for _, group in sorted(groups)[:MAX_WINDOWS_OF_A_BOX]:
+        for _, group in sorted(groups)[:MAX_WINDOWS_PER_BOX]:
             yield frozenset(group)

@@ -49,7 +49,7 @@ from decompose.grid import (
 )
 
 WIDE_RATIO = 2.0  # ratio of a range's limits above which it is bisected at their geometric mean
-LIMIT_GROWTH = 4.0  # growth of the steps by which a limit is raised until there is a solution
+LIMIT_STEP_RATIO = 4.0  # ratio of a step that raises a limit to the step before, until there is a solution
 # Ties are broken only up to this number of values in all states, to save memory.
 MAX_TIE_VALUES = 120_000_000
 
@@ -60,13 +60,13 @@ class OtherClass:
 
     Attributes
     ----------
-    boxes
-        The tables for such a printer; `trimmed_box` and `pieces` are the same for all.
+    tables
+        The tables for such a printer; `trimmed_box` and `piece_counts` are the same for all classes.
     count
         Number of these printers.
     """
 
-    boxes: BoxTables
+    tables: BoxTables
     count: int
 
 
@@ -79,7 +79,7 @@ class Partitioner:
 
     Parameters
     ----------
-    boxes
+    tables
         Tables of the first class of printers.
     other_classes
         The other classes of printers.
@@ -88,9 +88,9 @@ class Partitioner:
     """
 
     def __init__(
-        self, boxes: BoxTables, other_classes: Sequence[OtherClass] = (), executor: Executor | None = None
+        self, tables: BoxTables, other_classes: Sequence[OtherClass] = (), executor: Executor | None = None
     ) -> None:
-        self.boxes = boxes
+        self.tables = tables
         self.other_classes = tuple(other_classes)
         self._executor = executor
         self._states, self._sums = list_class_states([other.count for other in other_classes])
@@ -98,7 +98,7 @@ class Partitioner:
         self._has_ties = False  # whether ties are broken when boxes are chosen
         self._keys: dict[int, int] | None = None  # keys of the boxes that may be chosen, if ties are broken
         self._limit_s = 0.0
-        self._root: Box = (0, 0, 0, *boxes.shape)
+        self._root: Box = (0, 0, 0, *tables.shape)
         self.sum_count = 0  # number of sums in all solves so far
 
     def solve(self, limit_s: float, break_ties: bool = False) -> int:
@@ -120,57 +120,59 @@ class Partitioner:
         """
         self._limit_s, self._keys = limit_s, None
         has_all_keys = break_ties and bool(self.other_classes)  # because states are tied too
-        total = len(self._states) * len(self.boxes.seconds)
+        total = len(self._states) * len(self.tables.seconds)
         self._value = np.empty(total, np.int64) if has_all_keys else np.empty(total, np.int16)
-        for length in range(1, self.boxes.shape[0] + 1):
-            count = self.boxes.shape[0] - length + 1
+        for length in range(1, self.tables.shape[0] + 1):
+            count = self.tables.shape[0] - length + 1
             if count < SHARE_COUNT:
-                self._solve_length(length, 0, count)
+                self._solve_boxes(length, 0, count)
             else:
                 run_shares(self._executor, partial(self._solve_half, length, count))
-        self.sum_count += len(self._sums) * count_cuts(self.boxes.shape)
+        self.sum_count += len(self._sums) * count_cuts(self.tables.shape)
         self._has_ties = break_ties and not has_all_keys
         return min(int(self.list_class_counts()[1][-1]), UNREACHABLE_COUNT)
 
     def _solve_half(self, length: int, count: int, half: int) -> None:
         """Solve the first or the second half of `count` boxes of one length along x."""
-        self._solve_length(length, half * count // SHARE_COUNT, (half + 1) * count // SHARE_COUNT)
+        self._solve_boxes(length, half * count // SHARE_COUNT, (half + 1) * count // SHARE_COUNT)
 
-    def _solve_length(self, length: int, first: int, end: int) -> None:
+    def _solve_boxes(self, length: int, first: int, end: int) -> None:
         """Solve the boxes of one length along x that begin at cells `first` to `end`, half-open."""
-        nx, ny, nz = self.boxes.shape
-        size, layer = len(self.boxes.seconds), ny * (ny + 1) // 2 * (nz * (nz + 1) // 2)
+        nx, ny, nz = self.tables.shape
+        size, layer = len(self.tables.seconds), ny * (ny + 1) // 2 * (nz * (nz + 1) // 2)
         start = index_interval(0, length, nx)
         indices = slice((start + first) * layer, (start + end) * layer)
         for state in range(len(self._states)):
             value = self._value[state * size : (state + 1) * size]
             self._fill_uncut_values(state, indices, value[indices])
-        lower_box_values(self._value, self._sums, self.boxes.shape, length, first, end)
+        lower_box_values(self._value, self._sums, self.tables.shape, length, first, end)
 
     @property
     def can_break_ties(self) -> bool:
         """True if the memory is sufficient to choose among partitions with equally few parts."""
-        return not self.other_classes or len(self._states) * len(self.boxes.seconds) <= MAX_TIE_VALUES
+        return not self.other_classes or len(self._states) * len(self.tables.seconds) <= MAX_TIE_VALUES
 
     def _fill_uncut_values(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
         """Fill in the values (boxes,) of the uncut boxes at these indices in a state."""
-        seconds, pieces = self.boxes.seconds[indices], self.boxes.pieces[indices]
+        seconds, piece_counts = self.tables.seconds[indices], self.tables.piece_counts[indices]
         for other, count in zip(self.other_classes, self._states[state].tolist(), strict=True):
             if count:
-                class_s = other.boxes.seconds[indices]
-                pieces = np.where(class_s <= self._limit_s, np.maximum(pieces - count, 0), pieces)
+                class_s = other.tables.seconds[indices]
+                piece_counts = np.where(
+                    class_s <= self._limit_s, np.maximum(piece_counts - count, 0), piece_counts
+                )
                 seconds = np.minimum(seconds, class_s)
         if self.other_classes:  # the remaining pieces of a box have to be fast enough on the first class
-            is_fast_enough = (self.boxes.seconds[indices] <= self._limit_s) | (pieces == 0)
+            is_fast_enough = (self.tables.seconds[indices] <= self._limit_s) | (piece_counts == 0)
             seconds = np.where(is_fast_enough, seconds, np.float32(np.inf))
         tables = (
             self._limit_s,
             seconds,
-            self.boxes.trimmed_box[indices],
-            pieces.astype(np.int16, copy=False),
+            self.tables.trimmed_box[indices],
+            piece_counts.astype(np.int16, copy=False),
         )
         if value.dtype == np.int64:
-            fill_keys(*tables, self.boxes.cut_mm2[indices], value)
+            fill_keys(*tables, self.tables.cut_mm2[indices], value)
         else:
             fill_counts(*tables, value)
 
@@ -180,7 +182,7 @@ class Partitioner:
 
         If there are other classes, the parts that their printers print are not counted.
         """
-        value = self._value[-len(self.boxes.seconds) :]
+        value = self._value[-len(self.tables.seconds) :]
         if value.dtype == np.int64:
             return (value // PART_WEIGHT).astype(np.int16)
         return np.asarray(value)
@@ -194,8 +196,8 @@ class Partitioner:
             (states, classes) usable printers of the other classes, and (states,) printers of the first one,
             `UNREACHABLE_COUNT` or more if there is no solution.
         """
-        index = index_box(self._root, self.boxes.shape)
-        value = self._value[index :: len(self.boxes.seconds)]
+        index = index_box(self._root, self.tables.shape)
+        value = self._value[index :: len(self.tables.seconds)]
         fewest = value // PART_WEIGHT if value.dtype == np.int64 else value
         return self._states, fewest.astype(np.int64)
 
@@ -205,7 +207,7 @@ class Partitioner:
         root = region or self._root
         if self._has_ties:
             self._keys = find_tied_keys(
-                self.boxes, self.counts, self._limit_s, index_box(root, self.boxes.shape)
+                self.tables, self.counts, self._limit_s, index_box(root, self.tables.shape)
             )
         stack = [(root, len(self._states) - 1)]
         while stack:
@@ -221,14 +223,14 @@ class Partitioner:
 
     def _find_value(self, box: Box, state: int) -> int:
         """Find the value of a box in the last solution; an unknown one is higher than that of any box."""
-        index = index_box(box, self.boxes.shape)
+        index = index_box(box, self.tables.shape)
         if self._keys is not None:
-            return self._keys.get(int(self.boxes.trimmed_box[index]), UNREACHABLE_COUNT * PART_WEIGHT)
-        return int(self._value[state * len(self.boxes.seconds) + index])
+            return self._keys.get(int(self.tables.trimmed_box[index]), UNREACHABLE_COUNT * PART_WEIGHT)
+        return int(self._value[state * len(self.tables.seconds) + index])
 
     def _compute_uncut_value(self, box: Box, state: int) -> int:
         """Compute the value of a box as one part."""
-        index = index_box(box, self.boxes.shape)
+        index = index_box(box, self.tables.shape)
         value = np.empty(1, self._value.dtype if self._keys is None else np.int64)
         self._fill_uncut_values(state, slice(index, index + 1), value)
         return int(value[0])
@@ -249,17 +251,17 @@ class Partitioner:
 
     def _trim_box(self, box: Box) -> Box | None:
         """Trim a box to its needed cells; None if it has none."""
-        index = int(self.boxes.trimmed_box[index_box(box, self.boxes.shape)])
-        return None if index < 0 else find_box(index, self.boxes.shape)
+        index = int(self.tables.trimmed_box[index_box(box, self.tables.shape)])
+        return None if index < 0 else find_box(index, self.tables.shape)
 
-    def find_min_makespan(
+    def find_min_makespan_s(
         self,
         printer_count: int,
         min_s: float,
         tolerance_s: float = 1.0,
         max_s: float = math.inf,
         *,
-        is_near: bool = False,
+        is_near_min: bool = False,
     ) -> float | None:
         """Find the lowest limit for which the printers of the first class are enough; keep its solution.
 
@@ -271,7 +273,7 @@ class Partitioner:
             Limits between which to search.
         tolerance_s
             Accuracy of the result.
-        is_near
+        is_near_min
             Whether the lowest limit is probably near `min_s`: limits above it are tried first, in growing
             steps.
 
@@ -283,12 +285,12 @@ class Partitioner:
         high_s = min(max_s, self._find_slowest_box_s())
         low_s, step_s = max(0.0, min_s), tolerance_s
         is_reached = False
-        while is_near and not is_reached and low_s + step_s < high_s:
+        while is_near_min and not is_reached and low_s + step_s < high_s:
             is_reached = self.solve(low_s + step_s) <= printer_count
             if is_reached:
                 high_s = self._find_reached_limit_s(low_s + step_s)
             else:
-                low_s, step_s = low_s + step_s, LIMIT_GROWTH * step_s
+                low_s, step_s = low_s + step_s, LIMIT_STEP_RATIO * step_s
         if high_s < 0.0 or (not is_reached and self.solve(high_s) > printer_count):
             return None
         while high_s - low_s > tolerance_s:
@@ -305,8 +307,8 @@ class Partitioner:
 
     def _find_slowest_box_s(self) -> float:
         """Find the time of the slowest box that fits a printer of any class; -inf if no box fits."""
-        tables = (self.boxes, *(other.boxes for other in self.other_classes))
-        finite_times_s = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
+        tables = (self.tables, *(other.tables for other in self.other_classes))
+        finite_times_s = [table.seconds[np.isfinite(table.seconds)] for table in tables]
         return max((float(times_s.max()) for times_s in finite_times_s if len(times_s)), default=-math.inf)
 
     def _find_reached_limit_s(self, limit_s: float) -> float:
@@ -315,7 +317,7 @@ class Partitioner:
 
     def find_longest_time_s(self) -> float:
         """Find the time of the slowest box of the last solution on a printer of the first class."""
-        return self.boxes.find_longest_time_s(self.list_chosen_boxes())
+        return self.tables.find_longest_time_s(self.list_chosen_boxes())
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:

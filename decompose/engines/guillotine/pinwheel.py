@@ -13,7 +13,7 @@ Pinwheel = tuple[int, int, int, int, int, int]  # extrusion axis, whether it is 
 
 
 @jit
-def count_fewest_in_pinwheel(
+def find_smallest_pinwheel(
     counts: npt.NDArray[np.int16], wx: int, wy: int, wz: int
 ) -> tuple[int, int, int, int, int, int, int]:
     """Find the pinwheel of the whole window with the fewest parts.

@@ -20,7 +20,7 @@ from decompose.options import Interior
 from decompose.problem import Problem
 
 MAX_CELL_BOXES = 20_000_000  # maximum number of fine cells times boxes when a partition is checked
-MOVE_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
+MIN_GAIN_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
 NOISE_MM = 2.0  # shorter moves hardly correct slopes, because supports and thus times change in jumps
 
 
@@ -110,7 +110,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
         (n, 2, 3) int64 number of the group of each face; -1 if it is fixed.
     """
     count = len(boxes_mm)
-    groups = _Groups(count * 6)
+    groups = _DisjointSets(count * 6)
     lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
     overlap_mm = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])  # (n, n, 3)
     is_shared = np.zeros(count * 6, dtype=np.bool_)
@@ -166,8 +166,8 @@ def _find_facing_face(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
     return _number_face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other, 0, axis]), axis)
 
 
-class _Groups:
-    """Disjoint sets (union-find), with their sizes."""
+class _DisjointSets:
+    """Union-find over members 0 to n - 1, with the size of each set."""
 
     def __init__(self, count: int) -> None:
         self._parent = list(range(count))
@@ -214,7 +214,7 @@ def move_groups(boxes_mm: Floats, groups: Ints, shifts_mm: Floats) -> Floats:
 
 
 def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
-    """Check whether each group can move down, and up, by a step while all other groups stay.
+    """Find the directions in which each group can move by a step while all other groups stay.
 
     Parameters
     ----------
@@ -242,7 +242,9 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
     return is_free
 
 
-def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clearance_mm: float) -> float:
+def find_clear_position_mm(
+    flats_mm: Floats, position_mm: float, target_mm: float, clearance_mm: float
+) -> float:
     """Find the position closest to a plane's target that is clear of all flat faces.
 
     It lies between the current and the target position. The current position is returned if no other one is
@@ -252,19 +254,19 @@ def find_clear_position(flats_mm: Floats, old_mm: float, new_mm: float, clearanc
     ----------
     flats_mm
         (k,) coordinates of flat faces along the axis.
-    old_mm, new_mm
+    position_mm, target_mm
         Current and target position of the plane.
     clearance_mm
         Distance to keep from flat faces.
     """
-    low_mm, high_mm = sorted((old_mm, new_mm))
-    positions = [new_mm, *(flats_mm - clearance_mm), *(flats_mm + clearance_mm)]
-    for position_mm in sorted(
-        (p for p in positions if low_mm <= p <= high_mm), key=lambda p: abs(p - new_mm)
+    low_mm, high_mm = sorted((position_mm, target_mm))
+    positions = [target_mm, *(flats_mm - clearance_mm), *(flats_mm + clearance_mm)]
+    for clear_mm in sorted(
+        (p for p in positions if low_mm <= p <= high_mm), key=lambda p: abs(p - target_mm)
     ):
-        if np.abs(flats_mm - position_mm).min(initial=np.inf) >= clearance_mm - SAME_PLANE_MM:
-            return float(position_mm)
-    return old_mm
+        if np.abs(flats_mm - clear_mm).min(initial=np.inf) >= clearance_mm - SAME_PLANE_MM:
+            return float(clear_mm)
+    return position_mm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -275,14 +277,14 @@ class ShiftLimits:
     ----------
     max_growth_mm, max_shrinkage_mm
         (n, 3) lengths by which each part may grow and shrink along each axis; inf without a limit.
-    low_mm, high_mm
-        (groups,) limits of each group's shift, downwards (at most 0) and upwards.
+    min_shift_mm, max_shift_mm
+        (groups,) limits of each group's shift: the lower one is at most 0.
     """
 
     max_growth_mm: Floats
     max_shrinkage_mm: Floats
-    low_mm: Floats
-    high_mm: Floats
+    min_shift_mm: Floats
+    max_shift_mm: Floats
 
 
 def solve_plane_shifts(
@@ -306,7 +308,7 @@ def solve_plane_shifts(
     tuple
         (groups,) shifts in mm, and makespan in s; 0 and inf if the linear programme has no solution.
     """
-    count, n = len(limits.low_mm), len(seconds)
+    count, n = len(limits.min_shift_mm), len(seconds)
     parts, sides, axes = np.nonzero(groups >= 0)
     faces = groups[parts, sides, axes]
     time_coefficients, length_coefficients = np.zeros((n, count)), np.zeros((n * 3, count))
@@ -326,10 +328,14 @@ def solve_plane_shifts(
     right_sides = np.concatenate([-seconds, *length_limits_mm, np.zeros(2 * count)])
     is_limited = np.isfinite(right_sides)
     solution = linprog(
-        np.array([*np.zeros(count), *np.full(count, MOVE_S_PER_MM), 1.0]),
+        np.array([*np.zeros(count), *np.full(count, MIN_GAIN_S_PER_MM), 1.0]),
         rows[is_limited],
         right_sides[is_limited],
-        bounds=[*zip(limits.low_mm, limits.high_mm, strict=True), *[(0.0, None)] * count, (None, None)],
+        bounds=[
+            *zip(limits.min_shift_mm, limits.max_shift_mm, strict=True),
+            *[(0.0, None)] * count,
+            (None, None),
+        ],
         method="highs-ds",
     )
     if solution.status != 0:

@@ -4,8 +4,8 @@ A grid moves a face by a whole layer of cells, which is a large share of a part.
 can move (`plane_moves`) move at once, by a linear programme. Within short steps, it minimises the makespan as
 if every part's time were linear in the positions of its faces. The parts are then priced at the new
 positions, which corrects the slopes. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
-then each part keeps its pose, because it is much faster to price. One such search is made even if the budget
-is spent, because it gains more in the same time than most other searches.
+then each part keeps its pose, because pricing it in a known pose is much faster. One such search is made even
+if the budget is spent, because it gains more in the same time than most other searches.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from decompose.engines.guillotine.box_part import (
 from decompose.engines.guillotine.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
-    find_clear_position,
+    find_clear_position_mm,
     find_free_directions,
     group_faces,
     move_groups,
@@ -54,11 +54,14 @@ MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one start
 PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
-MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes of a part, for slopes and after moves
+MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a part, for slopes and after moves
 
 
 def shift_planes(
-    problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]], cells: NeededCells | None = None
+    problem: Problem,
+    grid: Grid,
+    pieces_by_box: Mapping[Box, Sequence[Piece]],
+    cells: NeededCells | None = None,
 ) -> list[Piece]:
     """Move the cut planes of a partition to the least makespan, with its pieces in their best poses.
 
@@ -66,7 +69,7 @@ def shift_planes(
     ----------
     problem, grid
         Problem, and the grid over its model.
-    cut
+    pieces_by_box
         The boxes of a partition of the grid, and the pieces in each.
     cells
         The grid's needed cells from `refine_needed_cells`, if they are known.
@@ -74,12 +77,16 @@ def shift_planes(
     Returns
     -------
     list[Piece]
-        The same number of pieces, none slower than the slowest one before; the unchanged pieces if there is
-        no gain. Solid in a box stays in some box, or in none if it need not be printed (`grid.needed_cells`).
+        As many pieces as before, none slower than the slowest one before; the same pieces if there is no
+        gain. Solid in a box stays in some box, or in none if it need not be printed (`grid.needed_cells`).
     """
-    grown_boxes = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
+    grown_boxes = fill_out_boxes(list(pieces_by_box), grid.cells == Cell.EXTERNAL)
     return shift_box_planes(
-        problem, grid, np.array([grid.find_bounds_mm(box) for box in grown_boxes]), list(cut.values()), cells
+        problem,
+        grid,
+        np.array([grid.find_bounds_mm(box) for box in grown_boxes]),
+        list(pieces_by_box.values()),
+        cells,
     )
 
 
@@ -270,10 +277,10 @@ class _PlaneShift:
         start_boxes_mm = np.array([part.box_mm for part in parts])
         positions_mm = self._find_positions_mm(start_boxes_mm)
         shift_mm = positions_mm - self._find_positions_mm(self.start_boxes_mm)
-        low_mm = np.minimum(
+        min_shift_mm = np.minimum(
             np.where(self.is_free[:, 0], np.maximum(-step_mm, -self.reach_mm - shift_mm), 0.0), 0.0
         )
-        high_mm = np.maximum(
+        max_shift_mm = np.maximum(
             np.where(self.is_free[:, 1], np.minimum(step_mm, self.reach_mm - shift_mm), 0.0), 0.0
         )
         max_growth_mm = np.array([find_spare_length_mm(p.size_mm, self._list_printers(p)) for p in parts])
@@ -281,7 +288,7 @@ class _PlaneShift:
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, expected_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):
-            limits = ShiftLimits(max_growth_mm, max_shrinkage_mm, low_mm, high_mm)
+            limits = ShiftLimits(max_growth_mm, max_shrinkage_mm, min_shift_mm, max_shift_mm)
             shifts_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
             if not math.isfinite(min_s):  # no solution with these planes stopped: keep the previous one
                 break
@@ -291,7 +298,7 @@ class _PlaneShift:
             is_stopped = np.abs(moves_mm - shifts_mm) > MIN_MOVE_MM
             if not is_stopped.any():
                 break
-            low_mm[is_stopped] = high_mm[is_stopped] = moves_mm[is_stopped]
+            min_shift_mm[is_stopped] = max_shift_mm[is_stopped] = moves_mm[is_stopped]
         return boxes_mm, expected_s
 
     def _find_positions_mm(self, boxes_mm: Floats) -> Floats:
@@ -306,7 +313,7 @@ class _PlaneShift:
         for group in range(len(old_mm)):
             if abs(new_mm[group] - old_mm[group]) < MIN_MOVE_MM:
                 new_mm[group] = old_mm[group]
-            new_mm[group] = find_clear_position(
+            new_mm[group] = find_clear_position_mm(
                 self.flats_mm[self.axes[group]], old_mm[group], new_mm[group], PLANE_CLEARANCE_MM
             )
             if new_mm[group] != old_mm[group]:  # groups that move to one plane get the same coordinate
@@ -340,7 +347,7 @@ class _PlaneShift:
         return [posed_parts[i] for i in range(len(parts))]
 
     def _cut_moved_parts(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
-        """Cut the parts whose boxes moved, and find new poses where the old ones do not fit."""
+        """Cut the parts whose boxes have moved, and find new poses where the old ones do not fit."""
         moved_numbers = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._record_effort(moved_numbers)
         arguments = moved_numbers, [parts[i] for i in moved_numbers], boxes_mm[moved_numbers]

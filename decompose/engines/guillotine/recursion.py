@@ -128,7 +128,7 @@ def fill_counts(
     limit_s: float,
     seconds: npt.NDArray[np.float32],
     trimmed_box: npt.NDArray[np.int32],
-    pieces: npt.NDArray[np.int16],
+    piece_counts: npt.NDArray[np.int16],
     value: npt.NDArray[np.int16],
 ) -> None:
     """Fill in the number of parts of each uncut box.
@@ -137,7 +137,7 @@ def fill_counts(
     ----------
     limit_s
         Maximum time of a part; a box that takes longer gets `UNREACHABLE_COUNT`.
-    seconds, trimmed_box, pieces
+    seconds, trimmed_box, piece_counts
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     value
         (boxes,) int16, filled in.
@@ -146,24 +146,24 @@ def fill_counts(
         if trimmed_box[box] < 0:
             value[box] = 0
         else:
-            value[box] = pieces[box] if seconds[box] <= limit_s else UNREACHABLE_COUNT
+            value[box] = piece_counts[box] if seconds[box] <= limit_s else UNREACHABLE_COUNT
 
 
 @jit
-def make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
+def make_key(seconds: float, piece_count: int, cut_mm2: float) -> int:
     """Make the key of an uncut box: its parts, seconds and area of cuts as digits of one number.
 
     Parameters
     ----------
     seconds
         Time of the box.
-    pieces
+    piece_count
         Number of its pieces.
     cut_mm2
         Area of its cut faces.
     """
     key: int = (
-        pieces * PART_WEIGHT
+        piece_count * PART_WEIGHT
         + round(min(seconds, MAX_KEY_TIME_S)) * SECOND_WEIGHT
         + round(cut_mm2 / AREA_UNIT_MM2)
     )
@@ -175,7 +175,7 @@ def fill_keys(
     limit_s: float,
     seconds: npt.NDArray[np.float32],
     trimmed_box: npt.NDArray[np.int32],
-    pieces: npt.NDArray[np.int16],
+    piece_counts: npt.NDArray[np.int16],
     cut_mm2: npt.NDArray[np.float32],
     value: Ints,
 ) -> None:
@@ -185,7 +185,7 @@ def fill_keys(
     ----------
     limit_s
         Maximum time of a part; a box that takes longer gets the key of `UNREACHABLE_COUNT` parts.
-    seconds, trimmed_box, pieces
+    seconds, trimmed_box, piece_counts
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     cut_mm2
         (boxes,) float32 in mm2 of `BoxTables`; (0,) to ignore the area.
@@ -196,6 +196,6 @@ def fill_keys(
         if trimmed_box[box] < 0:
             value[box] = 0
         elif seconds[box] <= limit_s:
-            value[box] = make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
+            value[box] = make_key(seconds[box], piece_counts[box], cut_mm2[box] if len(cut_mm2) else 0.0)
         else:
             value[box] = UNREACHABLE_COUNT * PART_WEIGHT

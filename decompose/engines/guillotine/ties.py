@@ -98,7 +98,7 @@ def _compute_least_keys(
     limit_s
         Maximum time of a part.
     tables
-        (boxes,) `seconds`, `trimmed_box`, `pieces` and `cut_mm2` of `BoxTables`.
+        (boxes,) `seconds`, `trimmed_box`, `piece_counts` and `cut_mm2` of `BoxTables`.
     counts
         (boxes,) int16 fewest parts of each box.
     shape
@@ -111,13 +111,13 @@ def _compute_least_keys(
     ndarray
         (k,) int64 keys.
     """
-    seconds, trimmed_box, pieces, cut_mm2 = tables
+    seconds, trimmed_box, piece_counts, cut_mm2 = tables
     sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
     keys = np.full(len(tied_boxes), UNREACHABLE_COUNT * PART_WEIGHT)
     for i in range(len(tied_boxes)):
         box = tied_boxes[i]
         if seconds[box] <= limit_s:
-            keys[i] = make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
+            keys[i] = make_key(seconds[box], piece_counts[box], cut_mm2[box] if len(cut_mm2) else 0.0)
         if counts[box] < 2:
             continue
         for cut in range(_fill_sides(box, shape, sides)):
@@ -129,14 +129,14 @@ def _compute_least_keys(
 
 
 def find_tied_keys(
-    boxes: BoxTables, counts: npt.NDArray[np.int16], limit_s: float, root: int
+    tables: BoxTables, counts: npt.NDArray[np.int16], limit_s: float, root: int
 ) -> dict[int, int]:
     """Find the least key of every box that occurs in a partition into the fewest parts, by the box's index.
 
     Parameters
     ----------
-    boxes
-        The tables.
+    tables
+        The tables of the grid.
     counts
         (boxes,) fewest parts of each box.
     limit_s
@@ -147,11 +147,11 @@ def find_tied_keys(
     Returns
     -------
     dict
-        Empty if the box cannot be partitioned, or has no needed cells.
+        Key of each box; empty if the box at the root cannot be partitioned, or has no needed cells.
     """
     if not 0 < counts[root] < UNREACHABLE_COUNT:
         return {}
-    tied_boxes = _list_tied_boxes(counts, boxes.trimmed_box, boxes.shape, int(boxes.trimmed_box[root]))
-    tables = (boxes.seconds, boxes.trimmed_box, boxes.pieces, boxes.cut_mm2)
-    keys = _compute_least_keys(limit_s, tables, counts, boxes.shape, tied_boxes)
+    tied_boxes = _list_tied_boxes(counts, tables.trimmed_box, tables.shape, int(tables.trimmed_box[root]))
+    arrays = (tables.seconds, tables.trimmed_box, tables.piece_counts, tables.cut_mm2)
+    keys = _compute_least_keys(limit_s, arrays, counts, tables.shape, tied_boxes)
     return dict(zip(tied_boxes.tolist(), keys.tolist(), strict=True))

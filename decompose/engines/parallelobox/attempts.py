@@ -25,7 +25,7 @@ R = TypeVar("R")
 
 
 class MapFunction(Protocol):
-    """The builtin `map`, or that of an executor."""
+    """Function like the builtin `map`, such as that of an executor."""
 
     def __call__(self, function: Callable[[T], R], arguments: Iterable[T], /) -> Iterable[R]:
         """Call a function with each argument, and return the results in order."""
@@ -71,7 +71,7 @@ class SeedSource:
 
 
 def draw_seed_sets(
-    source: SeedSource, printer_count: int, tries: int, seed: int, map_function: MapFunction = map
+    source: SeedSource, printer_count: int, tries: int, random_seed: int, map_function: MapFunction = map
 ) -> list[Seeds]:
     """Draw the seeds from which blocks grow: `tries` draws of each number from `printer_count` down to 1.
 
@@ -81,7 +81,7 @@ def draw_seed_sets(
         Points to cluster, and cells that may be seeds.
     printer_count, tries
         Maximum number of seeds, and draws of each number.
-    seed
+    random_seed
         Seed of the random numbers.
     map_function
         `map`, or that of an executor, for the draws.
@@ -89,7 +89,7 @@ def draw_seed_sets(
     draws = [(count, number) for count in range(printer_count, 0, -1) for number in range(tries)]
 
     def draw_set(draw: tuple[int, int]) -> Seeds:
-        return draw_seeds(source, draw[0], np.random.default_rng([seed, *draw]))
+        return draw_seeds(source, draw[0], np.random.default_rng([random_seed, *draw]))
 
     with threadpool_limits(1):  # with threads, k-means would sum in varying order
         return list(map_function(draw_set, draws))
@@ -128,7 +128,7 @@ def run_attempts(
 def _run_attempt(
     seeds: Seeds, tables: GrowthTables, printer_count: int, score: Score
 ) -> BlockPartition | None:
-    """Make one attempt; None if it needs more parts than there are printers."""
+    """Run one attempt; None if it needs more parts than there are printers."""
     blocks, owner = grow_blocks(seeds, tables, score)
     all_blocks = fill_voids(blocks, owner, tables, printer_count - _count_parts(blocks, tables))
     if all_blocks is None or _count_parts(all_blocks, tables) > printer_count:
@@ -142,7 +142,7 @@ def _run_attempt(
 def _count_parts(blocks: Ints, tables: GrowthTables) -> int:
     """Count the pieces in blocks (n, 6), by the grid."""
     indices = [index_box((*block,), tables.shape) for block in blocks.tolist()]
-    return int(tables.pieces[indices].sum())
+    return int(tables.piece_counts[indices].sum())
 
 
 def _find_centres(points: Floats, count: int, random_state: int) -> Floats:

@@ -44,7 +44,7 @@ def find_grown_index(
     owner: Ints,
     is_needed: Bools,
     seconds: npt.NDArray[np.float32],
-    pieces: npt.NDArray[np.int16],
+    piece_counts: npt.NDArray[np.int16],
 ) -> int:
     """Find the index of the box that a block grows to; -1 if a constraint forbids it.
 
@@ -58,7 +58,7 @@ def find_grown_index(
         (nx, ny, nz) int64 number of the block that has a cell, `FREE_CELL` or `BARRED_CELL`.
     is_needed
         (nx, ny, nz) bool, true for cells that must be covered.
-    seconds, pieces
+    seconds, piece_counts
         (boxes,) float32 in s and (boxes,) int16 of `GrowthTables`.
     """
     axis = direction % 3
@@ -83,7 +83,7 @@ def find_grown_index(
         return -1
     grown_index = _find_block_index(grown_block, owner.shape)
     current_index = _find_block_index(block, owner.shape)
-    if not np.isfinite(seconds[grown_index]) or pieces[grown_index] > pieces[current_index]:
+    if not np.isfinite(seconds[grown_index]) or piece_counts[grown_index] > piece_counts[current_index]:
         return -1
     return grown_index
 
@@ -156,11 +156,11 @@ def _grow_all_blocks(
     is_needed
         (nx, ny, nz) bool, true for cells that must be covered.
     tables
-        (boxes,) `seconds`, `pieces`, `printing_prices` and `overhang_prices` of `GrowthTables`.
+        (boxes,) `seconds`, `piece_counts`, `printing_prices` and `overhang_prices` of `GrowthTables`.
     prefers_high_score
         Whether the highest score is the best one; otherwise the lowest one is.
     """
-    seconds, pieces, printing, overhang = tables
+    seconds, piece_counts, printing, overhang = tables
     nx, ny, nz = owner.shape
     prices = np.zeros(len(blocks))
     for i in range(len(blocks)):
@@ -173,7 +173,7 @@ def _grow_all_blocks(
             return
         best_direction, best_score, best_price = -1, 0.0, 0.0
         for direction in range(6):
-            index = find_grown_index(blocks[cheapest], direction, owner, is_needed, seconds, pieces)
+            index = find_grown_index(blocks[cheapest], direction, owner, is_needed, seconds, piece_counts)
             if index < 0:
                 continue
             score = abs(printing[index] + overhang[index])
@@ -209,7 +209,7 @@ def grow_blocks(seeds: list[Box], tables: GrowthTables, score: Score) -> tuple[I
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
     owner = np.where(tables.is_barred, BARRED_CELL, FREE_CELL).astype(np.int64)
-    prices = (tables.seconds, tables.pieces, tables.printing_prices, tables.overhang_prices)
+    prices = (tables.seconds, tables.piece_counts, tables.printing_prices, tables.overhang_prices)
     _grow_all_blocks(blocks, owner, tables.is_needed, prices, score is Score.HIGH)
     return blocks, owner
 
@@ -219,7 +219,7 @@ def _cover_voids(
     owner: Ints,
     is_needed: Bools,
     seconds: npt.NDArray[np.float32],
-    pieces: npt.NDArray[np.int16],
+    piece_counts: npt.NDArray[np.int16],
     number: int,
     max_parts: int,
 ) -> tuple[bool, Ints]:
@@ -229,7 +229,7 @@ def _cover_voids(
     ----------
     owner, is_needed
         As in `_grow_all_blocks`; the owners are updated in place.
-    seconds, pieces
+    seconds, piece_counts
         (boxes,) float32 in s and (boxes,) int16 of `GrowthTables`.
     number
         Number of the first new block.
@@ -251,14 +251,14 @@ def _cover_voids(
                     continue
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
                 index = compute_index((x, y, z, x + 1, y + 1, z + 1), owner.shape)
-                parts += pieces[index]
+                parts += piece_counts[index]
                 if parts > max_parts or not np.isfinite(seconds[index]):
                     return False, blocks[:block_count]
                 can_grow = True
                 while can_grow:
                     can_grow = False
                     for direction in (3, 0, 4, 1, 5, 2):
-                        if find_grown_index(block, direction, owner, is_needed, seconds, pieces) >= 0:
+                        if find_grown_index(block, direction, owner, is_needed, seconds, piece_counts) >= 0:
                             block[direction] += 1 if direction >= 3 else -1
                             can_grow = True
                 claim_cells(block, number + block_count, owner)
@@ -289,6 +289,6 @@ def fill_voids(blocks: Ints, owner: Ints, tables: GrowthTables, max_parts: int) 
         (n, 6) all blocks in cells; None if more parts would be needed.
     """
     is_covered, fillers = _cover_voids(
-        owner, tables.is_needed, tables.seconds, tables.pieces, len(blocks), max_parts
+        owner, tables.is_needed, tables.seconds, tables.piece_counts, len(blocks), max_parts
     )
     return np.concatenate([blocks, fillers]) if is_covered else None

@@ -27,7 +27,7 @@ class GrowthTables:
         (nx, ny, nz) bool, true for cells that no block may take: those of the other half of a cut model.
     seconds
         (boxes,) float32 of `BoxTables`: +inf if a box does not fit.
-    pieces
+    piece_counts
         (boxes,) int16 of `BoxTables`.
     printing_prices
         (boxes,) float32 P, the price of printing a box that ends at needed cells on all sides.
@@ -38,7 +38,7 @@ class GrowthTables:
     is_needed: Bools
     is_barred: Bools
     seconds: npt.NDArray[np.float32]
-    pieces: npt.NDArray[np.int16]
+    piece_counts: npt.NDArray[np.int16]
     printing_prices: npt.NDArray[np.float32]
     overhang_prices: npt.NDArray[np.float32]
 
@@ -81,7 +81,7 @@ def make_time_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
         grid.is_needed,
         np.zeros_like(grid.is_needed),
         boxes.seconds,
-        boxes.pieces,
+        boxes.piece_counts,
         boxes.seconds,
         zero_overhangs,
     )
@@ -112,7 +112,7 @@ def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
         sums, cut_sums[0], cut_sums[1], cut_sums[2], len(boxes.seconds), SPEED_MM_S
     )
     no_cells = np.zeros_like(grid.is_needed)
-    return GrowthTables(grid.is_needed, no_cells, boxes.seconds, boxes.pieces, printing, overhang)
+    return GrowthTables(grid.is_needed, no_cells, boxes.seconds, boxes.piece_counts, printing, overhang)
 
 
 @jit

@@ -1,11 +1,12 @@
-"""The engine `parallelobox`: blocks grown from seeds on a grid, as in the paper, section by section.
+"""The engine `parallelobox`: blocks grown from seeds on a grid, as in the paper.
 
-The sections are orientation and symmetry cut (`alignment`), then for each half the seeds, growth and void
-fill (`growth`), over many attempts (`attempts`).
+It follows the sections of the paper: orientation and symmetry cut (`alignment`), then the seeds, growth and
+void fill of each half (`growth`), repeated over many attempts (`attempts`).
 
-`--faithful` takes the best attempt by the paper's score. Otherwise blocks also grow from the same seeds by
-prices in seconds, by both interpretations of the score, on a finer grid, and without the symmetry cut. The
-engine then takes the attempt, faithful or not, whose pieces end soonest in their printing poses.
+`--faithful` takes the best attempt by the paper's score. Otherwise blocks are also grown from the same seeds
+with prices in seconds and with both interpretations of the score, on a finer grid, and without the symmetry
+cut. The engine then takes the attempt, faithful or not, with the shortest makespan of its pieces in their
+printing poses.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from decompose.options import Options, ParalleloboxOptions, Score
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
-MAX_CUT_PARTITIONS = 12  # maximum number of partitions whose pieces are counted, the best first
+MAX_CUT_PARTITIONS = 12  # maximum number of partitions that are cut to count their pieces, the best first
 MAX_HALF_ATTEMPTS = 100  # maximum number of attempts on a half that are combined with those on the other half
 
 
@@ -53,7 +54,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        No attempt covers the model, or, unless faithful, none of the best attempts can be glued well.
+        No attempt covers the model, or, unless faithful, each of the best has a part that glues badly.
     """
     spaces = _build_search_spaces(problem)
     candidates: list[_Candidate] = []
@@ -70,10 +71,12 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     if best.fault and not problem.options.faithful:
         raise NoFit(
             f"every attempt of parallelobox that was examined has a part that cannot be glued well; in "
-            f"the best it {best.fault}: free more printers, or choose --engine guillotine or "
+            f"the best attempt, that part {best.fault}: free more printers, or choose --engine guillotine or "
             f"a lower --min-glue"
         )
-    figures = problem.compute_grid_figures(best.space.grid, best.space.boxes, list(best.cut), best.pieces)
+    figures = problem.compute_grid_figures(
+        best.space.grid, best.space.boxes, list(best.pieces_by_box), best.pieces
+    )
     problem.on_stage("bound")
     aligned_model = best.space.aligned_model
     return Partition(best.pieces, aligned_model.model, aligned_model.rotation, figures)
@@ -91,40 +94,40 @@ class _SearchSpace:
         Grid over it, and the prices of its boxes.
     table_sets
         Tables by the paper's prices and, unless faithful, by times in seconds.
-    cut
-        Pieces of each box that has been cut.
+    pieces_by_box
+        Pieces of each box that has been cut out.
     """
 
     aligned_model: AlignedModel
     grid: Grid
     boxes: BoxTables
     table_sets: tuple[GrowthTables, ...]
-    cut: dict[Box, list[Piece]] = field(default_factory=dict)
+    pieces_by_box: dict[Box, list[Piece]] = field(default_factory=dict)
 
     def cut_box(self, box: Box) -> list[Piece]:
         """Cut a box out of the model, unless it has been cut before."""
-        if box not in self.cut:
-            self.cut[box] = cut_cells(self.aligned_model.model.solid, self.grid, box)
-        return self.cut[box]
+        if box not in self.pieces_by_box:
+            self.pieces_by_box[box] = cut_cells(self.aligned_model.model.solid, self.grid, box)
+        return self.pieces_by_box[box]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """A cut partition, the time when its last piece ends, and why it cannot be glued well, or ''."""
+    """A cut partition, its makespan, and the reason why it cannot be glued well ('' if it can)."""
 
     space: _SearchSpace
-    cut: dict[Box, list[Piece]]
-    end_s: float
+    pieces_by_box: dict[Box, list[Piece]]
+    makespan_s: float
     fault: str
 
     def make_sort_key(self) -> tuple[bool, float]:
         """Make the sort key; a lower one is better."""
-        return bool(self.fault), self.end_s
+        return bool(self.fault), self.makespan_s
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
         """Pieces of all boxes."""
-        return tuple(piece for box_pieces in self.cut.values() for piece in box_pieces)
+        return tuple(piece for box_pieces in self.pieces_by_box.values() for piece in box_pieces)
 
 
 def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
@@ -169,7 +172,9 @@ def _find_candidates(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
         attempts_by_half = [_grow_half(half, space, problem) for half in halves]
         interpretation = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
         paper_attempts = [by_space.get((0, interpretation), []) for by_space in attempts_by_half]
-        candidates += _find_first_fit(_rank_partitions(paper_attempts, lambda a: a.max_price), space, problem)
+        candidates += _find_first_candidate(
+            _rank_partitions(paper_attempts, lambda a: a.max_price), space, problem
+        )
         if problem.options.faithful:
             if candidates:
                 break
@@ -177,13 +182,13 @@ def _find_candidates(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
         attempts = [
             [attempt for group in by_space.values() for attempt in group] for by_space in attempts_by_half
         ]
-        candidates += _find_soonest_candidate(
+        candidates += _find_fastest_candidate(
             _rank_partitions(attempts, lambda a: space.boxes.find_longest_time_s(a.blocks)), space, problem
         )
     return candidates
 
 
-Half = tuple[tuple[GrowthTables, ...], Floats, int]  # growth tables, points for seeds, and printers of a half
+Half = tuple[tuple[GrowthTables, ...], Floats, int]  # growth tables, points for seeds, and number of printers
 # Attempts on a half, by the number of the table set and the interpretation of the score.
 GrownHalf = dict[tuple[int, Score], list[BlockPartition]]
 # Prices of partitions in ascending order, the paper's P or times in s, and their boxes.
@@ -191,7 +196,10 @@ RankedPartitions = list[tuple[float, list[Box]]]
 
 
 def _list_halves(space: _SearchSpace, points: Floats, printer_count: int) -> Iterator[list[Half]]:
-    """Yield the halves of a symmetric model, then the uncut model. The larger half gets an odd printer."""
+    """Yield the halves of a symmetric model, then the uncut model.
+
+    If the number of printers is odd, the larger half gets the extra one.
+    """
     if space.aligned_model.mirror is not None and printer_count > 1:
         axis, at_mm = space.aligned_model.mirror
         for plane in np.flatnonzero(space.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
@@ -214,7 +222,7 @@ def _list_halves(space: _SearchSpace, points: Floats, printer_count: int) -> Ite
 
 
 def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
-    """Make the attempts on one half, all from the same seeds; none if the budget is too small for them."""
+    """Grow blocks in one half, from the same seeds in all tables; empty if the budget is too small."""
     table_sets, points, printer_count = half
     options = problem.options
     clustered_count = len(points) * options.parallelobox.tries * printer_count * (printer_count + 1) // 2
@@ -249,7 +257,7 @@ def _rank_partitions(
     ]
 
 
-def _find_first_fit(
+def _find_first_candidate(
     ranked_partitions: RankedPartitions, space: _SearchSpace, problem: Problem
 ) -> list[_Candidate]:
     """Find the first partition that has no more pieces than there are printers, if any."""
@@ -259,29 +267,29 @@ def _find_first_fit(
     return list(islice((candidate for candidate in candidates if candidate is not None), 1))
 
 
-def _find_soonest_candidate(
+def _find_fastest_candidate(
     ranked_partitions: RankedPartitions, space: _SearchSpace, problem: Problem
 ) -> list[_Candidate]:
-    """Find the partition that ends soonest; stop when no other one can end sooner."""
+    """Find the partition with the shortest makespan, if any; stop when no other one can be faster."""
     best: list[_Candidate] = []
     for expected_s, boxes in ranked_partitions[:MAX_CUT_PARTITIONS]:
-        is_settled = best and not best[0].fault and expected_s >= best[0].end_s
+        is_settled = best and not best[0].fault and expected_s >= best[0].makespan_s
         if is_settled or (best and problem.effort.is_spent()):
             break
         candidate = _cut_candidate(boxes, space, problem)
-        if candidate is not None and candidate.end_s < math.inf:
+        if candidate is not None and candidate.makespan_s < math.inf:
             best = sorted([*best, candidate], key=_Candidate.make_sort_key)[:1]
     return best
 
 
 def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _Candidate | None:
     """Cut and pose a partition; None if it has more pieces than there are printers."""
-    new_boxes = sum(box not in space.cut for box in boxes)
+    new_boxes = sum(box not in space.pieces_by_box for box in boxes)
     problem.effort.record(Work.FACE_CUT, new_boxes * space.aligned_model.model.solid.face_count)
-    cut = {box: space.cut_box(box) for box in boxes}
-    pieces = [piece for box_pieces in cut.values() for piece in box_pieces]
+    pieces_by_box = {box: space.cut_box(box) for box in boxes}
+    pieces = [piece for box_pieces in pieces_by_box.values() for piece in box_pieces]
     if len(pieces) > len(problem.printers):
         return None
-    end_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
+    makespan_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
     faults = find_faults(pieces, problem.options.min_glue_mm2)
-    return _Candidate(space, cut, end_s, faults[0].reason if faults else "")
+    return _Candidate(space, pieces_by_box, makespan_s, faults[0].reason if faults else "")

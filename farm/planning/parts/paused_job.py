@@ -78,7 +78,7 @@ def continue_job(
     with _open_search(task, record, task.folder) as search:
         best = search.resume(
             [
-                search.fail_attempt(number, outcome)
+                search.make_failed_outcome(number, outcome)
                 if isinstance(outcome, str)
                 else pickle.loads(outcome.read_bytes())
                 for number, outcome in enumerate(outcomes)

@@ -11,11 +11,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from decompose.best import choose_first_grid, find_best_result, rounds
-from decompose.best.rounds import OTHER_GRIDS, OTHER_YAWS_DEG
+from decompose.best.rounds import OTHER_GRID_RATIOS, OTHER_YAWS_DEG
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit, Rule
 from decompose.geometry import Model, Solid
-from decompose.grid import count_cells
+from decompose.grid import choose_cell_counts
 from decompose.options import BestOptions, Engine, Options
 from decompose.pieces import Fault
 from decompose.print_time import CostModel
@@ -93,10 +93,10 @@ def test_each_other_grid_is_tried_once(cost: CostModel, result: Decomposition) -
         engines.engine_grids
         == FIRST_ATTEMPTS + [(Engine.GUILLOTINE, cells) for cells in grids] + rotated_attempts
     )
-    shapes = [count_cells(BLOCK.extents_mm, cells) for cells in grids]
-    shapes.append(count_cells(BLOCK.extents_mm, make_problem(cost).choose_granularity(BLOCK)))
+    shapes = [choose_cell_counts(BLOCK.extents_mm, cells) for cells in grids]
+    shapes.append(choose_cell_counts(BLOCK.extents_mm, make_problem(cost).choose_granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
-    assert len(grids) <= len(OTHER_GRIDS)
+    assert len(grids) <= len(OTHER_GRID_RATIOS)
     assert best_result.makespan_s == 1.2 * BOUND_S - max(grids)
     assert [(a.engine, a.granularity) for a in best_result.attempts] == engines.engine_grids
     assert best_result.options.granularity == "auto"
@@ -177,7 +177,7 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
 ) -> None:
     """Use a bar that fits two printers only if it is cut across its length."""
     monkeypatch.setattr(rounds, "OTHER_YAWS_DEG", (30.0, 45.0))
-    monkeypatch.setattr(rounds, "OTHER_GRIDS", ())
+    monkeypatch.setattr(rounds, "OTHER_GRID_RATIOS", ())
     rotation = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
     bar = replace(BLOCK, solid=BLOCK.solid.rotate(rotation))
     options = Options(Engine.BEST, prove=False, best=BestOptions(1000.0))

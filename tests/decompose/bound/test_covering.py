@@ -27,9 +27,9 @@ def test_shares_cover_all_cells_and_weights_exceed_no_box(shape: Shape, seed: in
     for (x0, y0, z0, x1, y1, z1), share in zip(result.boxes.tolist(), result.shares.tolist(), strict=True):
         index = index_box((x0, y0, z0, x1, y1, z1), shape)
         assert tables.seconds[index] <= limit_s
-        assert result.weights[x0:x1, y0:y1, z0:z1].sum() <= tables.pieces[index] * (1.0 + 1e-9)
+        assert result.weights[x0:x1, y0:y1, z0:z1].sum() <= tables.piece_counts[index] * (1.0 + 1e-9)
         cover_count[x0:x1, y0:y1, z0:z1] += share
-        pieces += share * int(tables.pieces[index])
+        pieces += share * int(tables.piece_counts[index])
     if result.shares.any():
         assert (cover_count[is_needed] >= 1.0 - 1e-9).all()
         assert result.weights.sum() <= pieces * (1.0 + 1e-9)

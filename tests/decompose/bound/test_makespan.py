@@ -27,7 +27,7 @@ def list_printable_boxes(tables: BoxTables) -> list[tuple[Box, float, int]]:
     for box in list_boxes(tables.shape):
         index = index_box(box, tables.shape)
         if tables.trimmed_box[index] == index and np.isfinite(tables.seconds[index]):
-            results.append((box, float(tables.seconds[index]), int(tables.pieces[index])))
+            results.append((box, float(tables.seconds[index]), int(tables.piece_counts[index])))
     return results
 
 
@@ -35,7 +35,7 @@ def compute_bound(tables: BoxTables, is_needed: np.ndarray, printers: int) -> tu
     """Compute the bound, and the makespan of the best guillotine partition from which it started."""
     solver = Partitioner(tables)
     assume(is_needed.any())
-    assume(solver.find_min_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
+    assume(solver.find_min_makespan_s(printers, 0.0, tolerance_s=1e-3) is not None)
     return bound_makespan(
         tables, is_needed, printers, solver.find_longest_time_s()
     ), solver.find_longest_time_s()
@@ -122,7 +122,7 @@ def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
     is_needed = np.ones(shape, bool)
     for box in list_boxes(shape):
         index = index_box(box, shape)
-        tables.trimmed_box[index], tables.pieces[index] = index, 1
+        tables.trimmed_box[index], tables.piece_counts[index] = index, 1
         tables.seconds[index] = 10.0 * (box[3] - box[0])
     assert bound_makespan(tables, is_needed, 3, 30.0).seconds == 30.0
 
@@ -131,7 +131,7 @@ def test_bound_stays_close_to_the_makespan_with_many_cells() -> None:
     """Use a grid that is too large for a simplex method."""
     tables, is_needed = make_tables((9, 8, 7), 3)
     solver = Partitioner(tables)
-    assert solver.find_min_makespan(20, 0.0) is not None
+    assert solver.find_min_makespan_s(20, 0.0) is not None
     bound = bound_makespan(tables, is_needed, 20, solver.find_longest_time_s())
     assert 0.8 * solver.find_longest_time_s() <= bound.seconds <= solver.find_longest_time_s()
 

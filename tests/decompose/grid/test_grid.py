@@ -20,7 +20,7 @@ from decompose.grid import (
     Grid,
     GridRules,
     build_grid,
-    count_cells,
+    choose_cell_counts,
     count_cuts,
     find_flat_coordinates,
     index_box,
@@ -77,7 +77,7 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     if tables.trimmed_box[index] == index:
         times_s = price_axis_poses_s(*clipped_solid.arrays(), default_cost)
         assert tables.seconds[index] == pytest.approx(times_s.min(), rel=1e-6)
-        assert tables.pieces[index] <= len(clipped_solid.list_pieces())
+        assert tables.piece_counts[index] <= len(clipped_solid.list_pieces())
 
 
 @settings(max_examples=40, deadline=None)
@@ -100,7 +100,7 @@ def test_separate_rods_in_one_cell_are_counted_separately(
     box = data.draw(draw_box(grid.shape))
     index = index_box(box, grid.shape)  # type: ignore[arg-type]
     if tables.trimmed_box[index] == index and np.isfinite(tables.seconds[index]):
-        assert tables.pieces[index] == len(comb.clip(*grid.find_bounds_mm(box)).list_pieces())
+        assert tables.piece_counts[index] == len(comb.clip(*grid.find_bounds_mm(box)).list_pieces())
 
 
 @settings(max_examples=20, deadline=None)
@@ -155,22 +155,22 @@ def test_flat_faces_of_a_box_are_found() -> None:
 
 
 def test_cell_counts_follow_the_proportions_of_the_model() -> None:
-    assert count_cells(np.array([300.0, 300.0, 300.0]), 15) == (15, 15, 15)
-    nx, ny, nz = count_cells(np.array([355.0, 3.0, 355.0]), 15)
+    assert choose_cell_counts(np.array([300.0, 300.0, 300.0]), 15) == (15, 15, 15)
+    nx, ny, nz = choose_cell_counts(np.array([355.0, 3.0, 355.0]), 15)
     assert (ny, nx) == (1, nz)
-    assert count_cells(np.array([1.0, 1.0, 1.0]), 15) == (1, 1, 1)
+    assert choose_cell_counts(np.array([1.0, 1.0, 1.0]), 15) == (1, 1, 1)
 
 
 @pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (2000.0, 300.0, 2.0)])
 def test_long_and_flat_grids_have_few_cuts(size_mm: tuple[float, float, float]) -> None:
-    shape = count_cells(np.array(size_mm), 24)
+    shape = choose_cell_counts(np.array(size_mm), 24)
     assert count_cuts(shape) <= 3e8
     assert max(shape) >= 2000.0 / 100.0  # no cell is longer than half a build volume
 
 
 @pytest.mark.parametrize("size_mm", [(450.0, 450.0, 1.0), (2000.0, 20.0, 20.0), (450.0, 100.0, 100.0)])
 def test_flat_model_has_about_as_many_boxes_as_a_cube(size_mm: tuple[float, float, float]) -> None:
-    box_count = np.prod([n * (n + 1) // 2 for n in count_cells(np.array(size_mm), 15)])
+    box_count = np.prod([n * (n + 1) // 2 for n in choose_cell_counts(np.array(size_mm), 15)])
     assert box_count <= 1.5 * (15 * 16 // 2) ** 3
 
 
@@ -179,5 +179,5 @@ def test_tables_are_the_same_when_threads_share_the_work(
 ) -> None:
     with ThreadPoolExecutor(1) as executor:
         shared_tables = price_boxes(grid, [HUGE_PRINTER], default_cost, executor)
-    for name in ("seconds", "trimmed_box", "pieces", "cut_mm2"):
+    for name in ("seconds", "trimmed_box", "piece_counts", "cut_mm2"):
         np.testing.assert_array_equal(getattr(shared_tables, name), getattr(tables, name))

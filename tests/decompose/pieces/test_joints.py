@@ -102,14 +102,14 @@ def test_thin_slice_is_a_sliver_but_not_a_thin_model() -> None:
     slab = make_block((0, 0, 0), (100, 60, 4))
     assert find_faults(cut_by_planes(slab, x=(50.0,))) == []
     (fault,) = find_faults(cut_by_planes(slab, x=(94.0,)))
-    assert fault.piece == 1
+    assert fault.piece_number == 1
     assert fault.reason.startswith("is 6.0 mm thin")
 
 
 def test_film_with_a_rib_is_a_flake() -> None:
     model = Solid.union([make_block((0, 0, 0), (60, 60, 30.5)), make_block((0, 30, 0), (60, 30.6, 40))])
     (fault,) = find_faults(cut_by_planes(model, z=(30.0,)))
-    assert fault.piece == 1
+    assert fault.piece_number == 1
     assert "flake" in fault.reason
 
 
@@ -127,7 +127,7 @@ def make_dumbbell(bar_mm: float) -> Solid:
 def test_piece_on_a_thin_connection_is_loose() -> None:
     pieces = cut_by_planes(make_dumbbell(4.0), x=(60.0,))
     (fault,) = find_faults(pieces)
-    assert fault.piece == 0  # the lighter piece
+    assert fault.piece_number == 0  # the lighter piece
     assert "16.0 mm2 of glue, less than 25 mm2" in fault.reason
     assert find_faults(pieces, min_glue_mm2=15.0) == []
     assert find_faults(cut_by_planes(make_dumbbell(6.0), x=(60.0,))) == []
@@ -150,7 +150,7 @@ def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
     pieces[2] = Piece(thin_solid, pieces[2].planes, pieces[2].boxes_mm)
     weak_joint = min(find_joints(pieces), key=lambda j: j.area_mm2)
     assert weak_joint.area_mm2 == pytest.approx(15.0)
-    assert [f.piece for f in find_faults(pieces)] == [2]
+    assert [f.piece_number for f in find_faults(pieces)] == [2]
 
 
 def make_finned_blocks() -> Solid:

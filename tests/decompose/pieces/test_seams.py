@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from decompose.geometry import Solid
 from decompose.pieces import Piece, Seam, cut_box, describe_thin_rims, find_joints, measure_seams
-from decompose.pieces.seams import _build_area
+from decompose.pieces.seams import _build_region
 
 LIMIT_MM = 1e3
 
@@ -93,6 +93,6 @@ def test_only_long_thin_rims_are_described() -> None:
 def test_outline_with_a_spike_bounds_the_same_area(spike: list[tuple[float, float]]) -> None:
     ring = np.array([(0.0, 0.0), (10.0, 0.0), *spike, (10.0, 10.0), (0.0, 10.0)])
     hole = np.array([(2.0, 2.0), (2.0, 4.0), (4.0, 4.0), (4.0, 2.0), (6.0, 2.0), (4.0, 2.0)])
-    area = _build_area([ring, hole])
+    area = _build_region([ring, hole])
     assert area.area == pytest.approx(100.0 - 4.0)
     assert shapely.box(-5.0, -5.0, 20.0, 20.0).difference(area).area == pytest.approx(625.0 - 96.0)

@@ -171,7 +171,7 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     check_missing_volume(hollow_result.parts, convert_to_mm(grid, list_boxes_around(4)), block, 15.0)
     with pytest.raises(GeometryError) as error:
         check_missing_volume(hollow_result.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
-    assert error.value.rule == Rule.INSIDE
+    assert error.value.rule == Rule.INTERIOR
     thin_result = replace(base_result, parts=(make_part(thin_walled_solid, "p01", "p"),))
     with pytest.raises(GeometryError) as error:
         check_missing_volume(thin_result.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)

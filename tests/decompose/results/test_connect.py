@@ -110,12 +110,12 @@ def tilt_pin(parts: DrilledParts) -> DrilledParts:
 @pytest.mark.parametrize(
     ("damage", "rule"),
     [
-        (cut_undeclared_hole, Rule.DRILLED),
-        (add_material, Rule.DRILLED),
-        (shift_pin_outwards, Rule.SKIN),
+        (cut_undeclared_hole, Rule.ONLY_HOLES_REMOVED),
+        (add_material, Rule.ONLY_HOLES_REMOVED),
+        (shift_pin_outwards, Rule.PIN_WALLS),
         (turn_parts_over, Rule.SUPPORT_FREE),
-        (separate_holes, Rule.PINNED),
-        (tilt_pin, Rule.ORDER),
+        (separate_holes, Rule.PINS_UNAMBIGUOUS),
+        (tilt_pin, Rule.PIN_DIRECTIONS),
     ],
 )
 def test_each_rule_refuses_parts_that_break_it(
@@ -302,4 +302,4 @@ def test_tool_that_opens_outside_its_joint_is_refused(drilled_parts: DrilledPart
     parts = replace(
         drilled_parts, connectors=connectors, drilled_solids=drill_parts(drilled_parts.blanks, connectors)
     )
-    assert Rule.SKIN in {fault.rule for fault in parts.find_faults()}
+    assert Rule.PIN_WALLS in {fault.rule for fault in parts.find_faults()}

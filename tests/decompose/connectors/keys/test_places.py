@@ -73,7 +73,9 @@ def change_first_key(parts: DrilledParts, **changes: object) -> DrilledParts:
 def test_key_that_is_too_long_or_across_its_groove_is_refused() -> None:
     parts = drill_wall(5.5, 0.4)
     for changes in ({"length_mm": 14.0}, {"key_direction": np.array([0.0, 1.0, 0.0])}):
-        assert Rule.PINNED in {fault.rule for fault in change_first_key(parts, **changes).find_faults()}
+        assert Rule.PINS_UNAMBIGUOUS in {
+            fault.rule for fault in change_first_key(parts, **changes).find_faults()
+        }
 
 
 def test_groove_near_the_outside_is_refused() -> None:
@@ -82,7 +84,7 @@ def test_groove_near_the_outside_is_refused() -> None:
     grooves = tuple(
         replace(hole, points_mm=hole.points_mm + np.array([0.0, 0.6, 0.0])) for hole in first_pin.holes
     )
-    assert Rule.SKIN in {fault.rule for fault in change_first_key(parts, holes=grooves).find_faults()}
+    assert Rule.PIN_WALLS in {fault.rule for fault in change_first_key(parts, holes=grooves).find_faults()}
 
 
 def test_keys_of_equal_length_allow_a_half_turn() -> None:

@@ -145,8 +145,12 @@ def test_key_that_cannot_enter_its_groove_is_refused(tall_parts: DrilledParts) -
         close_groove(moved_hole, key, exit_direction=None),
         replace(moved_hole, exit_direction=-moved_hole.exit_direction),
     ):
-        assert Rule.ORDER in find_broken_rules(change_key(tall_parts, holes=(other_groove, fixed_hole)))
-    assert Rule.PINNED in find_broken_rules(change_key(tall_parts, key_direction=np.array([0.0, 0.6, 0.8])))
+        assert Rule.PIN_DIRECTIONS in find_broken_rules(
+            change_key(tall_parts, holes=(other_groove, fixed_hole))
+        )
+    assert Rule.PINS_UNAMBIGUOUS in find_broken_rules(
+        change_key(tall_parts, key_direction=np.array([0.0, 0.6, 0.8]))
+    )
 
 
 def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledParts) -> None:
@@ -160,7 +164,7 @@ def test_groove_that_leaves_through_the_surface_is_refused(tall_parts: DrilledPa
         make_groove(moved_hole.part, ends, moved_hole.inward_normal, key.depth_mm),
         exit_direction=-moved_hole.exit_direction,
     )
-    assert Rule.SKIN in find_broken_rules(change_key(tall_parts, holes=(open_groove, fixed_hole)))
+    assert Rule.PIN_WALLS in find_broken_rules(change_key(tall_parts, holes=(open_groove, fixed_hole)))
 
 
 def test_keys_that_slide_belong_to_no_pair(tall_parts: DrilledParts) -> None:

@@ -22,7 +22,7 @@ from decompose.engines.baselines.hollow import (
     list_cubes_around,
     move_planes_to_cube,
     refine_cube,
-    remove_diagonals,
+    remove_diagonal_cells,
 )
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, round_triangles
@@ -82,7 +82,7 @@ def test_largest_cube_is_found(shape: tuple[int, int, int], seed: int, share: fl
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
 def test_cells_of_the_shell_meet_in_faces_only(shape: tuple[int, int, int], seed: int, share: float) -> None:
     old_cells = np.random.default_rng(seed).random(shape) < share
-    cells = remove_diagonals(old_cells)
+    cells = remove_diagonal_cells(old_cells)
     assert not (cells & ~old_cells).any()
     for a, b in ((0, 1), (0, 2), (1, 2)):
         plane_cells = np.moveaxis(cells, (a, b), (0, 1))
@@ -95,7 +95,7 @@ def test_cells_of_the_shell_meet_in_faces_only(shape: tuple[int, int, int], seed
         assert not ((near & far & ~left & ~right) | (left & right & ~near & ~far)).any()
     box = np.zeros(shape, bool)
     box[: (shape[0] + 1) // 2, : (shape[1] + 1) // 2, : (shape[2] + 1) // 2] = True
-    assert remove_diagonals(old_cells | box, box)[box].all()
+    assert remove_diagonal_cells(old_cells | box, box)[box].all()
 
 
 def test_shell_keeps_the_wall(cost: CostModel) -> None:

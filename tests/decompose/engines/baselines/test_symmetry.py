@@ -22,7 +22,7 @@ from decompose.printers import TargetPrinter
 from decompose.problem.fitting import (
     count_blocks,
     count_parts,
-    place_plane_clear_of_faces,
+    find_clear_offset_mm,
     split_connected_pieces,
 )
 
@@ -91,8 +91,8 @@ def test_films_on_a_cut_are_ignored() -> None:
 def test_cut_plane_keeps_its_distance_from_faces() -> None:
     step = Solid.union([Solid.box((0, 0, 0), (100, 40, 40)), Solid.box((0, 0, 0), (50, 40, 90))])
     direction = np.array([1.0, 0.0, 0.0])
-    assert place_plane_clear_of_faces(step, direction, 30.0) == 30.0
-    assert abs(place_plane_clear_of_faces(step, direction, 50.5) - 50.0) == pytest.approx(PLANE_CLEARANCE_MM)
+    assert find_clear_offset_mm(step, direction, 30.0) == 30.0
+    assert abs(find_clear_offset_mm(step, direction, 50.5) - 50.0) == pytest.approx(PLANE_CLEARANCE_MM)
 
 
 def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:

@@ -16,7 +16,7 @@ from decompose.engines.guillotine import (
     CurvePoint,
     Partitioner,
     compute_makespan_curve,
-    find_fewest_in_time,
+    find_fewest_printers_in_time,
     find_knee,
 )
 from decompose.engines.guillotine.curve import TOLERANCE
@@ -38,7 +38,7 @@ def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
         p.printers: p.makespan_s for p in compute_makespan_curve([tables], make_equal_fleets(MAX_PRINTERS))
     }
     for printers in range(1, MAX_PRINTERS + 1):
-        min_makespan_s = Partitioner(tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+        min_makespan_s = Partitioner(tables).find_min_makespan_s(printers, 0.0, tolerance_s=1e-3)
         if min_makespan_s is None or not is_needed.any():
             assert printers not in points
         else:
@@ -64,9 +64,9 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
     fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
     points = {p.printers: p.makespan_s for p in compute_makespan_curve([scaled_tables, other_boxes], fleets)}
     for first_count, other_count in fleets.tolist():
-        min_makespan_s = Partitioner(scaled_tables, [OtherClass(other_boxes, other_count)]).find_min_makespan(
-            first_count, 0.0, tolerance_s=1e-3
-        )
+        min_makespan_s = Partitioner(
+            scaled_tables, [OtherClass(other_boxes, other_count)]
+        ).find_min_makespan_s(first_count, 0.0, tolerance_s=1e-3)
         if min_makespan_s is None or not is_needed.any():
             assert first_count + other_count not in points
         else:
@@ -103,7 +103,8 @@ def test_knee_includes_the_work_of_a_person() -> None:
 def test_fewest_printers_in_time_or_else_the_fastest_are_chosen() -> None:
     points = [CurvePoint(1, 9.0), CurvePoint(2, 5.0), CurvePoint(3, 4.0), CurvePoint(4, 4.0)]
     assert [
-        find_fewest_in_time(points, time_limit_s).printers for time_limit_s in (9.0, 8.9, 5.0, 4.5, 3.0)
+        find_fewest_printers_in_time(points, time_limit_s).printers
+        for time_limit_s in (9.0, 8.9, 5.0, 4.5, 3.0)
     ] == [
         1,
         2,
@@ -115,10 +116,10 @@ def test_fewest_printers_in_time_or_else_the_fastest_are_chosen() -> None:
 
 def test_gluing_time_counts_if_the_parts_must_be_glued_in_time() -> None:
     points = [CurvePoint(1, 100.0), CurvePoint(2, 60.0), CurvePoint(3, 45.0), CurvePoint(4, 40.0)]
-    assert find_fewest_in_time(points, 70.0).printers == 2
-    assert find_fewest_in_time(points, 70.0, handling_s=5.0).printers == 2
-    assert find_fewest_in_time(points, 69.0, handling_s=5.0).printers == 3
-    assert find_fewest_in_time(points, 100.0, handling_s=50.0).printers == 1  # one part is not glued
-    assert find_fewest_in_time(points, 10.0, handling_s=20.0).printers == 1
+    assert find_fewest_printers_in_time(points, 70.0).printers == 2
+    assert find_fewest_printers_in_time(points, 70.0, handling_s=5.0).printers == 2
+    assert find_fewest_printers_in_time(points, 69.0, handling_s=5.0).printers == 3
+    assert find_fewest_printers_in_time(points, 100.0, handling_s=50.0).printers == 1  # one part is not glued
+    assert find_fewest_printers_in_time(points, 10.0, handling_s=20.0).printers == 1
     assert CountGoal(0.0, 5.0, 69.0).choose_point(points).printers == 2
     assert CountGoal(0.0, 5.0, 69.0, includes_gluing=True).choose_point(points).printers == 3

@@ -36,7 +36,7 @@ def search_result(task: Problem) -> tuple[ExactSearch, list[Box]]:
 
 
 def compute_work_s(search: ExactSearch, boxes: list[Box]) -> float:
-    return float(sum(search.boxes.seconds[index_box(box, search.boxes.shape)] for box in boxes))
+    return float(sum(search.tables.seconds[index_box(box, search.tables.shape)] for box in boxes))
 
 
 def test_looser_partitions_are_complete_without_more_work(
@@ -54,7 +54,7 @@ def test_looser_partitions_are_complete_without_more_work(
             cover_count[a:d, b:e, c:f] += 1
         assert cover_count.max() == 1
         assert cover_count[search.grid.is_needed].all()
-        assert sum(len(search.cut[box]) for box in partition) <= len(PRINTERS)
+        assert sum(len(search.pieces_by_box[box]) for box in partition) <= len(PRINTERS)
     assert min(compute_work_s(search, partition) for partition in results) <= compute_work_s(
         search, best_partition
     )
@@ -112,7 +112,7 @@ def test_corrected_piece_counts_need_few_solves(
     grid = task.build_grid(task.model)
     tables = task.price_boxes(grid)
     solver = Partitioner(tables)
-    assert solver.find_min_makespan(len(PRINTERS), 1.0) is not None
+    assert solver.find_min_makespan_s(len(PRINTERS), 1.0) is not None
     search = ExactSearch(task, grid, tables, 1.0)
     search.run()
     assert search.solver.sum_count <= solver.sum_count + 10 * max_solves * count_cuts(tables.shape)

@@ -29,7 +29,7 @@ def count_cover(shape: Shape, partition: list[Box]) -> np.ndarray:
 
 
 def count_pieces(tables: BoxTables, partition: list[Box]) -> int:
-    return sum(int(tables.pieces[index_box(box, tables.shape)]) for box in partition)
+    return sum(int(tables.piece_counts[index_box(box, tables.shape)]) for box in partition)
 
 
 def make_feasible_partition(tables: BoxTables, limit_s: float) -> list[Box]:

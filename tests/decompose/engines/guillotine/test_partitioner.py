@@ -39,7 +39,7 @@ def find_best_by_recursion(tables: BoxTables, is_needed: np.ndarray, limit_s: fl
         if tables.seconds[index] <= limit_s:
             results = [
                 (
-                    int(tables.pieces[index]),
+                    int(tables.piece_counts[index]),
                     round(tables.seconds[index]),
                     round(tables.cut_mm2[index] / AREA_UNIT_MM2),
                 )
@@ -75,7 +75,7 @@ def test_part_count_at_a_time_limit_equals_that_of_a_recursion(shape: Shape, see
     if result >= UNREACHABLE_COUNT:
         return
     partition = solver.list_chosen_boxes()
-    assert sum(int(tables.pieces[index_box(b, shape)]) for b in partition) == result
+    assert sum(int(tables.piece_counts[index_box(b, shape)]) for b in partition) == result
     cover_count = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in partition:
         cover_count[x0:x1, y0:y1, z0:z1] += 1
@@ -98,7 +98,7 @@ def test_ties_are_broken_by_work_then_by_cut_area(
         return
     indices = [index_box(box, shape) for box in solver.list_chosen_boxes()]
     sort_key = (
-        sum(int(tables.pieces[i]) for i in indices),
+        sum(int(tables.piece_counts[i]) for i in indices),
         sum(round(tables.seconds[i]) for i in indices),
         sum(round(tables.cut_mm2[i] / AREA_UNIT_MM2) for i in indices),
     )
@@ -134,7 +134,7 @@ def test_minimum_makespan_equals_an_exhaustive_search(shape: Shape, seed: int, p
     tables, is_needed = make_tables(shape, seed)
     limits_s = np.unique(tables.seconds[np.isfinite(tables.seconds)])
     reachable_s = [t for t in limits_s if find_fewest_by_recursion(tables, is_needed, float(t)) <= printers]
-    result = Partitioner(tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    result = Partitioner(tables).find_min_makespan_s(printers, 0.0, tolerance_s=1e-3)
     if not is_needed.any() or not reachable_s:
         assert result is None
     else:
@@ -147,10 +147,10 @@ def test_minimum_makespan_is_independent_of_the_lower_bound(
     shape: Shape, seed: int, printers: int, share: float
 ) -> None:
     tables, _ = make_tables(shape, seed)
-    makespan_s = Partitioner(tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    makespan_s = Partitioner(tables).find_min_makespan_s(printers, 0.0, tolerance_s=1e-3)
     bound_s = share * (makespan_s or 1.0)
     partitioner = Partitioner(tables)
-    assert partitioner.find_min_makespan(printers, bound_s, 1e-3, is_near=True) == (
+    assert partitioner.find_min_makespan_s(printers, bound_s, 1e-3, is_near_min=True) == (
         None if makespan_s is None else pytest.approx(makespan_s, abs=2e-3)
     )
     if makespan_s is not None:
@@ -171,7 +171,7 @@ def list_shares_by_recursion(
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
         index = index_box(box, classes[0].shape)
         able_classes = [i for i, boxes in enumerate(classes) if boxes.seconds[index] <= limit_s]
-        class_choices = combinations_with_replacement(able_classes, int(classes[0].pieces[index]))
+        class_choices = combinations_with_replacement(able_classes, int(classes[0].piece_counts[index]))
         results = {tuple(item.count(i) for i in range(len(classes))) for item in class_choices}
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
@@ -223,7 +223,7 @@ def test_unequal_printers_match_an_exhaustive_distribution(
         indices = [
             index_box(box, shape)
             for box in solver.list_chosen_boxes()
-            for _ in range(classes[0].pieces[index_box(box, shape)])
+            for _ in range(classes[0].piece_counts[index_box(box, shape)])
         ]
         printers = [classes[0]] * expected_count + [
             c for c, n in zip(classes[1:], counts, strict=True) for _ in range(n)
@@ -248,13 +248,13 @@ def test_more_printers_of_another_class_never_end_later(
     shape: Shape, seed: int, printers: int, other_count: int
 ) -> None:
     (first_tables, second_tables), _ = make_classes(shape, seed, 2)
-    first_s = Partitioner(first_tables).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    first_s = Partitioner(first_tables).find_min_makespan_s(printers, 0.0, tolerance_s=1e-3)
     partitioner = Partitioner(first_tables, [OtherClass(second_tables, other_count)])
-    two_classes_s = partitioner.find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    two_classes_s = partitioner.find_min_makespan_s(printers, 0.0, tolerance_s=1e-3)
     if first_s is not None:
         assert two_classes_s is not None
         assert two_classes_s <= first_s + 1e-3
-        assert partitioner.find_min_makespan(printers, 0.0, max_s=0.5 * two_classes_s) is None
+        assert partitioner.find_min_makespan_s(printers, 0.0, max_s=0.5 * two_classes_s) is None
 
 
 def cut_at_random(tables: BoxTables, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
@@ -263,7 +263,7 @@ def cut_at_random(tables: BoxTables, box: Box, limit_s: float, rng: np.random.Ge
     if index < 0:
         return []
     box = find_box(index, tables.shape)
-    if tables.seconds[index] <= limit_s and tables.pieces[index] == 1:
+    if tables.seconds[index] <= limit_s and tables.piece_counts[index] == 1:
         return [box]
     cuts = [(axis, plane) for axis in range(3) for plane in range(box[axis] + 1, box[axis + 3])]
     if not cuts:
@@ -284,7 +284,7 @@ def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: fl
     if result is None or not is_needed.any():
         reject()
     solver = Partitioner(tables)
-    min_makespan_s = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
+    min_makespan_s = solver.find_min_makespan_s(len(result), 0.0, tolerance_s=1e-3)
     assert min_makespan_s is not None
     assert solver.find_longest_time_s() <= tables.find_longest_time_s(result)
     assert solver.solve(tables.find_longest_time_s(result)) <= len(result)
@@ -311,7 +311,7 @@ def make_greedy_partition(tables: BoxTables, printers: int) -> list[Box]:
 
     box_of_all = trim_box([0, 0, 0, *tables.shape])
     parts = [] if box_of_all is None else [box_of_all]
-    while parts and sum(int(tables.pieces[index_box(box, tables.shape)]) for box in parts) < printers:
+    while parts and sum(int(tables.piece_counts[index_box(box, tables.shape)]) for box in parts) < printers:
         slowest_box = max(parts, key=get_seconds)
         cuts = list_cuts(slowest_box)
         if not cuts:
@@ -327,9 +327,9 @@ def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers:
     tables, _ = make_tables(shape, seed)
     result = make_greedy_partition(tables, printers)
     assume(result and np.isfinite(tables.find_longest_time_s(result)))
-    count = sum(int(tables.pieces[index_box(box, shape)]) for box in result)
+    count = sum(int(tables.piece_counts[index_box(box, shape)]) for box in result)
     solver = Partitioner(tables)
-    assert solver.find_min_makespan(count, 0.0, tolerance_s=1e-3) is not None
+    assert solver.find_min_makespan_s(count, 0.0, tolerance_s=1e-3) is not None
     assert solver.find_longest_time_s() <= tables.find_longest_time_s(result) + 1e-3
 
 
@@ -351,9 +351,9 @@ def rotate_tables(
         [index_box(rotate_box(find_box(i, tables.shape)), shape) for i in range(len(tables.seconds))]
     )
     result = BoxTables(
-        shape, *(np.empty_like(t) for t in (tables.seconds, tables.trimmed_box, tables.pieces))
+        shape, *(np.empty_like(t) for t in (tables.seconds, tables.trimmed_box, tables.piece_counts))
     )
-    result.seconds[new_index], result.pieces[new_index] = tables.seconds, tables.pieces
+    result.seconds[new_index], result.piece_counts[new_index] = tables.seconds, tables.piece_counts
     result.trimmed_box[new_index] = np.where(tables.trimmed_box < 0, -1, new_index[tables.trimmed_box])
     return result
 
@@ -372,7 +372,7 @@ def test_rotated_or_mirrored_model_takes_the_same_time(
     tables, _ = make_tables(shape, seed)
     rotated_tables = rotate_tables(tables, (axes[0], axes[1], axes[2]), is_mirrored)
     times_s = [
-        Partitioner(item).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+        Partitioner(item).find_min_makespan_s(printers, 0.0, tolerance_s=1e-3)
         for item in (tables, rotated_tables)
     ]
     assert (times_s[0] is None) == (times_s[1] is None)

@@ -13,7 +13,7 @@ from decompose.engines.guillotine.pinwheel import list_pinwheel_boxes
 from decompose.engines.guillotine.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
-    find_clear_position,
+    find_clear_position_mm,
     find_free_directions,
     group_faces,
     move_groups,
@@ -118,7 +118,7 @@ def test_overlapping_or_incomplete_boxes_are_not_a_partition() -> None:
 )
 def test_plane_stops_before_flat_faces(flats: list[float], old_mm: float, new_mm: float) -> None:
     flats_mm = np.array(sorted(flats))
-    position_mm = find_clear_position(flats_mm, old_mm, new_mm, 2.0)
+    position_mm = find_clear_position_mm(flats_mm, old_mm, new_mm, 2.0)
     assert min(old_mm, new_mm) <= position_mm <= max(old_mm, new_mm)
     assert position_mm == old_mm or np.abs(flats_mm - position_mm).min(initial=np.inf) >= 2.0 - 1e-6
     if np.abs(flats_mm - new_mm).min(initial=np.inf) >= 2.0:

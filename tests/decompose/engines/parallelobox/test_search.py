@@ -86,7 +86,7 @@ def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share:
     for block in filled_blocks:
         index = index_box((*block.tolist(),), shape)
         assert np.isfinite(tables.seconds[index])
-        assert tables.pieces[index] == 1
+        assert tables.piece_counts[index] == 1
         assert tables.is_needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
 
 
@@ -194,7 +194,7 @@ def test_attempts_cover_the_model_and_are_deterministic(
         assert (count[ball_grid.is_needed] == 1).all()
         indices = [index_box(block, ball_grid.shape) for block in item.blocks]
         assert (ball_tables.trimmed_box[indices] == indices).all()  # no block ends in an empty layer
-        assert item.part_count == ball_tables.pieces[indices].sum() <= 14
+        assert item.part_count == ball_tables.piece_counts[indices].sum() <= 14
         assert item.max_price == ball_tables.seconds[indices].max() < np.inf
     assert [a.max_price for a in result] == sorted(a.max_price for a in result)
     with ThreadPoolExecutor(2) as pool:
