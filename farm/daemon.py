@@ -1,4 +1,4 @@
-"""Daemon, which creates and shuts down clock, store, controller, agents, planner, timers and server."""
+"""Daemon, which creates and shuts down the clock, store, controller, agents, planner, timers and server."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ class Daemon:
             self._store.close()
 
     async def _stop_components(self) -> None:
-        """Stop timers and planning, leave the agents, and end the workers."""
+        """Stop the timers and planning, leave the agents running, and end the workers."""
         self._timers.stop()
         self._planner.stop()
         self._replan_worker.stop()
@@ -230,7 +230,7 @@ class Daemon:
     async def _begin_upkeep(self, upkeep: Upkeep) -> None:
         """Finish the deletions of an earlier daemon, back up every night, and watch the disk."""
         upkeep.begin()
-        self._timers.call_every(_DISK_INTERVAL_S, "disk", upkeep.measure)
+        self._timers.call_every(_DISK_INTERVAL_S, "disk", upkeep.check_free_space)
         warn = partial(self._controller.warn, "backup")
         await NightlyBackup(
             self._state, self._clock, self._fleet.zone, self._timers.call_at, warn, upkeep.clean_up
@@ -283,12 +283,12 @@ class Daemon:
         for _ in self._controller.forecast.find_background_work() or ():
             await asyncio.sleep(_FORECAST_PAUSE_S)
 
-    async def _shut_down(self, now: bool) -> None:
-        """Shut down the prints (with `now`), then the agents, then the daemon."""
-        self._controller.stopping = True
-        if now:
+    async def _shut_down(self, is_immediate: bool) -> None:
+        """Shut down the prints (with `is_immediate`), then the agents, then the daemon."""
+        self._controller.is_stopping = True
+        if is_immediate:
             abort_prints(self._controller)
-        self._end_task = asyncio.get_running_loop().create_task(self._end_when_idle(now))
+        self._end_task = asyncio.get_running_loop().create_task(self._end_when_idle(is_immediate))
 
     def _stop_work(self) -> None:
         """End all streams and all work in workers; requests that wait for this work get an error."""
@@ -298,15 +298,15 @@ class Daemon:
         self._replan_worker.stop()
         self._workers.close()
 
-    async def _end_when_idle(self, now: bool) -> None:
-        """Wait for running plans and inspections (unless `now`) and for open prints, then end.
+    async def _end_when_idle(self, is_immediate: bool) -> None:
+        """Wait for running plans and inspections (unless `is_immediate`) and for open prints, then end.
 
         If a print does not end, the farm keeps running, so that a person can inspect the printer.
         """
         planning = self._controller.planning
-        while not now and (self._inspections or planning.list_running_jobs(self._controller.books)):
+        while not is_immediate and (self._inspections or planning.list_running_jobs(self._controller.books)):
             await asyncio.sleep(0.1)
-        deadline_s = asyncio.get_running_loop().time() + _ABORT_TIMEOUT_S if now else math.inf
+        deadline_s = asyncio.get_running_loop().time() + _ABORT_TIMEOUT_S if is_immediate else math.inf
         while open_prints := sorted(
             {attempt.printer for attempt in self._controller.books.list_open_prints()}
         ):
@@ -314,7 +314,7 @@ class Daemon:
                 log.error(
                     "not shutting down: %s did not end within %g s", " ".join(open_prints), _ABORT_TIMEOUT_S
                 )
-                self._controller.stopping = False
+                self._controller.is_stopping = False
                 return
             await asyncio.sleep(0.1)
         await self._agents.shut_down_agents()

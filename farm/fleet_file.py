@@ -82,8 +82,8 @@ def load_fleet(
     FleetFileError
         With the file, line and field of the first mistake, and a correction.
     """
-    document, raw = _parse_document(path, _read_text(path))
-    values = _fill_in_defaults(document, raw)
+    document, raw_values = _parse_document(path, _read_text(path))
+    values = _fill_in_defaults(document, raw_values)
     for index, printer in enumerate(values["printers"]):
         model = printer.get("model") if isinstance(printer, dict) else None
         if isinstance(model, str) and model not in models:
@@ -239,7 +239,7 @@ def _parse_document(path: Path, text: str) -> tuple[_Document, Any]:
         if document.count_values() > MAX_VALUES:
             raise FleetFileError(f"{path}: expands to more than {MAX_VALUES} values: use fewer aliases")
         duplicate = document.find_duplicate()
-        raw = None if document.node is None else loader.construct_document(document.node)
+        raw_values = None if document.node is None else loader.construct_document(document.node)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         source = f"{path}:{mark.line + 1}" if mark else str(path)
@@ -249,20 +249,21 @@ def _parse_document(path: Path, text: str) -> tuple[_Document, Any]:
         raise FleetFileError(f"{path}: nested too deeply; see the example in the README") from error
     if duplicate is not None:
         raise document.make_error(duplicate, "appears twice")
-    return document, raw
+    return document, raw_values
 
 
-def _fill_in_defaults(document: _Document, raw: Any) -> dict[str, Any]:
+def _fill_in_defaults(document: _Document, raw_values: Any) -> dict[str, Any]:
     """Return the values of the file, with `defaults` in each printer."""
-    if not isinstance(raw, dict) or not isinstance(raw.get("printers"), list):
+    if not isinstance(raw_values, dict) or not isinstance(raw_values.get("printers"), list):
         raise FleetFileError(f"{document.path}: needs a list `printers`; see the example in the README")
-    defaults = raw.pop("defaults", None) or {}
+    defaults = raw_values.pop("defaults", None) or {}
     if not isinstance(defaults, dict):
         line = document.find_line(("defaults",))
         raise FleetFileError(f"{document.path}:{line}: `defaults` must contain printer keys")
-    values = {str(key): value for key, value in raw.items() if value is not None}
+    values = {str(key): value for key, value in raw_values.items() if value is not None}
     values["printers"] = [
-        {**defaults, **printer} if isinstance(printer, dict) else printer for printer in raw["printers"]
+        {**defaults, **printer} if isinstance(printer, dict) else printer
+        for printer in raw_values["printers"]
     ]
     return values
 

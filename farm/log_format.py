@@ -21,7 +21,7 @@ class LogFormat(StrEnum):
 
 
 class JsonFormatter(logging.Formatter):
-    """Formatter of a record as one line of JSON: at, level, logger, message, subjects, and an exception."""
+    """Formatter of records as JSON, one line each: at, level, logger, message, subjects, and an exception."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line without a line break."""

@@ -104,7 +104,7 @@ def find_farm_paths(
     socket: Path | None,
     fleet: Path | None,
     env: Mapping[str, str] = os.environ,
-    shared: Path = SHARED_SOCKET,
+    shared_socket: Path = SHARED_SOCKET,
 ) -> FarmPaths:
     """Find the paths of a farm from the options, then from the environment, then from the XDG folders.
 
@@ -117,7 +117,7 @@ def find_farm_paths(
         Paths that were named by options.
     env
         The environment.
-    shared
+    shared_socket
         Socket of the farm that all users share.
 
     Raises
@@ -132,8 +132,8 @@ def find_farm_paths(
     if socket is None:
         runtime = _read_path(env, "XDG_RUNTIME_DIR")
         socket = runtime / "farm" / "farm.sock" if runtime and state_path is None else root / "farm.sock"
-        if state_path is None and not _check_path(socket.exists) and _check_path(shared.parent.is_dir):
-            socket = shared
+        if state_path is None and not _check_path(socket.exists) and _check_path(shared_socket.parent.is_dir):
+            socket = shared_socket
     fleet = fleet or _read_path(env, "FARM_FLEET")
     if fleet is None:
         config = (_read_path(env, "XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"

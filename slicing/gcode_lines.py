@@ -36,12 +36,12 @@ Line = tuple[str, str, bytes]
 """Code like ``G1`` (empty if there is none), the rest of the command, and the comment."""
 
 
-def split_line(raw: bytes, number: int) -> Line:
+def split_line(raw_line: bytes, number: int) -> Line:
     """Split a line into code, words and comment. Line numbers and checksums are checked and removed.
 
     Parameters
     ----------
-    raw
+    raw_line
         The line as it is in the file.
     number
         Its number in the file, for messages.
@@ -51,12 +51,12 @@ def split_line(raw: bytes, number: int) -> Line:
     GcodeRefused
         If the line is not G-code, or is damaged.
     """
-    if len(raw) >= MAX_LINE_BYTES:
+    if len(raw_line) >= MAX_LINE_BYTES:
         raise GcodeRefused(
             f"line {number} is longer than {MAX_LINE_BYTES} characters: is this a G-code file?"
         )
-    command, _, comment = raw.removeprefix(_BYTE_ORDER_MARK).partition(b";")
-    if b"\0" in raw:
+    command, _, comment = raw_line.removeprefix(_BYTE_ORDER_MARK).partition(b";")
+    if b"\0" in raw_line:
         raise GcodeRefused(f"line {number}: not plain text: is this a G-code file?")
     if not command or command.isspace():
         return "", "", comment.strip()
@@ -82,11 +82,11 @@ def split_line(raw: bytes, number: int) -> Line:
     return code[1] + code[2], text[code.end() :], comment.strip()
 
 
-def parse_plain_move(raw: bytes) -> Words | None:
+def parse_plain_move(raw_line: bytes) -> Words | None:
     """Read a straight move in the form that slicers nearly always write; None for any other line."""
-    if _PLAIN_MOVE.match(raw) is None:
+    if _PLAIN_MOVE.match(raw_line) is None:
         return None
-    parts = raw.decode("ascii").split()
+    parts = raw_line.decode("ascii").split()
     words: Words = {part[0]: float(part[1:]) for part in parts[1:]}
     return words if len(words) == len(parts) - 1 else None
 

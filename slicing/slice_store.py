@@ -72,27 +72,27 @@ class StoredSlice:
             facts = dict(entry["facts"])
             facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
             unprinted_walls = tuple(UnprintedWall(**wall) for wall in entry["unprinted"])
-            sliced = CheckedSlice(
+            checked_slice = CheckedSlice(
                 gcode, GcodeFacts(**facts), unprinted_walls, FeatureTimes(**entry["features"])
             )
         except (OSError, ValueError, KeyError, TypeError):
             return None
         with contextlib.suppress(OSError):  # `slicing.cache` reads the file's time as its last use
             os.utime(self.folder / f"{self.key}.json")
-        return sliced
+        return checked_slice
 
-    def write(self, sliced: CheckedSlice) -> None:
+    def write(self, checked_slice: CheckedSlice) -> None:
         """Store a slice; do nothing without a cache."""
         if self.folder is None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         entry = {
-            "sha256": hashlib.sha256(sliced.gcode).hexdigest(),
-            "facts": asdict(sliced.facts),
-            "unprinted": [asdict(wall) for wall in sliced.unprinted_walls],
-            "features": asdict(sliced.features),
+            "sha256": hashlib.sha256(checked_slice.gcode).hexdigest(),
+            "facts": asdict(checked_slice.facts),
+            "unprinted": [asdict(wall) for wall in checked_slice.unprinted_walls],
+            "features": asdict(checked_slice.features),
         }
-        write_atomically(self.folder / f"{self.key}.gcode", sliced.gcode)
+        write_atomically(self.folder / f"{self.key}.gcode", checked_slice.gcode)
         # The record is written last: it makes the entry valid.
         write_atomically(self.folder / f"{self.key}.json", json.dumps(entry).encode())
 

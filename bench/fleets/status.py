@@ -116,7 +116,7 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
     )
     clock = Clock()
     controller = Controller(fleet, Store(folder / "farm.db"), clock, list_bed_boxes)
-    controller.stopping = True  # nothing is scheduled, so only the answer is measured
+    controller.is_stopping = True  # nothing is scheduled, so only the answer is measured
     now_s = clock.now()
     entities = [entity for number in range(1, jobs + 1) for entity in make_job(number, jobs, names, now_s)]
     printer_records = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]

@@ -85,7 +85,7 @@ class AgentConnection:
     state, clock
         The farm's state folder and clock.
     listener
-        Receives the agent's reports.
+        Receiver of the agent's reports.
     host
         Connection to the service of its host. For an agent that has its own connection to another host, the
         name of the farm.
@@ -120,7 +120,7 @@ class AgentConnection:
         self._cancelled_prints: set[str] = set()  # prints that must no longer start
         self._tasks: set[asyncio.Task[Any]] = set()
         self._base_offset_s = 0.0  # farm's clock minus the agent's, without the steps of the host's clock
-        self._stopping = False
+        self._is_stopping = False
 
     @property
     def _clock_offset_s(self) -> float:
@@ -137,7 +137,7 @@ class AgentConnection:
             if self._process.returncode or not agents_are_units():  # otherwise systemd has started the agent
                 self._log.warning("its agent ended with %s", self._process.returncode)
             self._process = None
-        if self._stopping or self._is_remote:
+        if self._is_stopping or self._is_remote:
             return  # the bridge on the other host starts and watches it
         if self._process is not None or is_alive(self._folder):
             self._kill_if_hung()
@@ -179,7 +179,7 @@ class AgentConnection:
     async def _listen(self) -> None:
         wait_s = 0.0
         # While stopping, connect to an agent that has just started, so that it receives the request to end.
-        while not self._stopping or self._is_agent_alive(self._process):
+        while not self._is_stopping or self._is_agent_alive(self._process):
             try:
                 await asyncio.sleep(wait_s)
                 wait_s = min(2 * wait_s + (1.0 if self._is_remote else RETRY_INTERVAL_S), _MAX_WAIT_S)
@@ -228,7 +228,7 @@ class AgentConnection:
 
     def _report(self, snapshot: AgentSnapshot) -> None:
         if snapshot.agent_pid is not None and self._listener.find_unreported_since_s(self._name) is not None:
-            return  # the list of its prints must arrive first
+            return  # the agent's list of prints must arrive first
         try:
             self._listener.on_snapshot(snapshot)
         except FarmError as error:
@@ -249,7 +249,7 @@ class AgentConnection:
         if section is None or (report.model, report.port) == (section.model, section.port):
             return True
         if report.print is not None:
-            return True  # its print is in the books and must end first
+            return True  # the print is in the books and must end first
         self._log.warning("its agent has %s at %s: replacing it", report.model, report.port)
         self._spawn_task(self._end_agent())
         return False
@@ -270,8 +270,8 @@ class AgentConnection:
                 if request.print_id in self._cancelled_prints:
                     return  # cancelled during the upload
                 request = request.model_copy(update={"gcode": None})
-            latest_s = self._clock.now() + _START_TIMEOUT_S * self._clock.scale
-            reply = await self._client.request(to_agent_clock(request, self._clock_offset_s, latest_s))
+            latest_start_s = self._clock.now() + _START_TIMEOUT_S * self._clock.scale
+            reply = await self._client.request(to_agent_clock(request, self._clock_offset_s, latest_start_s))
             if reply.error:
                 self._log.warning("%s refused: %s", request.do, reply.error)
                 if isinstance(request, m.StartPrint):
@@ -332,7 +332,7 @@ class AgentConnection:
 
     async def shut_down(self) -> None:
         """End the agent permanently, and switch a simulated printer off."""
-        self._stopping = True
+        self._is_stopping = True
         await self._end_agent()
 
     async def _end_agent(self) -> None:
@@ -341,7 +341,7 @@ class AgentConnection:
         try:
             async with asyncio.timeout(_END_TIMEOUT_S):
                 while self._is_agent_alive(process, pid):
-                    if not has_answered and self._client.is_connected:  # it was just started
+                    if not has_answered and self._client.is_connected:  # the agent has only just started
                         has_answered = await self._request_end()
                     await asyncio.sleep(0.05)
         except TimeoutError:
@@ -378,7 +378,7 @@ class AgentConnection:
         return is_alive(self._folder) and pid in (None, find_agent_pid(self._folder))
 
     async def close(self) -> None:
-        self._stopping = True
+        self._is_stopping = True
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)

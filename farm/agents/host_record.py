@@ -40,7 +40,7 @@ class HostRecord:
         Its last state; None before the first.
     is_loss_reported
         True if its loss has been reported.
-    update_unconfirmed
+    is_update_unconfirmed
         True if its update was requested, and no state has confirmed it yet.
     """
 
@@ -51,21 +51,21 @@ class HostRecord:
     reason: str = "it has not answered yet"
     state: HostState | None = None
     is_loss_reported: bool = False
-    update_unconfirmed: bool = False
+    is_update_unconfirmed: bool = False
 
     def on_state(self, now_s: float, state: HostState) -> None:
         """Store a state that the host has sent."""
         if state.update.phase not in (UpdatePhase.OUTDATED, UpdatePhase.FAILED):
-            self.update_unconfirmed = False
+            self.is_update_unconfirmed = False
         self.state = state
-        if self.update_unconfirmed:  # the host sent this state before it received the request
+        if self.is_update_unconfirmed:  # the host sent this state before it received the request
             self.on_update_begun()
         if self.connected_s is None:
             self.connected_s, self.disconnected_s = now_s, None
 
     def on_lost(self, now_s: float, reason: str) -> None:
-        """Store that the connection broke, or that an attempt failed."""
-        self.reason, self.update_unconfirmed = reason, False
+        """Record that the connection broke, or that an attempt to connect failed."""
+        self.reason, self.is_update_unconfirmed = reason, False
         if self.disconnected_s is None:
             self.connected_s, self.disconnected_s = None, now_s
 
@@ -82,8 +82,8 @@ class HostRecord:
         return None if self.state is None or self.disconnected_s is not None else self.state.update
 
     def on_update_begun(self) -> None:
-        """Store that the update of its agents has begun, before its next state confirms it."""
-        self.update_unconfirmed = True
+        """Record that the update of its agents has begun, before its next state confirms that."""
+        self.is_update_unconfirmed = True
         if self.state is not None:
             self.state = self.state.model_copy(update={"update": Update(phase=UpdatePhase.RUNNING)})
 

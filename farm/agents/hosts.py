@@ -39,7 +39,7 @@ log = logging.getLogger(__name__)
 _MAX_WAIT_S = 15.0  # wall seconds between two attempts to connect
 _STABLE_CONNECTION_S = 30.0  # wall seconds after which a connection counts as stable
 _OPEN_TIMEOUT_S = 60.0  # wall seconds for which a stream to an agent waits for the connection
-_REPORTS_PER_S = 200.0
+_MAX_REPORTS_PER_S = 200.0
 _MAX_REPORT_INTERVAL_S = 5.0
 
 
@@ -53,13 +53,13 @@ class HostListener(Protocol):
         """Show a problem to people; remove it if `text` is None."""
 
 
-def compute_report_interval_s(printers: int) -> float:
+def compute_report_interval_s(printer_count: int) -> float:
     """Compute the seconds between two reports of a printing printer, for a number of printers.
 
     Up to 200 printers report every second. In larger fleets, each reports less often, but at least every
     five seconds, to limit the number of reports that the daemon reads per second.
     """
-    return min(_MAX_REPORT_INTERVAL_S, max(1.0, printers / _REPORTS_PER_S))
+    return min(_MAX_REPORT_INTERVAL_S, max(1.0, printer_count / _MAX_REPORTS_PER_S))
 
 
 class HostConnection:
@@ -72,7 +72,7 @@ class HostConnection:
     command
         Command that runs `farm host` there, with stdin and stdout.
     log_file
-        Receives the stderr of ssh.
+        File for the stderr of ssh.
     record
         Record of the host.
     clock
@@ -216,7 +216,7 @@ class Hosts:
     fleet, state, clock
         The farm's fleet, state folder and clock.
     listener
-        Receives the events of hosts.
+        Receiver of the events of hosts.
     """
 
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: HostListener) -> None:
@@ -255,7 +255,7 @@ class Hosts:
         return self._connections_by_printer.get(printer)
 
     def watch(self) -> None:
-        """Record the hosts that were lost or have reconnected, with retries; continue an update."""
+        """Record the hosts that were lost or have reconnected, until this succeeds; continue an update."""
         now_s = self._clock.now()
         for record in self.records:
             change = record.find_change(now_s, self._clock.scale)
@@ -280,7 +280,7 @@ class Hosts:
         for record in self.records:
             record.shift_times(step_s)
 
-    def begin_update(self, by: str) -> tuple[str, ...]:
+    def begin_update(self, caller_name: str) -> tuple[str, ...]:
         """Start updating the agents of all hosts to the versions of their services.
 
         Returns
@@ -294,29 +294,29 @@ class Hosts:
             if record.state is not None and record.state.update.phase is not UpdatePhase.CURRENT
         )
         if outdated_hosts:
-            log.info("%s is updating the agents of %s", by, " ".join(outdated_hosts))
+            log.info("%s is updating the agents of %s", caller_name, " ".join(outdated_hosts))
             self._rollout = ()
             self._listener.warn("update", None)
         return outdated_hosts
 
     def _roll_out(self, updating_hosts: tuple[str, ...]) -> None:
         step = plan_rollout({record.host: record.update for record in self.records}, updating_hosts)
-        for host in step.begin_hosts:
+        for host in step.hosts_to_begin:
             connection = self._connections[host]
             try:
                 connection.send(HostMessage(do="update"))
-            except AgentError as error:  # the next call sends it again
+            except AgentError as error:  # the next call sends the request again
                 log.info("%s", error)
                 continue
             connection.record.on_update_begun()
             updating_hosts = updating_hosts if host in updating_hosts else (*updating_hosts, host)
-        for host in step.halt_hosts:
+        for host in step.hosts_to_halt:
             with suppress(AgentError):
                 self._connections[host].send(HostMessage(do="halt"))
         if step.fault is not None:
             log.error("the update of the agents has stopped: %s", step.fault)
             self._listener.warn("update", f"the update of the agents has stopped: {step.fault}")
-        self._rollout = None if step.ended else updating_hosts
+        self._rollout = None if step.is_finished else updating_hosts
 
     def release_agents(self) -> None:
         """Allow all hosts to end their idle agents; they start none until the next connection."""

@@ -30,7 +30,7 @@ _PRINT_STATES = {
 
 
 def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
-    """Return the seconds by which the farm's clock is ahead of the agent's; 0 if a delay may explain them.
+    """Return the seconds by which the farm's clock is ahead of the agent's; 0 if a delay may explain it.
 
     An agent's clock is never adjusted. While the daemon is running, only the farm's clock follows the host's.
     """
@@ -83,12 +83,12 @@ def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path
             return None
 
 
-def to_agent_clock(request: m.Request, clock_offset_s: float, latest_s: float) -> m.Request:
-    """Convert a request's times to the agent's clock; a print must not start after `latest_s`."""
+def to_agent_clock(request: m.Request, clock_offset_s: float, latest_start_s: float) -> m.Request:
+    """Convert a request's times to the agent's clock; a print must not start after `latest_start_s`."""
     match request:
         case m.StartPrint(not_after_s=not_after_s, ends_by_s=ends_by_s):
-            latest_s = latest_s if not_after_s is None else min(latest_s, not_after_s)
-            times_s = {"not_after_s": latest_s - clock_offset_s}
+            latest_start_s = latest_start_s if not_after_s is None else min(latest_start_s, not_after_s)
+            times_s = {"not_after_s": latest_start_s - clock_offset_s}
         case m.EndPrintBy(ends_by_s=ends_by_s):
             times_s = {}
         case m.ListPrints(since_s=since_s):

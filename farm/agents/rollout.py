@@ -14,19 +14,19 @@ class RolloutStep:
 
     Attributes
     ----------
-    begin_hosts
+    hosts_to_begin
         Hosts whose update begins now.
-    halt_hosts
+    hosts_to_halt
         Hosts whose update stops now.
-    ended
+    is_finished
         True if the update is complete or has failed.
     fault
         Reason to stop early.
     """
 
-    begin_hosts: tuple[str, ...] = ()
-    halt_hosts: tuple[str, ...] = ()
-    ended: bool = False
+    hosts_to_begin: tuple[str, ...] = ()
+    hosts_to_halt: tuple[str, ...] = ()
+    is_finished: bool = False
     fault: str | None = None
 
 
@@ -53,18 +53,20 @@ def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str,
             running_hosts = tuple(
                 other for other in started_hosts if phases.get(other) is UpdatePhase.RUNNING
             )
-            return RolloutStep(halt_hosts=running_hosts, ended=True, fault=f"{host}: {update.reason}")
+            return RolloutStep(
+                hosts_to_halt=running_hosts, is_finished=True, fault=f"{host}: {update.reason}"
+            )
     remaining_hosts = tuple(
         host
         for host in sorted(updates)
         if host not in started_hosts and phases[host] in (UpdatePhase.OUTDATED, UpdatePhase.FAILED)
     )
     if not started_hosts and remaining_hosts:
-        return RolloutStep(begin_hosts=remaining_hosts[:1])
+        return RolloutStep(hosts_to_begin=remaining_hosts[:1])
     outdated_hosts = tuple(host for host in started_hosts if phases.get(host) is UpdatePhase.OUTDATED)
     is_first_done = bool(started_hosts) and phases.get(started_hosts[0]) is UpdatePhase.CURRENT
     next_hosts = remaining_hosts if is_first_done else ()
     if outdated_hosts or next_hosts:
-        return RolloutStep(begin_hosts=(*outdated_hosts, *next_hosts))
+        return RolloutStep(hosts_to_begin=(*outdated_hosts, *next_hosts))
     is_done = all(phase is UpdatePhase.CURRENT for phase in phases.values())
-    return RolloutStep(ended=is_done)
+    return RolloutStep(is_finished=is_done)

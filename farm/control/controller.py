@@ -63,7 +63,7 @@ class Controller:
         self.clock, self.started_s = clock, clock.now()
         self.telemetry = Telemetry()
         self.planning = JobPlanning()
-        self.stopping = False
+        self.is_stopping = False
         self.rules = StartRules.from_config(fleet.fleet)
         self.books = replace(store.load(), outage_window_s=compute_outage_window_s(clock.scale))
         self.fleet = apply_reels(fleet, self.books.printers)
@@ -86,7 +86,7 @@ class Controller:
         Parameters
         ----------
         effects
-            Performs the effects of decisions from now on.
+            Performer of the effects of decisions from now on.
         restored_s
             Time of the backup, if the database was damaged and restored from one.
         """
@@ -100,8 +100,8 @@ class Controller:
     def handle(self, *events: ev.AnyEvent) -> None:
         """Apply events, commit each, schedule once, and perform the effects.
 
-        Instructions that agents have not confirmed are repeated by the next tick, because a search for them
-        takes time for each printer.
+        Instructions that agents have not confirmed are repeated by the next tick, because the time to find
+        them grows with the number of printers.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class Controller:
             self._effects.perform(effect, self.books)
 
     def _schedule(self) -> Iterator[Effect]:
-        if not self.stopping:
+        if not self.is_stopping:
             yield from self.scheduler.run()
 
     def _list_unconfirmed_instructions(self, names: Iterable[str] | None) -> Iterator[ev.AnyInstruction]:

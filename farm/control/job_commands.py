@@ -50,7 +50,7 @@ class JobCommands:
             If the start time or the deadline is not in the future.
         """
         parse_start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
-        if self._controller.stopping:
+        if self._controller.is_stopping:
             raise RefusedError("the farm is shutting down: submit again after `farm up`")
 
     def list_unusable_options(self, options: JobOptions) -> list[str]:
@@ -70,7 +70,7 @@ class JobCommands:
         name: str,
         model: InspectedSubmission,
         options: JobOptions,
-        by: str | None = None,
+        caller_name: str | None = None,
     ) -> tuple[int, bool]:
         """Record a job; return its number, and True if an earlier request has already submitted it."""
         existing_job = self.find_submission(request_id)
@@ -95,21 +95,23 @@ class JobCommands:
             done_by_s=deadline_s if options.assembled_by is None else None,
             assembled_by_s=None if options.assembled_by is None else deadline_s,
             submitted_s=now_s,
-            submitted_by=by,
+            submitted_by=caller_name,
         )
         controller.handle(ev.JobSubmitted(at_s=now_s, job=job))
         return number, False
 
-    def cancel(self, number: int, by: str) -> None:
+    def cancel(self, number: int, caller_name: str) -> None:
         """Cancel a job: no more of its parts are printed."""
         job = self._controller.books.get_job(number)
         if job.state.ended:
             is_printable = job.parts and job.pruned_s is None
             hint = f"; `farm reprint {number} PART` prints a part again" if is_printable else ""
             raise RefusedError(f"job {number} has already ended: it is {job.state}{hint}")
-        self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
+        self._controller.handle(
+            ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=caller_name)
+        )
 
-    def pause(self, number: int, is_paused: bool, by: str) -> None:
+    def pause(self, number: int, is_paused: bool, caller_name: str) -> None:
         """Pause a job, so that its prints pause and no others start; or resume it."""
         books = self._controller.books
         job = books.get_job(number)
@@ -122,9 +124,9 @@ class JobCommands:
             printers = (p.printer for p in books.list_open_prints(number) if p.pause_requested)
             self._printers.refuse_unattended_printers(sorted(printers))
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=is_paused, by=by))
+        self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=is_paused, by=caller_name))
 
-    def record_assembly(self, number: int, minutes: float, by: str) -> None:
+    def record_assembly(self, number: int, minutes: float, caller_name: str) -> None:
         """Record the time that a person took to glue the parts of a job; a later report replaces it."""
         job = self._controller.books.get_job(number)
         if job.state not in (JobState.PRINTED, JobState.DONE):
@@ -132,15 +134,15 @@ class JobCommands:
         if len(job.parts) < 2:
             raise RefusedError(f"job {number} has one part: there is nothing to glue")
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobAssembled(at_s=at_s, job=number, minutes=minutes, by=by))
+        self._controller.handle(ev.JobAssembled(at_s=at_s, job=number, minutes=minutes, by=caller_name))
 
-    def move(self, number: int, move: api.QueueMove, by: str) -> None:
+    def move(self, number: int, move: api.QueueMove, caller_name: str) -> None:
         """Move a job in the queue: up, down, to the front, to the end, or before another job."""
         successor = find_successor(self._list_queue(number), number, move)
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=successor, by=by))
+        self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=successor, by=caller_name))
 
-    def reschedule(self, number: int, at: str, by: str) -> None:
+    def reschedule(self, number: int, at: str, caller_name: str) -> None:
         """Set the time before which no more plates of a job start; "now" removes it.
 
         Raises
@@ -157,10 +159,12 @@ class JobCommands:
                 not_before_s = parse_moment_s(at, now_s, self._controller.fleet.zone)
             except ValueError as error:
                 raise FarmError(str(error), ErrorCode.SETTINGS) from error
-        self._controller.handle(ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=by))
+        self._controller.handle(
+            ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=caller_name)
+        )
 
     def _list_queue(self, number: int) -> list[int]:
-        """Return the numbers of the jobs in the queue, in order. Raises RefusedError if it lacks the job."""
+        """Return the numbers of the queued jobs, in order. Raises RefusedError if this job is not queued."""
         books = self._controller.books
         if books.get_job(number).state.ended:
             raise RefusedError(f"job {number} has already ended: it is {books.get_job(number).state}")
@@ -169,7 +173,7 @@ class JobCommands:
             raise RefusedError(f"no plate of job {number} is waiting: all of them have started")
         return order
 
-    async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
+    async def approve(self, number: int, plan: str, state: StateFolder, caller_name: str) -> None:
         """Release a held job to print, with exactly the plan and files that a person has reviewed.
 
         Parameters
@@ -180,7 +184,7 @@ class JobCommands:
             The hash of the reviewed plan; empty for a plan of an earlier version.
         state
             Folder with the files.
-        by
+        caller_name
             The person who approves it.
         """
         job = self._find_held_job(number)
@@ -192,27 +196,27 @@ class JobCommands:
                 raise RefusedError(
                     f"plate {plate.id} has changed since it was planned: {path}; submit the model again"
                 )
-        self._find_held_job(number)  # it may have been cancelled meanwhile
-        self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=by))
+        self._find_held_job(number)  # the job may have been cancelled in the meantime
+        self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=caller_name))
 
-    def keep_dry_run(self, number: int, by: str) -> None:
+    def keep_dry_run(self, number: int, caller_name: str) -> None:
         """Convert a dry run to a job that is held until its plan is approved."""
         job = self._controller.books.get_job(number)
         if not job.options.dry_run or job.state.ended:
             raise RefusedError(f"job {number} is not a dry run that can be kept: it is {job.state}")
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobReleased(at_s=at_s, job=number, by=by, hold=True))
+        self._controller.handle(ev.JobReleased(at_s=at_s, job=number, by=caller_name, hold=True))
 
-    def resubmit(self, number: int, request_id: str, options: JobOptions, by: str) -> int:
+    def resubmit(self, number: int, request_id: str, options: JobOptions, caller_name: str) -> int:
         """Submit the model of a job again with other options; return the number of the new job."""
         job = self._controller.books.get_job(number)
         if job.pruned_s is not None:
             raise RefusedError(f"the files of job {number} were pruned: submit {job.name} again")
         self.check_submission(options)
         model = InspectedSubmission(job.model_file, job.repairs, job.scale or 1.0, job.own_gcode, job.size)
-        return self.submit(request_id, job.name, model, options, by)[0]
+        return self.submit(request_id, job.name, model, options, caller_name)[0]
 
-    async def release(self, number: int, state: StateFolder, by: str, is_operator: bool) -> None:
+    async def release(self, number: int, state: StateFolder, caller_name: str, is_operator: bool) -> None:
         """Release a job from its hold, planned or not; a job that is already printing does not change.
 
         Parameters
@@ -221,7 +225,7 @@ class JobCommands:
             The job.
         state
             Folder with the files.
-        by
+        caller_name
             The person who releases it.
         is_operator
             True if the person is an operator. Others may release only their own jobs, and only on a farm
@@ -230,12 +234,14 @@ class JobCommands:
         job = self._controller.books.get_job(number)
         if job.state.ended:
             raise RefusedError(f"job {number} has already ended: it is {job.state}")
-        if not is_operator and (self._needs_operator(job) or job.submitted_by != by):
+        if not is_operator and (self._needs_operator(job) or job.submitted_by != caller_name):
             raise RefusedError(f"only an operator may let job {number} print: `farm approve {number}`")
         if job.state is JobState.HELD:
-            await self.approve(number, job.plan or "", state, by)
+            await self.approve(number, job.plan or "", state, caller_name)
         elif job.options.hold and job.state in (JobState.QUEUED, JobState.PLANNING):
-            self._controller.handle(ev.JobReleased(at_s=self._controller.clock.now(), job=number, by=by))
+            self._controller.handle(
+                ev.JobReleased(at_s=self._controller.clock.now(), job=number, by=caller_name)
+            )
 
     def _needs_operator(self, job: Job) -> bool:
         return self._controller.fleet.fleet.approve or job.restored

@@ -112,7 +112,7 @@ class JobPlanning:
         event: ev.AnyEvent | None = None
         if self.revisions.is_running(job.id):
             event = self.revisions.finish(job.id, result, books, situation)
-        elif job.state is JobState.PLANNING:  # otherwise it was cancelled meanwhile
+        elif job.state is JobState.PLANNING:  # otherwise it was cancelled in the meantime
             event = self._finish_first_plan(job, result, books, situation)
         self.end(job.id)
         return event

@@ -40,7 +40,7 @@ class Notifier:
     """
 
     def __init__(self, urls: Sequence[SecretStr], farm: str, file: Path, now_s: float) -> None:
-        for name in ("apprise", "urllib3"):  # they log addresses
+        for name in ("apprise", "urllib3"):  # their logs contain addresses
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self._channels = [_open_channel(number, url) for number, url in enumerate(urls, 1)]
         self._title, self._file = farm, file
@@ -89,7 +89,7 @@ class Notifier:
 
 
 def delete_record(file: Path) -> None:
-    """Delete the record of sent notices. Events before the next start of a notifier are never sent."""
+    """Delete the record of sent notices; earlier events are not sent when a notifier starts again."""
     file.unlink(missing_ok=True)
 
 

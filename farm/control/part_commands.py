@@ -32,7 +32,7 @@ class PartCommands:
     def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
         self._controller, self._printers = controller, printers
 
-    def reprint(self, job: int, part: str, why: str, by: str) -> str:
+    def reprint(self, job: int, part: str, reason: str, caller_name: str) -> str:
         """Print a part again, unless it is already waiting or being printed; return its name."""
         plate = self._find_plate(job, part)
         entry = self._controller.books.get_job(job)
@@ -48,31 +48,33 @@ class PartCommands:
             printer = self._find_printer(plate)
             raise RefusedError(f"part {plate.parts[0]} {_PENDING_REASONS[state].format(printer=printer)}")
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=why, by=by))
+        self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=reason, by=caller_name))
         return plate.parts[0]
 
-    def cancel(self, job: int, part: str, by: str) -> str:
+    def cancel(self, job: int, part: str, caller_name: str) -> str:
         """Cancel a part, which is then not printed; return its name."""
-        return self._cancel_plate(self._find_plate(job, part), by)
+        return self._cancel_plate(self._find_plate(job, part), caller_name)
 
-    def cancel_on_printer(self, printer: str, by: str) -> str:
+    def cancel_on_printer(self, printer: str, caller_name: str) -> str:
         """Cancel the part that a printer is printing; return its name."""
         attempt = self._printers.find_open_print(printer)
-        return self._cancel_plate(self._controller.books.plates[attempt.plate], by)
+        return self._cancel_plate(self._controller.books.plates[attempt.plate], caller_name)
 
-    def _cancel_plate(self, plate: Plate, by: str) -> str:
+    def _cancel_plate(self, plate: Plate, caller_name: str) -> str:
         state = self._controller.books.find_plate_state(plate)
         if state in _REFUSAL_REASONS and (state is not PlateState.GOOD or self._find_printer(plate) is None):
             raise RefusedError(f"part {plate.parts[0]} {_REFUSAL_REASONS[state]}")
-        self._controller.handle(ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=by))
+        self._controller.handle(
+            ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=caller_name)
+        )
         return plate.parts[0]
 
-    def pause(self, job: int, part: str, pause_requested: bool, by: str) -> str:
+    def pause(self, job: int, part: str, pause_requested: bool, caller_name: str) -> str:
         """Pause or resume a part, on its printer or in the queue; return the printer, or an empty string."""
         plate = self._find_plate(job, part)
         printer = self._find_printer(plate)
         if printer is not None:
-            self._printers.pause(printer, pause_requested, by)
+            self._printers.pause(printer, pause_requested, caller_name)
             return printer
         name, state = plate.parts[0], self._controller.books.find_plate_state(plate)
         if state is not PlateState.WAITING:
@@ -85,7 +87,9 @@ class PartCommands:
                 raise RefusedError(f"job {job} is paused: `farm resume {job}` resumes its parts")
             raise RefusedError(f"part {name} is {'already paused' if pause_requested else 'not paused'}")
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=pause_requested, by=by))
+        self._controller.handle(
+            ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=pause_requested, by=caller_name)
+        )
         return ""
 
     def _find_plate(self, job: int, part: str) -> Plate:

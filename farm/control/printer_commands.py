@@ -25,16 +25,18 @@ class PrinterCommands:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
 
-    def fail_print(self, printer: str, why: str, by: str) -> None:
+    def fail_print(self, printer: str, reason: str, caller_name: str) -> None:
         """Stop a failing print, and print its part again."""
         attempt = self.find_open_print(printer, f"; for a printed part use `farm cleared {printer} --bad`")
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise RefusedError(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
         self._controller.handle(
-            ev.PrintFailRequested(at_s=self._controller.clock.now(), print_id=attempt.id, why=why, by=by)
+            ev.PrintFailRequested(
+                at_s=self._controller.clock.now(), print_id=attempt.id, why=reason, by=caller_name
+            )
         )
 
-    def pause(self, printer: str, is_paused: bool, by: str) -> None:
+    def pause(self, printer: str, is_paused: bool, caller_name: str) -> None:
         """Pause or resume a print; one that is still heating is paused when it starts to print."""
         attempt = self.find_open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
@@ -44,7 +46,9 @@ class PrinterCommands:
         if not is_paused:
             self.refuse_unattended_printers([printer])
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=is_paused, by=by))
+        self._controller.handle(
+            ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=is_paused, by=caller_name)
+        )
 
     def refuse_unattended_printers(self, printers: Iterable[str]) -> None:
         """Raise RefusedError if one of the printers may not print now because nobody is present."""
@@ -60,7 +64,7 @@ class PrinterCommands:
         if reasons:
             raise RefusedError("; ".join(reasons))
 
-    def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.ClearedResponse:
+    def clear_bed(self, printer: str, request: api.ClearedRequest, caller_name: str) -> api.ClearedResponse:
         """Record that a person cleared a bed, with the verdict on its part.
 
         `request.good` names the part of a failed print if the part is usable. `request.seen` is the last
@@ -84,7 +88,7 @@ class PrinterCommands:
             ev.BedCleared(
                 at_s=self._controller.clock.now(),
                 printer=printer,
-                by=by,
+                by=caller_name,
                 filament=request.filament,
                 verdict=Verdict.BAD if request.bad else Verdict.GOOD,
                 why=request.why,
@@ -118,7 +122,7 @@ class PrinterCommands:
             raise RefusedError(f"the part on {printer} is {name}, not {part}")
         return failed_print if judged_print is None else None
 
-    async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
+    async def load_reel(self, printer: str, request: api.LoadRequest, caller_name: str) -> Reel:
         """Record that a reel was loaded or weighed; omitted fields keep their values."""
         entry = self._controller.books.get_printer(printer)
         self._refuse_while_printing(printer)
@@ -146,35 +150,35 @@ class PrinterCommands:
             "colour": loaded_section.colour,
         }
         reel = reel.model_copy(update=filament)
-        self._refuse_while_printing(printer)  # a print may have started meanwhile
+        self._refuse_while_printing(printer)  # a print may have started in the meantime
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.ReelLoaded(at_s=at_s, printer=printer, reel=reel, by=by))
+        self._controller.handle(ev.ReelLoaded(at_s=at_s, printer=printer, reel=reel, by=caller_name))
         return reel
 
     def _refuse_while_printing(self, printer: str) -> None:
         if self._controller.books.find_open_print(printer) is not None:
             raise RefusedError(f"{printer} is printing: use `farm load` after the print has ended")
 
-    def begin_maintenance(self, printer: str, why: str, by: str) -> None:
+    def begin_maintenance(self, printer: str, reason: str, caller_name: str) -> None:
         """Take a printer out of use; its open print continues."""
         self._controller.books.get_printer(printer)
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.MaintenanceStarted(at_s=at_s, printer=printer, why=why, by=by))
+        self._controller.handle(ev.MaintenanceStarted(at_s=at_s, printer=printer, why=reason, by=caller_name))
 
-    def end_maintenance(self, printer: str, by: str) -> None:
+    def end_maintenance(self, printer: str, caller_name: str) -> None:
         """Put a printer back into use."""
         if self._controller.books.get_printer(printer).maintenance is None:
             raise RefusedError(f"{printer} is not in maintenance")
         self._controller.handle(
-            ev.MaintenanceEnded(at_s=self._controller.clock.now(), printer=printer, by=by)
+            ev.MaintenanceEnded(at_s=self._controller.clock.now(), printer=printer, by=caller_name)
         )
 
-    def confirm_outage(self, by: str) -> str:
+    def confirm_outage(self, caller_name: str) -> str:
         """Record that a person has resolved an outage; return its printers."""
         outage = self._controller.books.outage
         if outage is None:
             raise RefusedError("there is no outage: give a printer, a job or a part to resume")
-        self._controller.handle(ev.OutageConfirmed(at_s=self._controller.clock.now(), by=by))
+        self._controller.handle(ev.OutageConfirmed(at_s=self._controller.clock.now(), by=caller_name))
         return " ".join(outage.printers)
 
     def find_open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:

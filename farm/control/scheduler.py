@@ -30,9 +30,9 @@ EventCommitter = Callable[[Iterable[ev.AnyEvent]], Collection[Effect]]
 class Scheduler:
     """Scheduler of the farm: decides which plates start or are replanned, and which jobs are planned.
 
-    A run assigns plates to all free printers. Many plates start in several portions, and the farm handles
-    messages between them. The later portions belong to the same run; starts that have become impossible are
-    left out. All other decisions wait for the next run.
+    A run assigns plates to all free printers. If many plates start, they start in several portions, between
+    which the farm handles messages. The later portions belong to the same run; starts that have become
+    impossible are left out. All other decisions wait for the next run.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Scheduler:
     planning, replanning
         Jobs that are being planned, and plates that are being replanned.
     commit_in_transaction
-        Commits the events of decisions.
+        Function that commits the events of decisions.
 
     Attributes
     ----------

@@ -31,7 +31,7 @@ TEMPERATURE_RETENTION_S = 12 * 3600.0
 MAX_REFUSALS = 5
 """Refusals of an agent after which a print has failed; an agent also refuses while its port is opening."""
 _READING_INTERVAL_S = 60.0
-_MIN_C, _MAX_C = -99.0, 999.0  # limits beyond any real reading: noise on the wire must not stretch a chart
+_MIN_C, _MAX_C = -99.0, 999.0  # wider than real readings; noise must not stretch a chart
 
 
 class Telemetry:
@@ -93,7 +93,7 @@ class Telemetry:
 
 
 class TemperatureRecord:
-    """Readings of one printer: one for each minute, of at most twelve hours.
+    """Readings of one printer in the last twelve hours, at most one for each minute.
 
     The hottest reading of a minute is kept, so that peaks are visible. A printer that does not answer adds a
     reading without values, which is a gap in the chart.
@@ -152,7 +152,7 @@ class SnapshotChanges:
     events
         Changes to the books.
     instructions
-        Requests to its agent.
+        Instructions to the printer's agent.
     invalid_transition
         Error of an event that does not fit the books; the events after it are left out.
     """
@@ -212,7 +212,7 @@ def list_unconfirmed_instructions(
     names
         The printers whose open prints are checked; None: all.
     find_printer
-        Describes a printer; None if it is no longer enabled.
+        Function that describes a printer; it returns None if the printer is no longer enabled.
     rules, now_s
         Hours, and seconds since the epoch.
     """

@@ -27,19 +27,19 @@ class Timers:
         self._clock = clock
         self._times_s: dict[str, float] = {}  # farm times of the timers set by `call_at`
 
-    def call_every(self, interval_s: float, name: str, work: Callable[[], object]) -> None:
+    def call_every(self, interval_s: float, name: str, callback: Callable[[], object]) -> None:
         """Call a function, plain or async, at this interval until the timers are stopped."""
         trigger = IntervalTrigger(seconds=interval_s)
-        self._scheduler.add_job(_wrap_coroutine(work), trigger, id=name, replace_existing=True)
+        self._scheduler.add_job(_wrap_coroutine(callback), trigger, id=name, replace_existing=True)
 
-    def call_at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
+    def call_at(self, at_s: float, name: str, callback: Callable[[], object]) -> None:
         """Call a function once at a farm time, or later if that time is missed.
 
         A timer of the same name is replaced.
         """
         self._times_s[name] = at_s
         self._scheduler.add_job(
-            _wrap_coroutine(work), self._make_trigger(at_s), id=name, replace_existing=True
+            _wrap_coroutine(callback), self._make_trigger(at_s), id=name, replace_existing=True
         )
 
     def on_clock_set(self) -> None:
@@ -64,11 +64,11 @@ class Timers:
         self._scheduler.shutdown(wait=False)
 
 
-def _wrap_coroutine(work: Callable[[], object]) -> Callable[[], Awaitable[None]]:
+def _wrap_coroutine(callback: Callable[[], object]) -> Callable[[], Awaitable[None]]:
     """Return a coroutine function: APScheduler would run a plain one in a thread."""
 
     async def run() -> None:
-        result = work()
+        result = callback()
         if inspect.isawaitable(result):
             await result
 

@@ -58,7 +58,7 @@ def check_daemon(facts: Facts) -> Iterator[Finding]:
         yield make_warning("daemon", facts.daemon_error, "running agents continue printing without it")
     elif facts.daemon_version != facts.version:
         text = f"the daemon is farm {facts.daemon_version}, but this program is {facts.version}"
-        yield make_warning("daemon", text, "`farm down`, then `farm up`; prints continue meanwhile")
+        yield make_warning("daemon", text, "`farm down`, then `farm up`; prints continue in the meantime")
     else:
         yield make_success("daemon", f"the daemon is up, farm {facts.version}")
 
@@ -193,7 +193,7 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
 
 
 def _describe_missing_file(error: str) -> Finding:
-    """Make a problem from an error whose text ends with the action."""
+    """Return the problem that an error describes; its text ends with the action."""
     text, _, action = error.rpartition(": ")
     return make_problem("cura", text, action)
 
@@ -228,7 +228,7 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
 
 
 def check_free_space(facts: Facts) -> Iterator[Finding]:
-    """Check the free space on the disks, and shared memory."""
+    """Check the free space on the disks and in shared memory."""
     for space in facts.free_spaces:
         if space.free_bytes is None:
             yield make_problem("room", f"{space.folder} cannot be written", "check its owner and its disk")

@@ -49,7 +49,7 @@ from slicing.settings import find_engine, find_resources
 
 _AGENT_TIMEOUT_S = 10.0
 _ENGINE_TIMEOUT_S = 20.0
-_CLOCK_NOT_SYNCHRONISED = 5  # TIME_ERROR, a result of adjtimex(2)
+_TIME_ERROR = 5  # result of adjtimex(2) if the clock is not synchronised
 _ENGINE_VERSION_PATTERN = re.compile(r"version (\d+(?:\.\d+)+)")
 _SETTINGS_VERSION_PATTERN = re.compile(r'"setting_version":\s*(\d+)')
 _SHARED_MEMORY_FOLDER = Path("/dev/shm")
@@ -230,7 +230,7 @@ def _is_synchronised() -> bool | None:
         answer = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
     except (OSError, AttributeError):
         return None
-    return None if answer < 0 else bool(answer != _CLOCK_NOT_SYNCHRONISED)
+    return None if answer < 0 else bool(answer != _TIME_ERROR)
 
 
 def _read_host_zone() -> str | None:

@@ -42,10 +42,10 @@ def make_success(check: str, text: str) -> Finding:
 
 
 def make_warning(check: str, text: str, action: str) -> Finding:
-    """Return a finding that does not stop the farm, but may cause problems."""
+    """Return a finding about a fault that does not stop the farm, but may cause problems."""
     return Finding(check, Level.WARNING, text, action)
 
 
 def make_problem(check: str, text: str, action: str) -> Finding:
-    """Return a finding that keeps the farm from working."""
+    """Return a finding about a fault that keeps the farm from working."""
     return Finding(check, Level.PROBLEM, text, action)

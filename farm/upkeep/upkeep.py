@@ -63,7 +63,7 @@ class Upkeep:
     Parameters
     ----------
     controller
-        Handles the events that record the deletions.
+        Controller that handles the events that record the deletions.
     store
         The database, whose old events are deleted.
     state
@@ -77,7 +77,7 @@ class Upkeep:
         self._state, self._workers = state, workers
         keep = controller.fleet.fleet.keep
         self._rules, self._keep_gb = RetentionRules(keep.days, keep.gb * 1e9), keep.gb
-        self._running = asyncio.Lock()
+        self._run_lock = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
 
     # -- background -------------------------------------------------------------------------------------
@@ -90,7 +90,7 @@ class Upkeep:
         """Delete expired files and events after a nightly backup, in the background."""
         self._start_task(self._run_upkeep(backup, FARM_CALLER))
 
-    async def measure(self) -> None:
+    async def check_free_space(self) -> None:
         """Warn people if the disk will be full within two nights; otherwise withdraw the warning."""
         controller, reserve_gb = self._controller, self._controller.fleet.fleet.uploads.free_gb
         now_s, scale = controller.clock.now(), controller.clock.scale
@@ -102,14 +102,14 @@ class Upkeep:
         controller.warn("disk", describe_shortage(str(self._state.root), use, self._keep_gb, reserve_gb))
 
     def stop(self) -> None:
-        """Stop; the next start finishes the deletions."""
+        """Stop the deletions; the next start finishes them."""
         for task in self._tasks:
             task.cancel()
 
     def _start_task(self, work: Coroutine[object, object, object]) -> None:
         async def run_work() -> None:
             try:
-                async with self._running:
+                async with self._run_lock:
                     await work
                 self._controller.warn("prune", None)
             except Exception as error:  # the daemon continues, and tries again the next night
@@ -125,7 +125,7 @@ class Upkeep:
 
     # -- command ----------------------------------------------------------------------------------------
 
-    async def prune(self, by: str, dry_run: bool) -> api.PruneResponse:
+    async def prune(self, caller_name: str, dry_run: bool) -> api.PruneResponse:
         """Back up, then delete expired files and events; with `dry_run`, only list them.
 
         Raises
@@ -133,7 +133,7 @@ class Upkeep:
         FarmError
             If the backup fails and there is no earlier backup; no file is deleted then.
         """
-        async with self._running:
+        async with self._run_lock:
             now_s = self._controller.clock.now()
             if dry_run:
                 return await self._preview_prune(now_s)
@@ -145,7 +145,7 @@ class Upkeep:
                     raise
                 backup = backups[0]
                 log.error("%s; jobs that ended before %s are pruned", error, backup)
-            return await self._run_upkeep(backup, by)
+            return await self._run_upkeep(backup, caller_name)
 
     async def _preview_prune(self, now_s: float) -> api.PruneResponse:
         """List the files that a run would delete now."""
@@ -173,11 +173,11 @@ class Upkeep:
 
     # -- steps ------------------------------------------------------------------------------------------
 
-    async def _run_upkeep(self, backup: Path, by: str) -> api.PruneResponse:
+    async def _run_upkeep(self, backup: Path, caller_name: str) -> api.PruneResponse:
         """Delete expired files and events after a verified backup."""
         started_s = time.monotonic()
         events = await self._compact_events(backup)
-        jobs = await self._prune_jobs(parse_backup_time_s(backup), by)
+        jobs = await self._prune_jobs(parse_backup_time_s(backup), caller_name)
         freed_bytes = await self._finish_deletions()
         files = await asyncio.to_thread(list_files, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
@@ -185,7 +185,7 @@ class Upkeep:
             "%s pruned, %d bytes freed, %d events deleted in %.1f s",
             *(format_count(len(jobs), "job"), freed_bytes, events, time.monotonic() - started_s),
         )
-        await self.measure()
+        await self.check_free_space()
         stored_bytes = sum(file.size_bytes for file in files.values())
         return api.PruneResponse(
             dry_run=False, jobs=jobs, freed_bytes=freed_bytes, stored_bytes=stored_bytes, events=events
@@ -205,7 +205,7 @@ class Upkeep:
         self._store.release_space()
         return deleted_count
 
-    async def _prune_jobs(self, backup_s: float, by: str) -> list[api.PrunedJob]:
+    async def _prune_jobs(self, backup_s: float, caller_name: str) -> list[api.PrunedJob]:
         """Record the jobs whose files will be deleted, one by one, with pictures of their parts."""
         controller = self._controller
         files = await asyncio.to_thread(list_files, self._state.files)
@@ -213,11 +213,11 @@ class Upkeep:
         for number in self._select_jobs(files, controller.books, controller.clock.now(), backup_s):
             job = controller.books.get_job(number)
             pictures = await self._draw_parts(job)
-            # a person may have changed the job meanwhile
+            # a person may have changed the job in the meantime
             if find_keep_reason(controller.books, controller.books.get_job(number)) is None:
                 pruned_jobs.append(self._describe_job(job, files, controller.books))
                 at_s = controller.clock.now()
-                controller.handle(ev.JobPruned(at_s=at_s, job=number, by=by, part_pictures=pictures))
+                controller.handle(ev.JobPruned(at_s=at_s, job=number, by=caller_name, part_pictures=pictures))
         return pruned_jobs
 
     async def _draw_parts(self, job: Job) -> dict[str, str]:

@@ -10,7 +10,7 @@ from farm.state import Books, PlateState
 
 _PRINTED_STATES = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
-"""Length of the last night; seen from the morning, it began on the previous afternoon."""
+"""Length of the last night in seconds: it ends now, and in the morning it reaches back to the afternoon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def summarise_job(books: Books, job: Job) -> JobTotals:
 
 
 def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightTotals | None:
-    """Count the prints of the last night; None if none ended in it.
+    """Count the prints of the last night; None if no print ended during that night.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) 
         return None
     printed_plates = {p.plate for p in ended_prints if not is_wasted(p)}
     failed_plates = {p.plate for p in ended_prints if p.state is PrintState.FAILED} - printed_plates
-    # the pieces of a failed plate that was recut are counted instead of it
+    # if a failed plate was cut again, its pieces are counted instead
     failed_plates = {name for name in failed_plates if not books.plates[name].replaced_by}
     printing_plates = {p.plate for p in books.list_open_prints()} - printed_plates
     waiting_plates = {plate.id for plate in books.list_waiting_plates()} - printed_plates - failed_plates

@@ -28,9 +28,9 @@ class ViewContext:
     forecast_s: float = -math.inf  # time at which the forecast was computed
     awaits_forecast: bool = False  # whether the first forecast of a large queue is not ready yet
     is_started: bool = True  # whether the farm has been running long enough for printers to connect
-    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of jobs that are being planned
+    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # by job, while it is being planned
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
-    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # present holds of waiting plates
+    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # current holds of waiting plates
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
     job_cache: JobCache = field(default_factory=JobCache)
 

@@ -30,13 +30,13 @@ class RevisionCache(Generic[T]):
     def __init__(self) -> None:
         self._descriptions: dict[int, tuple[object, T]] = {}
 
-    def find(self, books: Books, job: int, make: Callable[[], T]) -> T:
-        """Return the cached description of a job, or a new one from `make` if the job has changed."""
+    def find(self, books: Books, job: int, make_description: Callable[[], T]) -> T:
+        """Return the cached description of a job, or make a new one if the job has changed."""
         revision = books.find_revision(job)
         cached = self._descriptions.get(job)
         if cached is not None and revision is not None and cached[0] is revision:
             return cached[1]
-        description = make()
+        description = make_description()
         if job not in self._descriptions and len(self._descriptions) >= MAX_JOBS:
             self._descriptions.pop(next(iter(self._descriptions)))
         self._descriptions[job] = revision, description

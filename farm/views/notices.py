@@ -42,13 +42,13 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Coll
         Keys of the notices already sent.
     """
     notices = [
-        *_list_alarms(books),
-        *_list_ended_jobs(books),
-        *_list_failed_parts(books),
-        *_list_losses(books),
-        *_list_host_losses(books),
-        *_list_restorations(books),
-        *_list_end_of_all_jobs(books),
+        *_list_alarm_notices(books),
+        *_list_job_notices(books),
+        *_list_failure_notices(books),
+        *_list_loss_notices(books),
+        *_list_host_loss_notices(books),
+        *_list_restoration_notices(books),
+        *_list_final_notices(books),
     ]
     wait_s = books.outage_window_s  # an absolute difference, because the clock may have been set back
     due_notices = (n for n in notices if n.is_urgent or abs(now_s - n.at_s) >= wait_s)
@@ -56,14 +56,14 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Coll
     return sorted(new_notices, key=lambda notice: (notice.at_s, notice.key))
 
 
-def _list_alarms(books: Books) -> Iterator[Notice]:
+def _list_alarm_notices(books: Books) -> Iterator[Notice]:
     for printer in books.printers.values():
         if printer.alarm is not None and printer.alarm_s is not None:
             text = f"go to {printer.name} now: {printer.alarm}"
             yield Notice(f"alarm {printer.name} {printer.alarm_s:.3f}", printer.alarm_s, text, is_urgent=True)
 
 
-def _list_ended_jobs(books: Books) -> Iterator[Notice]:
+def _list_job_notices(books: Books) -> Iterator[Notice]:
     for job in books.jobs.values():
         if job.ended_s is None or job.options.dry_run:
             continue
@@ -80,7 +80,7 @@ def _list_ended_jobs(books: Books) -> Iterator[Notice]:
             )
 
 
-def _list_failed_parts(books: Books) -> Iterator[Notice]:
+def _list_failure_notices(books: Books) -> Iterator[Notice]:
     for attempt in books.prints.values():
         has_failed = attempt.state is PrintState.FAILED and attempt.fault not in FAULTS_BY_PEOPLE
         if (
@@ -94,7 +94,7 @@ def _list_failed_parts(books: Books) -> Iterator[Notice]:
         yield Notice(f"print {attempt.id}", attempt.ended_s, f"{part} failed on {attempt.printer}: {reason}")
 
 
-def _list_losses(books: Books) -> Iterator[Notice]:
+def _list_loss_notices(books: Books) -> Iterator[Notice]:
     for outage in books.outages.values():
         text = f"{' '.join(outage.printers)} were lost at the same time; nothing starts before `farm resume`"
         yield Notice(f"outage {outage.id}", outage.at_s, text)
@@ -114,20 +114,20 @@ def _list_losses(books: Books) -> Iterator[Notice]:
         )
 
 
-def _list_host_losses(books: Books) -> Iterator[Notice]:
+def _list_host_loss_notices(books: Books) -> Iterator[Notice]:
     """Yield one notice for all hosts that were lost together."""
     for at_s, losses in group_host_losses(books).items():
         yield Notice(f"hosts {at_s:.0f}", at_s, describe_lost_hosts(losses))
 
 
-def _list_restorations(books: Books) -> Iterator[Notice]:
+def _list_restoration_notices(books: Books) -> Iterator[Notice]:
     moments = [p.restored_s for p in books.printers.values() if p.restored_s is not None]
     if moments:
         text = "the database was damaged and restored from a backup: clear every bed, then approve every job"
         yield Notice(f"restored {max(moments):.0f}", max(moments), text)
 
 
-def _list_end_of_all_jobs(books: Books) -> Iterator[Notice]:
+def _list_final_notices(books: Books) -> Iterator[Notice]:
     jobs = [job for job in books.jobs.values() if not job.options.dry_run]
     ended_s = max((job.ended_s for job in jobs if job.ended_s is not None), default=None)
     if ended_s is not None and not any(job.state in _UNFINISHED_STATES for job in jobs):

@@ -70,7 +70,7 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
         tasks.append(api.Todo(code="clear", printers=occupied_printers, text=text, brief=brief))
     return [
         *sorted(tasks, key=lambda task: _RANKS[task.code]),
-        *list_requests(context.books, context.plate_holds),
+        *list_request_tasks(context.books, context.plate_holds),
     ]
 
 
@@ -118,7 +118,7 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
     attempt = context.books.find_open_print(name)
     if snapshot.alarm is not None:
         state = attempt.state if attempt is not None else snapshot.link
-        text = f"go to {name} now: {snapshot.alarm} ({state}{_format_heat(snapshot)})"
+        text = f"go to {name} now: {snapshot.alarm} ({state}{_format_temperatures(snapshot)})"
         yield api.Todo(code="alarm", printers=[name], text=text)
         return
     if is_lost or snapshot.host_lost or (entry.maintenance is not None and attempt is None):
@@ -138,13 +138,13 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
         yield _describe_inspection(context, entry, reason)
     elif attempt is not None:
         remaining_s, zone = context.estimate_remaining_s(attempt), context.fleet.zone
-        yield from list_deadlines(
+        yield from list_deadline_tasks(
             attempt, context.find_reported_print(attempt), remaining_s, context.now_s, zone
         )
 
 
 def _describe_inspection(context: ViewContext, printer: Printer, reason: str) -> api.Todo:
-    """Describe the inspection of a printer, and since when it needs it."""
+    """Describe the inspection that a printer needs, and the time since which it has needed one."""
     name, question = printer.name, _format_good_command(context, printer.name)
     since_text, times = "", list[TextTime]()
     if printer.attention_reason is not None and printer.attention_since_s is not None:
@@ -173,7 +173,7 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
 
 
 def _find_whole_part(context: ViewContext, printer: str) -> str | None:
-    """Return the part of a failed print on a bed if it may be good; None if it cannot be."""
+    """Return the name of the part that a failed print left on a bed; None if the part cannot be good."""
     attempt = find_possibly_complete_print(context.books, printer)
     return None if attempt is None else find_part_name(context.books, attempt)
 
@@ -199,7 +199,7 @@ def _find_part_on_bed(books: Books, printer: str) -> Part | None:
 
 
 def _format_good_command(context: ViewContext, printer: str) -> str:
-    """Format the command for a failed print whose part is good; empty if the part cannot be good."""
+    """Format the command that reports the part of a failed print as good; empty if it cannot be good."""
     part = _find_whole_part(context, printer)
     return (
         ""
@@ -208,7 +208,7 @@ def _format_good_command(context: ViewContext, printer: str) -> str:
     )
 
 
-def _format_heat(snapshot: AgentSnapshot) -> str:
+def _format_temperatures(snapshot: AgentSnapshot) -> str:
     """Format the known temperatures of a printer."""
     heaters = (
         ("nozzle", snapshot.nozzle_c, snapshot.nozzle_target_c),
@@ -224,7 +224,7 @@ def _format_heat(snapshot: AgentSnapshot) -> str:
 # -- prints that will be stopped early ----------------------------------------------------------------------
 
 
-def list_deadlines(
+def list_deadline_tasks(
     attempt: Print, reported_print: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
 ) -> list[api.Todo]:
     """List the tasks that prevent the early end of a print: resume it, or extend the attended hours.
@@ -262,12 +262,16 @@ def list_deadlines(
 # -- jobs that wait for a person ----------------------------------------------------------------------------
 
 
-def list_requests(books: Books, plate_holds: Mapping[str, Hold]) -> list[api.Todo]:
-    """List jobs to approve, stopped parts to decide on, reels to change, and reels to weigh, each once."""
-    return [*_list_held_jobs(books), *_list_stopped_parts(books), *_list_reels(books, plate_holds)]
+def list_request_tasks(books: Books, plate_holds: Mapping[str, Hold]) -> list[api.Todo]:
+    """List the tasks to approve jobs, decide on stopped parts, and change or weigh reels, each once."""
+    return [
+        *_list_approval_tasks(books),
+        *_list_stopped_part_tasks(books),
+        *_list_reel_tasks(books, plate_holds),
+    ]
 
 
-def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
+def _list_approval_tasks(books: Books) -> Iterator[api.Todo]:
     held_jobs = [job for job in books.jobs.values() if job.state is JobState.HELD]
     restored_jobs = [job.id for job in held_jobs if job.restored]
     if restored_jobs:
@@ -285,7 +289,7 @@ def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
             yield api.Todo(code="approve", printers=[], text=text, brief=subject, jobs=[job.id])
 
 
-def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
+def _list_stopped_part_tasks(books: Books) -> Iterator[api.Todo]:
     """Yield a task for each job with parts that `farm estop` stopped, until a person decides on them."""
     parts: dict[int, list[str]] = {}
     paused_plates = (plate for plate in books.plates.values() if plate.paused)
@@ -308,8 +312,8 @@ def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
         yield api.Todo(code="stopped", printers=[], text=text, brief=subject, jobs=[job])
 
 
-def _list_reels(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.Todo]:
-    short_reels: dict[str, str] = {}  # by printer: text on the next plate for which its reel is too short
+def _list_reel_tasks(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.Todo]:
+    short_reels: dict[str, str] = {}  # by printer: text about the next plate for which the reel is too short
     for hold in plate_holds.values():
         if hold.reel is not None:
             short_reels.setdefault(hold.reel.printer, hold.reel.text)

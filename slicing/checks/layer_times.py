@@ -30,7 +30,7 @@ def remove_reset_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> by
     Returns
     -------
     bytes
-        The file with other times in its comments, in s; the same object if there is no reset.
+        The file with corrected times in its comments, in s; the same object if there is no reset.
     """
     if path.first_layer_move is None:
         return gcode
@@ -45,12 +45,12 @@ def remove_reset_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> by
         return gcode
     assumed_start = path.start.copy()
     assumed_start[resets, 3] = path.end[np.array(resets) - 1, 3]
-    planned_s = _estimate_layers_s(path, limits)
-    added_s = _estimate_layers_s(replace(path, start=assumed_start), limits) - planned_s
-    layers_s = _read_layers_s(path)
+    planned_s = _estimate_layer_times_s(path, limits)
+    added_s = _estimate_layer_times_s(replace(path, start=assumed_start), limits) - planned_s
+    layer_times_s = _read_layer_times_s(path)
     # An engine without this error does not add the time.
-    is_added = layers_s - planned_s > added_s / 2.0
-    return _replace_times(gcode, path, layers_s - np.where(is_added, added_s, 0.0))
+    is_added = layer_times_s - planned_s > added_s / 2.0
+    return _replace_times(gcode, path, layer_times_s - np.where(is_added, added_s, 0.0))
 
 
 def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
@@ -70,7 +70,7 @@ def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
     Returns
     -------
     bytes
-        The file with other times in its comments, in s.
+        The file with corrected times in its comments, in s.
 
     Raises
     ------
@@ -78,28 +78,28 @@ def change_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> bytes:
         `FLAVOUR` if the changed file cannot be read; see `read_toolpath`.
     """
     new_path = read_toolpath(gcode)
-    planned_s, new_s = _estimate_layers_s(path, limits), _estimate_layers_s(new_path, limits)
+    planned_s, new_s = _estimate_layer_times_s(path, limits), _estimate_layer_times_s(new_path, limits)
     ratios = np.divide(new_s, planned_s, out=np.ones_like(new_s), where=planned_s > 0.0)
-    return _replace_times(gcode, new_path, _read_layers_s(path) * ratios)
+    return _replace_times(gcode, new_path, _read_layer_times_s(path) * ratios)
 
 
-def _read_layers_s(path: Toolpath) -> Floats:
+def _read_layer_times_s(path: Toolpath) -> Floats:
     """Read the seconds (layers,) of each layer from the comments."""
     return np.diff([0.0, *(end_s for _, end_s in path.list_layer_ends())])
 
 
-def _estimate_layers_s(path: Toolpath, limits: MotionLimits) -> Floats:
+def _estimate_layer_times_s(path: Toolpath, limits: MotionLimits) -> Floats:
     """Estimate the seconds (layers,) of the moves of each layer."""
     sums_s = np.append(0.0, np.cumsum(estimate_move_seconds(path, limits)))
     bounds = [path.first_layer_move or 0, *(move for move, _ in path.list_layer_ends())]
     return np.diff(sums_s[bounds])
 
 
-def _replace_times(gcode: bytes, path: Toolpath, layers_s: Floats) -> bytes:
+def _replace_times(gcode: bytes, path: Toolpath, layer_times_s: Floats) -> bytes:
     """Replace the times in the comments of a file by the sums of the seconds (layers,) of its layers."""
     marks = [comment for comment in path.comments if comment.text.startswith(TIME_PREFIX)]
     pieces, offset = [], 0
-    for mark, elapsed_s in zip(marks, np.cumsum(layers_s), strict=True):
+    for mark, elapsed_s in zip(marks, np.cumsum(layer_times_s), strict=True):
         pieces += [gcode[offset : mark.offset], b";%b%.6f" % (TIME_PREFIX.encode(), elapsed_s)]
         offset = gcode.index(b"\n", mark.offset)
     return b"".join((*pieces, gcode[offset:]))

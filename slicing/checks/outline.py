@@ -121,40 +121,40 @@ def _find_cut_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, remo
     """Compute the heights (layers,) at which the engine cut the model for the layers that it printed."""
     height_mm = float(corners[..., 2].max())
     planned_count = int((height_mm - layout.layer_height_0_mm) / layout.layer_height_mm + 0.5) + 1
-    count = max(1, planned_count - removed_layers, int(walls.layer.max(initial=-1)) + 1)
-    return layout.compute_section_heights_mm(count + removed_layers)[removed_layers:]
+    layer_count = max(1, planned_count - removed_layers, int(walls.layer.max(initial=-1)) + 1)
+    return layout.compute_section_heights_mm(layer_count + removed_layers)[removed_layers:]
 
 
 def _find_differing_layers(
     corners: Floats, z_mm: Floats, walls: Walls, layout: WallLayout
 ) -> tuple[npt.NDArray[np.intp], Floats]:
     """Find the layers (k,) whose area or centroid differs, and the difference of each area in mm2."""
-    count = len(z_mm)
-    model = _expand_sections(measure_rings(cut_sections(corners, z_mm), count), layout)
-    printed = walls.sum_rings(count)
-    _check_areas(model, printed, walls, layout)
-    difference_mm2 = np.abs(printed.area_mm2 - model.area_mm2)
-    max_difference_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model.length_mm
-    offset_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
+    layer_count = len(z_mm)
+    model_rings = _expand_sections(measure_rings(cut_sections(corners, z_mm), layer_count), layout)
+    printed_rings = walls.sum_rings(layer_count)
+    _check_areas(model_rings, printed_rings, walls, layout)
+    difference_mm2 = np.abs(printed_rings.area_mm2 - model_rings.area_mm2)
+    max_difference_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model_rings.length_mm
+    moment_difference_mm3 = np.abs(printed_rings.moment_mm3 - model_rings.moment_mm3).max(axis=1)
     reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
     differing_layers = np.flatnonzero(
         (difference_mm2 > max_difference_mm2)
-        | (offset_mm3 > max_difference_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
+        | (moment_difference_mm3 > max_difference_mm2 * reach_mm + TOLERANCE_MM * model_rings.area_mm2)
     )
     return differing_layers, difference_mm2[differing_layers]
 
 
-def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout) -> None:
+def _check_areas(model_rings: Rings, printed_rings: Rings, walls: Walls, layout: WallLayout) -> None:
     """Reject a slice that lacks most of the model, or in which inner walls have lost a corner."""
-    share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _NEGLIGIBLE_AREA_MM2)
+    share = printed_rings.area_mm2.sum() / max(model_rings.area_mm2.sum(), _NEGLIGIBLE_AREA_MM2)
     if share < 0.5:
         raise SliceRejected(
             Rule.OUTLINE,
             f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
             "mesh is broken; thicken them, scale it up, choose a finer nozzle, or repair it",
         )
-    missing_mm2 = walls.compute_missing_areas_mm2(layout, len(model.area_mm2))
-    incomplete_layers = np.flatnonzero(missing_mm2 > MAX_LOST_MM2 + MAX_LOST_SHARE * model.area_mm2)
+    missing_mm2 = walls.compute_missing_areas_mm2(layout, len(model_rings.area_mm2))
+    incomplete_layers = np.flatnonzero(missing_mm2 > MAX_LOST_MM2 + MAX_LOST_SHARE * model_rings.area_mm2)
     if len(incomplete_layers):
         layer = int(incomplete_layers[0])
         raise SliceRejected(
@@ -164,11 +164,15 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
         )
 
 
-def _expand_sections(model: Rings, layout: WallLayout) -> Rings:
+def _expand_sections(model_rings: Rings, layout: WallLayout) -> Rings:
     """Expand sections by the engine's horizontal expansion, to first order."""
-    offset_mm = np.full(len(model.area_mm2), layout.offset_mm)
+    offset_mm = np.full(len(model_rings.area_mm2), layout.offset_mm)
     offset_mm[:1] = layout.offset_0_mm
-    return Rings(model.area_mm2 + offset_mm * model.length_mm, model.length_mm, model.moment_mm3)
+    return Rings(
+        model_rings.area_mm2 + offset_mm * model_rings.length_mm,
+        model_rings.length_mm,
+        model_rings.moment_mm3,
+    )
 
 
 def _sample_layers(layers: npt.NDArray[np.intp], difference_mm2: Floats) -> npt.NDArray[np.intp]:

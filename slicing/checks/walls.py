@@ -50,10 +50,10 @@ class WallLayout:
         """Compute the distance (n,) from a ring's middle to the model's outline, for layers (n,)."""
         return np.where(layer == 0, self.line_width_factor_0, 1.0) * self.width_mm / 2 + self.inset_mm
 
-    def compute_section_heights_mm(self, count: int) -> Floats:
-        """Compute the heights (count,) at which the engine cuts the model: the middle of each layer."""
-        later_mm = self.layer_height_0_mm + self.layer_height_mm * (np.arange(1, count) - 0.5)
-        return np.concatenate(([self.layer_height_0_mm / 2], later_mm))[:count]
+    def compute_section_heights_mm(self, layer_count: int) -> Floats:
+        """Compute the heights (layer_count,) at which the engine cuts the model: the middle of each layer."""
+        later_mm = self.layer_height_0_mm + self.layer_height_mm * (np.arange(1, layer_count) - 0.5)
+        return np.concatenate(([self.layer_height_0_mm / 2], later_mm))[:layer_count]
 
     def compute_top_mm(self, layer: int) -> float:
         """Compute the height of a layer's top."""
@@ -143,25 +143,25 @@ class Walls:
         inner_lines = other_lines[toolpath.is_feature("WALL-INNER")[is_inner]][:, :5]
         return cls(start, end, layer, run, is_closed, 2 * half_width_mm, reach_mm, other_lines, inner_lines)
 
-    def sum_rings(self, count: int) -> Rings:
-        """Sum the area within the outer edge of the outer wall, to first order, for `count` layers."""
+    def sum_rings(self, layer_count: int) -> Rings:
+        """Sum the area within the outer edge of the outer wall, to first order, for `layer_count` layers."""
         is_ring = self.is_closed
         inside = measure_rings(
-            iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count
+            iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), layer_count
         )
         # An engine may draw rings in the opposite direction, but then it does so for all rings of a layer.
         sign = np.where(inside.area_mm2 < 0, -1.0, 1.0)
         band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_width_mm * np.where(is_ring, 1.0, 2.0)
-        corners_mm2 = np.bincount(self.layer, self._compute_corners_mm2(), count)
-        area_mm2 = sign * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, count)
+        corners_mm2 = np.bincount(self.layer, self._compute_corners_mm2(), layer_count)
+        area_mm2 = sign * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, layer_count)
         moment_mm3 = sign[:, None] * inside.moment_mm3
         for axis in range(2):
             middle_mm = (self.start[:, axis] + self.end[:, axis]) / 2
-            moment_mm3[:, axis] += np.bincount(self.layer, band_mm2 * middle_mm, count)
+            moment_mm3[:, axis] += np.bincount(self.layer, band_mm2 * middle_mm, layer_count)
         return Rings(area_mm2, inside.length_mm, moment_mm3)
 
-    def compute_missing_areas_mm2(self, layout: WallLayout, count: int) -> Floats:
-        """Compute the expected area (count,) that the inner walls of each layer fail to enclose.
+    def compute_missing_areas_mm2(self, layout: WallLayout, layer_count: int) -> Floats:
+        """Compute the expected area (layer_count,) that the inner walls of each layer fail to enclose.
 
         A ring that is offset inwards by d loses at most d times its length in area. The result is 0 where an
         inner wall is not a whole ring.
@@ -173,14 +173,16 @@ class Walls:
         )
         bridges, run, is_closed = _join_runs(start, end, layer)
         has_open_lines = (
-            np.bincount(layer, ~is_closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
+            np.bincount(layer, ~is_closed[run], layer_count)
+            + np.bincount(layer[bridges], minlength=layer_count)
+            > 0
         )
-        inner = measure_rings(iter([(layer.astype(np.intp), start, end)]), count)
+        inner = measure_rings(iter([(layer.astype(np.intp), start, end)]), layer_count)
         is_ring = self.is_closed
         outer = measure_rings(
-            iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count
+            iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), layer_count
         )
-        expected_mm2 = np.zeros(count)
+        expected_mm2 = np.zeros(layer_count)
         for number in range(1, layout.inner_wall_count + 1):
             distance_mm = number * layout.step_mm
             expected_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - distance_mm * outer.length_mm)

@@ -125,8 +125,8 @@ def _interpret_lines(
     """Interpret all lines of a file, and write its print."""
     clearance = Clearance(SLACK_LAYERS * MAX_LAYER_SHARE * line_mm, target.printer.head)
     interpreter = Interpreter(survey, writer, clearance, target, line_mm)
-    for number, raw in enumerate(lines, 1):
-        interpreter.run_line(raw, number)
+    for number, raw_line in enumerate(lines, 1):
+        interpreter.run_line(raw_line, number)
     interpreter.finish()
     return interpreter
 
@@ -138,8 +138,10 @@ def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, targe
         extent.low_mm[2], extent.reach_high_mm[2]
     )
     if problem is None and figures.filament is not None:
-        printed_mm = extent.filament_mm - extent.stray_mm
-        problem = figures.filament.describe_missing(printed_mm, target.filament_mm2, extent.line_count)
+        printed_mm = extent.filament_mm - extent.stray_filament_mm
+        problem = figures.filament.describe_missing_filament(
+            printed_mm, target.filament_mm2, extent.line_count
+        )
     if problem is not None:
         raise GcodeRefused(f"{problem}: lines are missing; {EXPORT_ADVICE}")
 

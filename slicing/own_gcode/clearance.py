@@ -39,24 +39,24 @@ class Clearance:
         self._height_mm = np.zeros((_CELL_COUNT, _CELL_COUNT))  # [y, x]
         self._nozzle_heights_mm: NDArray[np.float64] | None = None  # maximum over the neighbouring cells
         self._head_heights_mm: NDArray[np.float64] | None = None  # maximum below the head
-        self._highest_new_mm = 0.0  # highest line since both were computed
+        self._max_new_height_mm = 0.0  # of the lines since both were computed
 
     def add_line(self, start: Point, target: Point) -> None:
         """Record a printed line."""
         self._lines.extend(start)
         self._lines.extend(target)
-        self._highest_new_mm = max(self._highest_new_mm, start[2], target[2])
+        self._max_new_height_mm = max(self._max_new_height_mm, start[2], target[2])
         if len(self._lines) >= _BUFFER_SIZE:
             self._flush()
 
-    def find_obstacle_mm(self, start: Point, target: Point) -> float | None:
-        """Find the height of the lines that the nozzle or the head would hit in a straight move, or None."""
+    def find_obstacle_height_mm(self, start: Point, target: Point) -> float | None:
+        """Find the height of the lines that the nozzle or the head would hit in a straight move, if any."""
         lowest_mm = min(start[2], target[2])
-        if self._nozzle_heights_mm is None or self._highest_new_mm > lowest_mm + self._slack_mm:
+        if self._nozzle_heights_mm is None or self._max_new_height_mm > lowest_mm + self._slack_mm:
             self._flush()
             self._nozzle_heights_mm = ndimage.maximum_filter(self._height_mm, 3)
-            self._head_heights_mm = _find_highest_below_head(self._height_mm, self._head)
-            self._highest_new_mm = 0.0
+            self._head_heights_mm = _find_max_heights_below_head(self._height_mm, self._head)
+            self._max_new_height_mm = 0.0
         assert self._head_heights_mm is not None
         xy, z = _sample_lines(np.array([[*start, *target]]))
         y, x = _find_cells(xy)
@@ -89,7 +89,7 @@ def _find_cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.i
     return cells[:, 1], cells[:, 0]
 
 
-def _find_highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDArray[np.float64]:
+def _find_max_heights_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDArray[np.float64]:
     """Find the highest cell within the head's outline for each position of the nozzle."""
     left, right, front, back = (
         round(edge / _CELL_MM) for edge in (head.left_mm, head.right_mm, head.front_mm, head.back_mm)

@@ -58,7 +58,7 @@ class Extent:
             self._primed_mm += fed_mm
 
     @property
-    def stray_mm(self) -> float:
+    def stray_filament_mm(self) -> float:
         """Filament extruded at standstill that belongs to missing lines.
 
         A slicer that primes after retractions does so after most of them; such primes do not count.

@@ -184,7 +184,7 @@ class Head:
         """Object to a move through printed lines."""
         if min(start[2], target[2]) >= self.extent.high_mm[2]:
             return
-        obstacle_mm = self._clearance.find_obstacle_mm(start, target)
+        obstacle_mm = self._clearance.find_obstacle_height_mm(start, target)
         if obstacle_mm is not None:
             self._objections.add(
                 f"moves at Z {min(start[2], target[2]):g} into parts printed up to Z {obstacle_mm:.3g}, "

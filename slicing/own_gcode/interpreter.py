@@ -84,12 +84,12 @@ class Interpreter:
         self._total_dwell_s = self._dwell_s = 0.0  # of all pauses, and of those since the last printed line
         self._fan_line: bytes = _FAN_OFF_LINE
 
-    def run_line(self, raw: bytes, number: int) -> None:
+    def run_line(self, raw_line: bytes, number: int) -> None:
         """Run one line.
 
         Parameters
         ----------
-        raw
+        raw_line
             The line as it is in the file.
         number
             Its number, from 1.
@@ -100,10 +100,10 @@ class Interpreter:
             If the line cannot be read, or must not be printed.
         """
         self._objections.line = number
-        if number != self._survey.first_line and (move := parse_plain_move(raw)) is not None:
+        if number != self._survey.first_line and (move := parse_plain_move(raw_line)) is not None:
             self._move(move)
             return
-        code, rest, comment = split_line(raw, number)
+        code, rest, comment = split_line(raw_line, number)
         if number == self._survey.first_line:
             self._begin_print()
         if self._is_printing and is_layer_mark(comment):

@@ -10,7 +10,7 @@ from slicing.errors import GcodeRefused
 from slicing.gcode_lines import quote_text
 from slicing.own_gcode.target import PrintTarget
 
-_NAME_FACTS = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
+_NAME_KEYS = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
 """Facts that name the machine, as written by Cura, PrusaSlicer and its forks, and KISSlicer. The last one is
 the name of a person's settings, used if no model is named."""
 _PLACEHOLDER_NAMES = ("", '""', "unknown", "default", "- default fff printer -")
@@ -59,26 +59,26 @@ class Machine:
 
 
 def find_machine(
-    facts: Mapping[str, bytes], filament_mm: float | None, foreign_command: tuple[int, str] | None
+    metadata: Mapping[str, bytes], filament_mm: float | None, foreign_command: tuple[int, str] | None
 ) -> Machine:
-    """Read the machine from a file's facts.
+    """Read the machine from a file's metadata.
 
     Parameters
     ----------
-    facts
+    metadata
         Values as written, by their keys in lower case.
     filament_mm
         The filament's diameter; None if the file does not say.
     foreign_command
         Line number and code of a command that the farm's printers do not have; None if there is none.
     """
-    names = (_read_text(facts, key) for key in _NAME_FACTS)
+    names = (_read_text(metadata, key) for key in _NAME_KEYS)
     name = next((name for name in names if name is not None and name.lower() not in _PLACEHOLDER_NAMES), None)
     return Machine(
         name=name,
         filament_mm=filament_mm,
-        filament_type=_read_text(facts, "filament_type") or _read_text(facts, "filament type #1"),
-        bed_corner=_read_text(facts, "bed_shape") or _read_text(facts, "printable_area"),
+        filament_type=_read_text(metadata, "filament_type") or _read_text(metadata, "filament type #1"),
+        bed_corner=_read_text(metadata, "bed_shape") or _read_text(metadata, "printable_area"),
         foreign_command=foreign_command,
     )
 
@@ -133,6 +133,6 @@ def check_machine(
     )
 
 
-def _read_text(facts: Mapping[str, bytes], key: str) -> str | None:
-    value = facts.get(key)
+def _read_text(metadata: Mapping[str, bytes], key: str) -> str | None:
+    value = metadata.get(key)
     return value.decode("utf-8", "replace").strip().strip('"') or None if value is not None else None

@@ -20,13 +20,13 @@ _LAYER = re.compile(
 )
 """Marks of a layer's start by Cura, PrusaSlicer and its forks, Simplify3D and KISSlicer."""
 _MARLIN_FLAVOURS = ("marlin", "marlin2", "marlin(marlin/sprinter)", "reprap", "repetier", "sprinter")
-_FACT = re.compile(
+_METADATA = re.compile(
     rb"(FLAVOR|NOZZLE_DIAMETER|nozzle_diameter|extruderDiameter|filament_diameter|filamentDiameters"
     rb"|use_volumetric_e|gcode_flavor|Nozzle Diameter #1|Filament Diameter #1|fiber_dia_mm|filament_type"
     rb"|Filament Type #1|TARGET_MACHINE\.NAME|printer_model|printer_name|machine_name|printer_settings_id"
     rb"|bed_shape|printable_area)\s*[:=,]\s*([^,;|]*)"
 )
-_FILAMENT_FACTS = ("filament_diameter", "filamentdiameters", "filament diameter #1", "fiber_dia_mm")
+_FILAMENT_KEYS = ("filament_diameter", "filamentdiameters", "filament diameter #1", "fiber_dia_mm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +85,9 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
         missing.
     """
     scan = _Scan()
-    for number, raw in enumerate(lines, 1):
-        scan.read_line(raw, number)
-    is_ultigcode = _is_ultigcode(scan.facts, filament_mm)
+    for number, raw_line in enumerate(lines, 1):
+        scan.read_line(raw_line, number)
+    is_ultigcode = _is_ultigcode(scan.metadata, filament_mm)
     if not scan.layer_line and (is_ultigcode or not (scan.wait_line and scan.home_line)):
         raise GcodeRefused(
             "the start of its print cannot be found: make your slicer write ;LAYER:0 where a layer begins "
@@ -101,13 +101,15 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
         )
     return Survey(
         is_ultigcode=is_ultigcode,
-        nozzle_mm=_read_number(scan.facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
+        nozzle_mm=_read_number(scan.metadata, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
         first_line=scan.layer_line or scan.ready_line + 1,
         marks_layers=bool(scan.layer_line),
         is_closed=bool(scan.completeness.is_closed(scan.print_line)),
         warning=scan.completeness.build_warning(),
         figures=scan.completeness.figures,
-        machine=find_machine(scan.facts, _read_number(scan.facts, *_FILAMENT_FACTS), scan.foreign_command),
+        machine=find_machine(
+            scan.metadata, _read_number(scan.metadata, *_FILAMENT_KEYS), scan.foreign_command
+        ),
     )
 
 
@@ -116,7 +118,7 @@ class _Scan:
 
     Attributes
     ----------
-    facts
+    metadata
         Facts from comments: name in lower case -> value as written.
     layer_line
         First line that marks a layer.
@@ -132,21 +134,21 @@ class _Scan:
     """
 
     def __init__(self) -> None:
-        self.facts: dict[str, bytes] = {}
+        self.metadata: dict[str, bytes] = {}
         self.layer_line = self.wait_line = self.home_line = self.ready_line = 0
         self.print_line = self.number = 0
         self.last_line = b"\n"
         self.completeness = Completeness()
         self.foreign_command: tuple[int, str] | None = None
 
-    def read_line(self, raw: bytes, number: int) -> None:
+    def read_line(self, raw_line: bytes, number: int) -> None:
         """Read one line."""
-        self.number, self.last_line = number, raw
-        if (move := parse_plain_move(raw)) is not None:
+        self.number, self.last_line = number, raw_line
+        if (move := parse_plain_move(raw_line)) is not None:
             if "E" in move and ("X" in move or "Y" in move):
                 self.print_line = number
             return
-        code, rest, comment = split_line(raw, number)
+        code, rest, comment = split_line(raw_line, number)
         if comment:
             self._read_comment(comment)
         if not code or command_rules.has_no_effect(code, rest):
@@ -166,8 +168,8 @@ class _Scan:
         if is_layer_mark(comment):
             self.layer_line = self.layer_line or self.number
             self.completeness.count_layer()
-        elif (fact := _FACT.match(comment)) is not None:
-            self.facts[fact[1].decode().lower()] = fact[2].strip()
+        elif (entry := _METADATA.match(comment)) is not None:
+            self.metadata[entry[1].decode().lower()] = entry[2].strip()
 
     def _read_start(self, code: str) -> None:
         """Read a command before the first line that prints."""
@@ -181,8 +183,8 @@ class _Scan:
             self.ready_line = self.number
 
 
-def _is_ultigcode(facts: dict[str, bytes], filament_mm: float) -> bool:
-    flavour = (facts.get("flavor") or facts.get("gcode_flavor") or b"Marlin").decode("ascii", "replace")
+def _is_ultigcode(metadata: dict[str, bytes], filament_mm: float) -> bool:
+    flavour = (metadata.get("flavor") or metadata.get("gcode_flavor") or b"Marlin").decode("ascii", "replace")
     if flavour == "UltiGCode":
         return True
     if flavour.lower() not in _MARLIN_FLAVOURS:
@@ -190,9 +192,9 @@ def _is_ultigcode(facts: dict[str, bytes], filament_mm: float) -> bool:
             f"its flavour is {flavour!r}: set the G-code flavour to Marlin in your slicer "
             "(Cura: Preferences > Printers > Machine Settings), or to UltiGCode"
         )
-    if facts.get("use_volumetric_e") == b"1":
+    if metadata.get("use_volumetric_e") == b"1":
         raise GcodeRefused("it counts filament in mm3: switch off `Use volumetric E` in your slicer")
-    diameter_mm = _read_number(facts, *_FILAMENT_FACTS)
+    diameter_mm = _read_number(metadata, *_FILAMENT_KEYS)
     min_difference_mm, max_difference_mm = FILAMENT_DEVIATION_MM
     if (
         diameter_mm is not None
@@ -205,11 +207,11 @@ def _is_ultigcode(facts: dict[str, bytes], filament_mm: float) -> bool:
     return False
 
 
-def _read_number(facts: dict[str, bytes], *names: str) -> float | None:
+def _read_number(metadata: dict[str, bytes], *names: str) -> float | None:
     """Read the first of these facts that is a number other than 0."""
     for name in names:
         try:
-            if value := float(facts[name]):
+            if value := float(metadata[name]):
                 return value
         except (KeyError, ValueError):
             continue

@@ -9,7 +9,7 @@ E_RESET_MM = 1000.0
 MAX_MARK_INTERVAL_S = 60.0
 """Maximum time between two marks of the timeline."""
 
-Step = tuple[float, float, float, float, float]
+Move = tuple[float, float, float, float, float]
 """x, y, z and the filament fed, all in mm, and the speed in mm/s."""
 
 
@@ -33,14 +33,14 @@ class Writer:
         self.text = bytearray()
         self.layer_count = 0
         self._time_estimator = time_estimator
-        self._pending_items: list[Step | bytes | float | None] = []
+        self._pending_items: list[Move | bytes | float | None] = []
         self._fed_mm = self._base_mm = 0.0
         self._last_words = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
         self._last_mark_s = 0.0
 
-    def add_move(self, step: Step) -> None:
+    def add_move(self, move: Move) -> None:
         """Record a move."""
-        self._pending_items.append(step)
+        self._pending_items.append(move)
 
     def add_line(self, line: bytes) -> None:
         """Record a line that is written as it is, without its newline."""
@@ -61,7 +61,7 @@ class Writer:
         """Write everything that was recorded since the last `commit`."""
         for item in self._pending_items:
             if isinstance(item, tuple):
-                self._write(item)
+                self._write_move(item)
             elif item is None:
                 self._write_layer()
             elif isinstance(item, bytes):
@@ -88,8 +88,8 @@ class Writer:
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
         self._last_mark_s = seconds
 
-    def _write(self, step: Step) -> None:
-        x, y, z, fed_mm, speed_mm_s = step
+    def _write_move(self, move: Move) -> None:
+        x, y, z, fed_mm, speed_mm_s = move
         last_words = self._last_words
         self._fed_mm += fed_mm
         if self._fed_mm - self._base_mm > E_RESET_MM:

@@ -59,20 +59,20 @@ def merge_definitions(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
     chain
         The parsed ``.def.json`` files, the one at the root of the inheritance first.
     """
-    raw: dict[str, dict[str, Any]] = {}
+    entries: dict[str, dict[str, Any]] = {}
 
     def collect(settings: Mapping[str, Any]) -> None:
         for key, entry in settings.items():
             if entry.get("type") != "category":
-                raw[key] = {k: v for k, v in entry.items() if k != "children"}
+                entries[key] = {k: v for k, v in entry.items() if k != "children"}
             collect(entry.get("children", {}))
 
     for file in chain:
         collect(file.get("settings", {}))
         for key, override in file.get("overrides", {}).items():
-            if key in raw:
-                raw[key] = {**raw[key], **override}
-    return {key: _read_setting(key, entry) for key, entry in raw.items()}
+            if key in entries:
+                entries[key] = {**entries[key], **override}
+    return {key: _read_setting(key, entry) for key, entry in entries.items()}
 
 
 def _read_setting(key: str, entry: Mapping[str, Any]) -> Setting:
@@ -97,22 +97,22 @@ def _read_setting(key: str, entry: Mapping[str, Any]) -> Setting:
     )
 
 
-def _read_formula(raw: Any) -> Formula | None:
-    return None if raw is None else Formula(str(raw))
+def _read_formula(raw_value: Any) -> Formula | None:
+    return None if raw_value is None else Formula(str(raw_value))
 
 
-def _read_value_or_formula(raw: Any) -> Any:
-    return Formula(raw) if isinstance(raw, str) else raw
+def _read_value_or_formula(raw_value: Any) -> Any:
+    return Formula(raw_value) if isinstance(raw_value, str) else raw_value
 
 
-def parse_value(setting: Setting, raw: Any) -> Any:
+def parse_value(setting: Setting, raw_value: Any) -> Any:
     """Read a value as a profile or a person writes it, in the setting's own type.
 
     Parameters
     ----------
     setting
         Setting that gives the type.
-    raw
+    raw_value
         The value as written.
 
     Raises
@@ -120,7 +120,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
     BadSetting
         If it is of another type, not finite, or not one of the options; with the allowed values.
     """
-    text = str(raw).strip()
+    text = str(raw_value).strip()
     try:
         match setting.type:
             case SettingType.BOOL:
@@ -149,7 +149,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
         raise BadSetting(
             f"{setting.key}={_shorten_text(text)}: not a value of type {setting.type}; {allowed}"
         ) from None
-    return str(raw)
+    return str(raw_value)
 
 
 def _shorten_text(text: str) -> str:

@@ -12,10 +12,10 @@ from slicing.settings.definitions import fits_type
 from slicing.settings.resolver import Resolver, Scope
 
 MAX_LAYER_SHARE = 0.8  # layer height, as a share of the nozzle diameter, above which Cura warns
-_MAX_LINE_SHARE = 2.0  # line width, as a share of the nozzle diameter, above which Cura warns
+_MAX_LINE_WIDTH_RATIO = 2.0  # ratio of line width to nozzle diameter above which Cura warns
 _MAX_HOP_MM = 10.0
 _MAX_FLOW_PERCENT = 150.0  # flow above which Cura warns, because a line cannot hold more
-_MAX_EXTRA_MM3 = 5.0  # extra volume at each retraction above which Cura warns
+_MAX_EXTRA_PRIME_MM3 = 5.0  # extra volume at each retraction above which Cura warns
 
 _PRINTER_REASON = "it describes the printer; choose another printer model or nozzle"
 _STREAM_REASON = "set by this program, for streaming; leave it out"
@@ -93,7 +93,7 @@ def find_reserved_reason(key: str) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """Value that is not of its type, not an option, or beyond a limit."""
+    """Value that has the wrong type, is not one of the setting's options, or is beyond a limit."""
 
     scope: Scope
     key: str
@@ -155,13 +155,13 @@ def _find_farm_bounds(
         case "retraction_amount":
             return 0.0, printer.code.park_retraction_mm
         case "retraction_extra_prime_amount" | "wipe_retraction_extra_prime_amount":
-            return -_MAX_EXTRA_MM3, _MAX_EXTRA_MM3
+            return -_MAX_EXTRA_PRIME_MM3, _MAX_EXTRA_PRIME_MM3
         case "retraction_hop" | "wipe_hop_amount":
             return 0.0, _MAX_HOP_MM
         case _ if "line_width" in key and not key.endswith("_factor"):
-            return None, _MAX_LINE_SHARE * nozzle_mm
+            return None, _MAX_LINE_WIDTH_RATIO * nozzle_mm
         case "infill_overlap_mm" | "skin_overlap_mm" | "magic_fuzzy_skin_thickness":
-            return None, _MAX_LINE_SHARE * nozzle_mm  # wider ones would lie outside the part
+            return None, _MAX_LINE_WIDTH_RATIO * nozzle_mm  # wider ones would lie outside the part
         case _ if key.endswith("_line_distance") and resolver.compute_value(Scope.EXTRUDER, key) > 0:
             return nozzle_mm / 2, None  # closer lines would lie on top of each other
         case _ if "material_flow" in key or key == "ironing_flow":

@@ -139,9 +139,13 @@ class Resolver:
 
     def is_enabled(self, key: str) -> bool:
         """Check whether a setting has an effect with the values of the others; Cura hides it otherwise."""
-        raw = self.find_setting(key).enabled
+        raw_value = self.find_setting(key).enabled
         try:
-            return bool(self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw)
+            return bool(
+                self._evaluate(Scope.EXTRUDER, key, raw_value)
+                if isinstance(raw_value, Formula)
+                else raw_value
+            )
         except DefinitionError:  # a formula that only Cura's user interface needs
             return True
 
@@ -151,11 +155,13 @@ class Resolver:
         setting = extruder.get(key) or machine.get(key)
         if setting is None:
             raise KeyError(key)
-        raw = setting.per_extruder
-        return bool(self._evaluate(Scope.GLOBAL, key, raw) if isinstance(raw, Formula) else raw)
+        raw_value = setting.per_extruder
+        return bool(
+            self._evaluate(Scope.GLOBAL, key, raw_value) if isinstance(raw_value, Formula) else raw_value
+        )
 
-    def _read_bound(self, scope: Scope, key: str, raw: Any) -> float | None:
-        bound = self._evaluate(scope, key, raw) if isinstance(raw, Formula) else raw
+    def _read_bound(self, scope: Scope, key: str, raw_value: Any) -> float | None:
+        bound = self._evaluate(scope, key, raw_value) if isinstance(raw_value, Formula) else raw_value
         return None if bound is None else float(bound)
 
     def _is_limited(self, setting: Setting) -> bool:
@@ -191,9 +197,9 @@ class Resolver:
 
     def _compute_own_value(self, scope: Scope, key: str) -> Any:
         """Compute a stack's own value; the names in its formula are looked up in the same stack."""
-        raw = self._find_raw_value(scope, key)
-        if not isinstance(raw, Formula):
-            return raw
+        raw_value = self._find_raw_value(scope, key)
+        if not isinstance(raw_value, Formula):
+            return raw_value
         lookup = (scope, key, self._resolving_keys, self._first_index)
         if lookup in self._memo:
             return self._memo[lookup]
@@ -201,7 +207,7 @@ class Resolver:
             raise DefinitionError(f"Cura's setting {key} depends on itself")
         self._active_lookups.add(lookup)
         try:
-            self._memo[lookup] = self._evaluate(scope, key, raw)
+            self._memo[lookup] = self._evaluate(scope, key, raw_value)
         finally:
             self._active_lookups.discard(lookup)
         return self._memo[lookup]

@@ -1,4 +1,4 @@
-"""Access from the network: keys of programs, requests for such keys, and sessions of browsers."""
+"""Access from the network: keys of programs, requests for these keys, and sessions of browsers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Requests of programs for keys, which an operator grants or denies; kept in memory only."""
+"""Requests for keys by programs, which an operator grants or denies; kept in memory only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from farm.errors import NotFoundError, RefusedError
 
 _CODE_LENGTH = 4
 _TOKEN_BYTES = 24
-_MAX_APP_LENGTH = 30  # characters
+_MAX_APP_NAME_LENGTH = 30  # characters
 _FORBIDDEN_CHARACTERS = re.compile(r"[^A-Za-z0-9._-]+")
 MAX_REQUESTS = 5
 MAX_REQUESTS_PER_ADDRESS = 2
@@ -22,7 +22,7 @@ REQUEST_LIFETIME_S = 300.0
 
 @dataclass(slots=True)
 class AppKeyRequest:
-    """Request of a program for a key.
+    """Request for a key by a program.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class AppKeyRequests:
             or sum(request.address == address for request in open_requests) >= MAX_REQUESTS_PER_ADDRESS
         ):
             raise RefusedError("too many programs are requesting a key: wait for five minutes, or paste one")
-        name = _FORBIDDEN_CHARACTERS.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
+        name = _FORBIDDEN_CHARACTERS.sub(" ", app).strip(" ._-")[:_MAX_APP_NAME_LENGTH].strip() or "app"
         code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_LIFETIME_S)
@@ -81,7 +81,9 @@ class AppKeyRequests:
             raise NotFoundError(f"no program is requesting a key with the code {code}; `farm key` lists them")
         return app_request
 
-    def grant(self, code: str, grant: api.AppKeyGrant, by: str, keys: KeyCommands, now_s: float) -> str:
+    def grant(
+        self, code: str, grant: api.AppKeyGrant, caller_name: str, keys: KeyCommands, now_s: float
+    ) -> str:
         """Add a key for the program whose request has a code, and return the key's name.
 
         Raises
@@ -93,7 +95,7 @@ class AppKeyRequests:
         """
         app_request = self.find_open_request(code, now_s)
         key_request = api.KeyRequest(name=f"{app_request.app} {code}", role=grant.role, days=grant.days)
-        app_request.key = keys.add(key_request, by).text
+        app_request.key = keys.add(key_request, caller_name).text
         return key_request.name
 
     def deny(self, code: str, now_s: float) -> None:

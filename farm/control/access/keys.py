@@ -86,7 +86,7 @@ class KeyCommands:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
 
-    def add(self, request: api.KeyRequest, by: str) -> api.NewKey:
+    def add(self, request: api.KeyRequest, caller_name: str) -> api.NewKey:
         """Add a key, and return it with its text, which is not stored.
 
         Raises
@@ -112,13 +112,13 @@ class KeyCommands:
             role=request.role,
             digest=digest_key(text),
             created_s=now_s,
-            by=by,
+            by=caller_name,
             expires_s=None if request.days is None else now_s + request.days * _DAY_S,
         )
         self._controller.handle(ev.KeyAdded(at_s=now_s, key=key))
         return api.NewKey(id=name, text=text, role=key.role)
 
-    def revoke(self, name: str, by: str) -> None:
+    def revoke(self, name: str, caller_name: str) -> None:
         """Revoke a key, or end a session, immediately.
 
         Raises
@@ -130,4 +130,4 @@ class KeyCommands:
         """
         if self._controller.books.get_key(name).revoked_s is not None:
             raise RefusedError(f"the key {name} is revoked already")
-        self._controller.handle(ev.KeyRevoked(at_s=self._controller.clock.now(), key=name, by=by))
+        self._controller.handle(ev.KeyRevoked(at_s=self._controller.clock.now(), key=name, by=caller_name))

@@ -161,10 +161,12 @@ class SessionCommands:
         if end_s - (session.expires_s or 0.0) >= _EXTENSION_INTERVAL_S * clock.scale:
             self._controller.handle(ev.SessionExtended(at_s=now_s, session=session.id, expires_s=end_s))
 
-    def end_all_sessions(self, by: str) -> api.EndedSessions:
+    def end_all_sessions(self, caller_name: str) -> api.EndedSessions:
         """End all sessions, and invalidate all links; return the number of ended sessions."""
         now_s = self._controller.clock.now()
         sessions = list_open_sessions(self._controller.books.keys.values(), now_s)
         self._links.clear()
-        self._controller.handle(*(ev.KeyRevoked(at_s=now_s, key=session.id, by=by) for session in sessions))
+        self._controller.handle(
+            *(ev.KeyRevoked(at_s=now_s, key=session.id, by=caller_name) for session in sessions)
+        )
         return api.EndedSessions(ended=len(sessions))

@@ -100,7 +100,7 @@ def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
 
 
 def list_bars(job: api.JobView, history: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
-    """List the prints of a job, and the prints of other jobs in the same time span."""
+    """List the bars of a job's prints, and of the prints of other jobs in the same time span."""
     job_bars = []
     for attempt in job.prints:
         if attempt.started is None:
@@ -125,7 +125,7 @@ def list_bars(job: api.JobView, history: Sequence[api.HistoryRow], now: datetime
 
 
 def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar]:
-    """List the remaining prints of a timeline, from now on."""
+    """List the bars of the remaining prints of a timeline, from now on."""
     bars = []
     for slot in slots:
         start, end = (datetime.fromisoformat(iso) for iso in (slot.starts, slot.ends))

@@ -55,7 +55,7 @@ class TemperatureChart:
     degree_marks: tuple[tuple[float, int], ...]
     rows: tuple[TemperatureRow, ...]
     since: str
-    hottest_c: int
+    max_temperature_c: int
     width: float = _WIDTH
     height: float = _HEIGHT
     left: float = _LEFT
@@ -77,15 +77,15 @@ def lay_out_temperatures(
     zone
         Time zone of the axis.
     format_time
-        Formats a time as ISO 8601.
+        Function that formats a time as ISO 8601.
     """
     known_readings = [
         reading for reading in readings if reading.nozzle_c is not None or reading.bed_c is not None
     ]
     if not known_readings:
         return None
-    hottest_c = max(max(reading.nozzle_c or 0, reading.bed_c or 0) for reading in known_readings)
-    top_c = max(_MIN_TOP_C, -(-(hottest_c + 10) // _STEP_C) * _STEP_C)
+    max_temperature_c = max(max(reading.nozzle_c or 0, reading.bed_c or 0) for reading in known_readings)
+    top_c = max(_MIN_TOP_C, -(-(max_temperature_c + 10) // _STEP_C) * _STEP_C)
     axis = TimeAxis(
         known_readings[0].at_s, max(now_s, known_readings[-1].at_s), _LEFT, _WIDTH - _LEFT - 20.0, zone
     )
@@ -109,7 +109,7 @@ def lay_out_temperatures(
         degree_marks=tuple((compute_y(degrees_c), degrees_c) for degrees_c in range(0, top_c + 1, _STEP_C)),
         rows=tuple(_make_row(reading, format_time) for reading in reversed(known_readings[::-step])),
         since=format_time(known_readings[0].at_s),
-        hottest_c=hottest_c,
+        max_temperature_c=max_temperature_c,
     )
 
 

@@ -53,7 +53,7 @@ class Figures:
 
     @property
     def deviation(self) -> float | None:
-        """Share by which prints took longer than expected; None if no print is done."""
+        """Relative excess of the actual over the expected time; None if no print is done."""
         return self.actual_s / self.expected_s - 1 if self.expected_s else None
 
 

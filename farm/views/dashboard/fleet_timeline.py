@@ -85,8 +85,8 @@ class TableRow:
     name: str
     part: str
     kind: str
-    starts: str
-    ends: str
+    start: str
+    end: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +172,7 @@ def describe_fleet_timeline(
         zone=context.fleet.fleet.timezone,
         past_s=past_s,
         chart=_lay_out_chart(context, situation, plan, since_s),
-        table=tuple(_make_table_row(context, slot) for slot in plan.prints),
+        table=tuple(_make_table_row(context, timeline_print) for timeline_print in plan.prints),
         unprintable_parts=tuple(context.books.plates[name].parts[0] for name in plan.unprintable_plates),
         jobs_without_plan=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
         waiting_jobs=tuple(
@@ -195,24 +195,30 @@ def _make_shift(context: ViewContext, shift: JobShift) -> Shift:
 
 def _lay_out_chart(context: ViewContext, situation: Situation, plan: FleetPlan, since_s: float) -> Chart:
     """Lay out a plan over its whole time, up to eight days from now."""
-    last_s = max((slot.end_s for slot in plan.prints), default=context.now_s) + _MARGIN_S
-    first_s = min((slot.start_s for slot in plan.prints), default=context.now_s) - _MARGIN_S
+    last_s = max((timeline_print.end_s for timeline_print in plan.prints), default=context.now_s) + _MARGIN_S
+    first_s = (
+        min((timeline_print.start_s for timeline_print in plan.prints), default=context.now_s) - _MARGIN_S
+    )
     begin_s = max(since_s, min(first_s, context.now_s - _MARGIN_S))
     end_s = min(max(last_s, begin_s + _MIN_SPAN_S), context.now_s + _MAX_SPAN_S)
     axis = TimeAxis(begin_s, end_s, _LEFT, _WIDTH - _LEFT - _RIGHT, context.fleet.zone)
     rows = []
-    names = dict.fromkeys([*context.fleet.names, *(slot.printer for slot in plan.prints)])
+    names = dict.fromkeys([*context.fleet.names, *(timeline_print.printer for timeline_print in plan.prints)])
     for number, name in enumerate(names):
-        bars = (slot for slot in plan.prints if slot.printer == name and slot.start_s < end_s)
+        bars = (
+            timeline_print
+            for timeline_print in plan.prints
+            if timeline_print.printer == name and timeline_print.start_s < end_s
+        )
         rows.append(
             Row(
                 name,
                 _TOP + _ROW_HEIGHT * number,
-                tuple(_lay_out_bar(context, axis, slot) for slot in bars),
+                tuple(_lay_out_bar(context, axis, timeline_print) for timeline_print in bars),
             )
         )
     rules = situation.rules
-    kinds = {slot.kind for slot in plan.prints}
+    kinds = {timeline_print.kind for timeline_print in plan.prints}
     return Chart(
         rows=tuple(rows),
         marks=tuple(axis.list_marks()),
@@ -231,24 +237,25 @@ def _lay_out_bands(axis: TimeAxis, spans: Sequence[tuple[float, float]]) -> tupl
     )
 
 
-def _lay_out_bar(context: ViewContext, axis: TimeAxis, slot: TimelinePrint) -> Bar:
-    x = axis.compute_x(slot.start_s)
-    width = max(3.0, axis.compute_x(slot.end_s) - x - 1.0)
-    label = " ".join(filter(None, (SIGNS[slot.kind], slot.part)))
+def _lay_out_bar(context: ViewContext, axis: TimeAxis, timeline_print: TimelinePrint) -> Bar:
+    x = axis.compute_x(timeline_print.start_s)
+    width = max(3.0, axis.compute_x(timeline_print.end_s) - x - 1.0)
+    label = " ".join(filter(None, (SIGNS[timeline_print.kind], timeline_print.part)))
     if len(label) * _CHARACTER_WIDTH > width:
-        label = SIGNS[slot.kind] if width > 2 * _CHARACTER_WIDTH else ""
-    duration = format_duration(slot.end_s - slot.start_s)
-    text = f"{slot.part} ({context.books.jobs[slot.job].name}) on {slot.printer}: {slot.kind}, {duration}"
-    return Bar(x, width, slot.kind, label, text, slot.job)
+        label = SIGNS[timeline_print.kind] if width > 2 * _CHARACTER_WIDTH else ""
+    duration = format_duration(timeline_print.end_s - timeline_print.start_s)
+    part = f"{timeline_print.part} ({context.books.jobs[timeline_print.job].name})"
+    text = f"{part} on {timeline_print.printer}: {timeline_print.kind}, {duration}"
+    return Bar(x, width, timeline_print.kind, label, text, timeline_print.job)
 
 
-def _make_table_row(context: ViewContext, slot: TimelinePrint) -> TableRow:
+def _make_table_row(context: ViewContext, timeline_print: TimelinePrint) -> TableRow:
     return TableRow(
-        printer=slot.printer,
-        job=slot.job,
-        name=context.books.jobs[slot.job].name,
-        part=slot.part,
-        kind=slot.kind,
-        starts=context.format_time(slot.start_s) or "",
-        ends=context.format_time(slot.end_s) or "",
+        printer=timeline_print.printer,
+        job=timeline_print.job,
+        name=context.books.jobs[timeline_print.job].name,
+        part=timeline_print.part,
+        kind=timeline_print.kind,
+        start=context.format_time(timeline_print.start_s) or "",
+        end=context.format_time(timeline_print.end_s) or "",
     )

@@ -17,7 +17,7 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True, slots=True)
 class HistoryFilter:
-    """Filter of ended prints by age in days, printer and job; None does not filter."""
+    """Filter of ended prints by age in days, printer and job; None accepts all values."""
 
     days: int | None = None
     printer: str | None = None
@@ -48,7 +48,7 @@ class JobOutcome:
 
     @property
     def deviation(self) -> float | None:
-        """Share by which the job took longer than expected; None if either time is unknown."""
+        """Relative excess of the actual over the expected time; None if either is unknown."""
         return self.actual_s / self.expected_s - 1 if self.expected_s and self.actual_s else None
 
 

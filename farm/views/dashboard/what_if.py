@@ -23,15 +23,15 @@ class Change:
     ----------
     job
         Number of the job.
-    moves
-        True if the job is moved in the queue, before the job `before`, or to the end if `before` is None.
+    is_moved
+        True if the job is moved in the queue, to the place before `successor`, or to the end if that is None.
     not_before_s
         New earliest start, in seconds since the epoch; None to keep the present one.
     """
 
     job: int
-    moves: bool = False
-    before: int | None = None
+    is_moved: bool = False
+    successor: int | None = None
     not_before_s: float | None = None
 
 
@@ -60,8 +60,8 @@ def apply_change(books: Books, change: Change, now_s: float) -> Books:
         If the job cannot be moved.
     """
     books.get_job(change.job)
-    if change.moves:
-        event = ev.JobMoved(at_s=now_s, job=change.job, before=change.before, by="")
+    if change.is_moved:
+        event = ev.JobMoved(at_s=now_s, job=change.job, before=change.successor, by="")
         books, _ = apply(event, books)
     if change.not_before_s is not None:
         books = put(books, replace_fields(books.get_job(change.job), not_before_s=change.not_before_s))

@@ -137,10 +137,10 @@ def _describe_figures(
 
 
 def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> PartsAndPlates:
-    files = None if job.pruned_s is not None else str(context.state.files)
+    files_folder = None if job.pruned_s is not None else str(context.state.files)
     return PartsAndPlates(
-        parts=[share_field_set(_make_part_view(context, name, files)) for name in job.parts],
-        plates=[share_field_set(_make_plate_view(context, plate, files)) for plate in plates],
+        parts=[share_field_set(_make_part_view(context, name, files_folder)) for name in job.parts],
+        plates=[share_field_set(_make_plate_view(context, plate, files_folder)) for plate in plates],
     )
 
 
@@ -148,7 +148,7 @@ def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> lis
     """Return the views of plates with their current holds; copy only views whose hold has changed."""
     updated_views: list[api.PlateStatus] = []
     old_hold: Hold | None = None
-    # `new_hold` equals `old_hold`; they avoid comparisons, because most plates of a job share a hold
+    # `new_hold` is equal to `old_hold`. Most plates of a job share a hold, so it is rarely compared again.
     new_hold: Hold | None = None
     for view in views:
         hold = context.plate_holds.get(view.id)
@@ -197,7 +197,7 @@ def _waits_for_person(context: ViewContext, job: Job, plates: Iterable[Plate]) -
     )
 
 
-def _make_part_view(context: ViewContext, name: str, files: str | None) -> api.PartView:
+def _make_part_view(context: ViewContext, name: str, files_folder: str | None) -> api.PartView:
     part = context.books.parts[name]
     plate, job = context.books.plates[part.plate], context.books.jobs[part.job]
     picture = job.part_pictures.get(part.id)
@@ -208,7 +208,7 @@ def _make_part_view(context: ViewContext, name: str, files: str | None) -> api.P
         glue_rank=part.glue_rank,
         verdict=_find_verdict(context.books, plate),
         plate=part.plate,
-        file=_make_file_path(files, part.file),
+        file=_make_file_path(files_folder, part.file),
         picture=str(context.state.files / picture) if picture is not None else None,
         prints=[describe_print(context, attempt) for attempt in context.books.list_prints(plate)],
     )
@@ -245,14 +245,14 @@ def _find_verdict(books: Books, plate: Plate) -> Verdict | None:
     return successes[-1].verdict if successes else None
 
 
-def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> api.PlateStatus:
+def _make_plate_view(context: ViewContext, plate: Plate, files_folder: str | None) -> api.PlateStatus:
     # without the prints of the part from which this one was cut
     own_prints = [p for p in context.books.list_prints(plate) if p.plate == plate.id]
     return api.PlateStatus(
         id=plate.id,
         parts=list(plate.parts),
         printer=own_prints[-1].printer if own_prints else plate.printer,
-        gcode=_make_file_path(files, plate.gcode),
+        gcode=_make_file_path(files_folder, plate.gcode),
         estimated_s=plate.expected_s,
         grams=plate.grams,
         filament_mm=plate.filament_mm,
@@ -264,6 +264,8 @@ def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> a
     )
 
 
-def _make_file_path(files: str | None, name: str) -> str | None:
+def _make_file_path(files_folder: str | None, name: str) -> str | None:
     """Return the path of a file; None if it was pruned."""
-    return None if files is None else f"{files}/{name}"  # text, because thousands of `Path` objects are slow
+    return (
+        None if files_folder is None else f"{files_folder}/{name}"
+    )  # text, because thousands of `Path` objects are slow

@@ -126,7 +126,7 @@ def _compute_utilisation(
     runs: Sequence[Run],
     makespan_s: float,
 ) -> float | None:
-    """Return the printing time of a job's plates over the available time of the printers of each run."""
+    """Return the share of the available time of the printers in all runs that a job's plates took."""
     unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED_STATES]
     successes = [p for p in prints if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
@@ -157,7 +157,7 @@ def _estimate_remaining_s(context: ViewContext, plates: Sequence[_PlateInState])
 
 
 def _is_end_known(context: ViewContext, job: Job, plates: Sequence[_PlateInState]) -> bool:
-    """Return whether no plate waits for its first forecast, or for a person who resumes it."""
+    """Return whether no plate waits for its first forecast, or for a person to resume it."""
     waiting_plates = (plate for plate, state in plates if state is PlateState.WAITING)
     return not any(job.paused or plate.paused or context.awaits_forecast for plate in waiting_plates)
 

@@ -163,12 +163,12 @@ def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) 
         part=part,
         plate=plate,
         outcome=f"{outcome}, {len(prints)} prints" if len(prints) > 1 else outcome,
-        times=_compare_times(prints[-1] if prints else None, plate.estimated_s),
+        times=_format_times(prints[-1] if prints else None, plate.estimated_s),
         picture=_make_data_url(picture) if picture else None,
     )
 
 
-def _compare_times(last_print: api.PrintView | None, expected_s: float) -> str:
+def _format_times(last_print: api.PrintView | None, expected_s: float) -> str:
     """Format the actual and expected printing time of a part."""
     if (
         last_print is None

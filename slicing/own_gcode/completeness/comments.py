@@ -170,10 +170,10 @@ class Completeness:
         return sum(number >= 0 for number in self._layer_numbers) if self._is_numbered else self._mark_count
 
 
-def _is_json(escaped: bytes) -> bool:
+def _is_json(escaped_text: bytes) -> bool:
     """Check whether Cura's settings are complete JSON; backslashes and newlines in it are escaped twice."""
     text = _ESCAPE_SEQUENCE.sub(
-        lambda match: {"n": "\n", "r": "\r"}.get(match[1], match[1]), escaped.decode("utf-8", "replace")
+        lambda match: {"n": "\n", "r": "\r"}.get(match[1], match[1]), escaped_text.decode("utf-8", "replace")
     )
     try:
         json.loads(text, strict=False)

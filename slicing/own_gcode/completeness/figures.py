@@ -49,7 +49,9 @@ class StatedFilament:
     is_volume: bool
     line: int
 
-    def describe_missing(self, filament_mm: float, filament_mm2: float, line_count: int) -> str | None:
+    def describe_missing_filament(
+        self, filament_mm: float, filament_mm2: float, line_count: int
+    ) -> str | None:
         """Return the reason why a file has too little filament; None if it has enough.
 
         Parameters

@@ -19,26 +19,26 @@ UPDATES = st.dictionaries(
 
 def test_one_host_is_updated_first_and_the_others_follow_when_it_is_done():
     assert plan_rollout({"a": CURRENT_UPDATE, "b": OUTDATED_UPDATE, "c": OUTDATED_UPDATE}, ()) == RolloutStep(
-        begin_hosts=("b",)
+        hosts_to_begin=("b",)
     )
     assert (
         plan_rollout({"a": CURRENT_UPDATE, "b": RUNNING_UPDATE, "c": OUTDATED_UPDATE}, ("b",))
         == RolloutStep()
     )
     updates = plan_rollout({"a": OUTDATED_UPDATE, "b": CURRENT_UPDATE, "c": OUTDATED_UPDATE}, ("b",))
-    assert updates == RolloutStep(begin_hosts=("a", "c"))
-    assert plan_rollout({"a": CURRENT_UPDATE, "b": CURRENT_UPDATE}, ("b",)).ended
+    assert updates == RolloutStep(hosts_to_begin=("a", "c"))
+    assert plan_rollout({"a": CURRENT_UPDATE, "b": CURRENT_UPDATE}, ("b",)).is_finished
 
 
 def test_first_fault_ends_the_update_on_all_hosts():
     step = plan_rollout(
         {"a": CURRENT_UPDATE, "b": FAILED_UPDATE, "c": RUNNING_UPDATE, "d": OUTDATED_UPDATE}, ("a", "b", "c")
     )
-    assert step == RolloutStep(halt_hosts=("c",), ended=True, fault="b: why")
+    assert step == RolloutStep(hosts_to_halt=("c",), is_finished=True, fault="b: why")
 
 
 def test_host_that_failed_before_is_tried_again_by_a_new_update():
-    assert plan_rollout({"a": FAILED_UPDATE}, ()) == RolloutStep(begin_hosts=("a",))
+    assert plan_rollout({"a": FAILED_UPDATE}, ()) == RolloutStep(hosts_to_begin=("a",))
 
 
 def test_rollout_waits_for_a_host_that_is_not_connected():
@@ -47,10 +47,10 @@ def test_rollout_waits_for_a_host_that_is_not_connected():
 
 def test_update_begins_again_on_a_host_whose_service_was_restarted():
     assert plan_rollout({"a": OUTDATED_UPDATE, "b": OUTDATED_UPDATE}, ("a",)) == RolloutStep(
-        begin_hosts=("a",)
+        hosts_to_begin=("a",)
     )
     step = plan_rollout({"a": CURRENT_UPDATE, "b": OUTDATED_UPDATE, "c": RUNNING_UPDATE}, ("a", "b", "c"))
-    assert step == RolloutStep(begin_hosts=("b",))
+    assert step == RolloutStep(hosts_to_begin=("b",))
 
 
 def test_state_from_before_an_update_is_not_taken_as_its_result():
@@ -78,14 +78,14 @@ def test_update_begins_again_when_its_request_was_lost_with_the_connection():
 def test_nothing_begins_before_the_first_host_is_done_nor_after_a_fault(updates, names):
     started_hosts = tuple(sorted(names & updates.keys()))
     step = plan_rollout(updates, started_hosts)
-    assert all(updates[host] is not None for host in step.begin_hosts)
-    assert all(updates[host] is OUTDATED_UPDATE for host in set(step.begin_hosts) & set(started_hosts))
+    assert all(updates[host] is not None for host in step.hosts_to_begin)
+    assert all(updates[host] is OUTDATED_UPDATE for host in set(step.hosts_to_begin) & set(started_hosts))
     if started_hosts and updates[started_hosts[0]] is not CURRENT_UPDATE:
-        assert set(step.begin_hosts) <= set(started_hosts)
+        assert set(step.hosts_to_begin) <= set(started_hosts)
     if any(updates[host] is FAILED_UPDATE for host in started_hosts):
-        assert step.ended and step.fault and not step.begin_hosts
+        assert step.is_finished and step.fault and not step.hosts_to_begin
     if not started_hosts:
-        assert len(step.begin_hosts) <= 1
+        assert len(step.hosts_to_begin) <= 1
 
 
 def test_new_daemon_waits_longer_before_it_reports_a_host_as_lost():

@@ -144,7 +144,7 @@ def test_updated_situation_equals_one_built_after_the_starts(plate_counts, print
     with TemporaryDirectory() as folder:
         farm = Farm(Path(folder), models=(PLUS_MODEL,) * printer_count)
         plan_jobs(farm, plate_counts)
-        farm.controller.stopping = True  # the reports must not start plates
+        farm.controller.is_stopping = True  # the reports must not start plates
         farm.report_ready(*farm.controller.fleet.names)
         situations = farm.controller.situations
         old_situation = situations.build(situations.find_held_back_plates())
@@ -188,7 +188,7 @@ CHANGES = {
     "its part is cancelled": lambda farm, start: farm.parts.cancel(
         int(start.plate[0]), start.plate.replace("/", "/p"), "ann"
     ),
-    "the farm is shut down": lambda farm, start: setattr(farm.controller, "stopping", True),
+    "the farm is shut down": lambda farm, start: setattr(farm.controller, "is_stopping", True),
 }
 
 

@@ -13,7 +13,7 @@ from farm.model import JobOptions, JobState
 from farm.planning.plan import Plan
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.views.tasks import list_requests
+from farm.views.tasks import list_request_tasks
 
 
 def submit_job(farm, name, **options):
@@ -41,10 +41,10 @@ def test_abandoned_dry_run_is_cancelled(tmp_path):
 def test_dry_run_needs_no_approval():
     options = JobOptions(dry_run=True, hold=True)
     held_job = make_job().model_copy(update={"options": options, "state": JobState.HELD})
-    assert list_requests(Books.from_entities([held_job]), {}) == []
+    assert list_request_tasks(Books.from_entities([held_job]), {}) == []
     assert (
         len(
-            list_requests(
+            list_request_tasks(
                 Books.from_entities([held_job.model_copy(update={"options": JobOptions(hold=True)})]), {}
             )
         )

@@ -60,10 +60,10 @@ def clear_other_beds_at_once(farm):
     """Clear the beds of all but the first two printers in one step."""
     controller: Controller = farm.controller
     at_s = controller.clock.now()
-    controller.stopping = True
+    controller.is_stopping = True
     farm.report_ready(*"cdefgh")
     controller.handle(*(ev.BedCleared(at_s=at_s, printer=name, by="ann") for name in "cdefgh"))
-    controller.stopping = False
+    controller.is_stopping = False
     controller.handle()
 
 
@@ -160,10 +160,10 @@ def test_new_daemon_examines_the_job_again(farm, tmp_path):
     old_plan = farm.effects.plans[-1]
     farm.store.close()
     restarted_farm = Farm(tmp_path, [PLUS_MODEL] * 8)
-    restarted_farm.controller.stopping = True
+    restarted_farm.controller.is_stopping = True
     restarted_farm.report_ready(*"ab", bed_clear=False)
     restarted_farm.report_ready(*"cdefgh")
-    restarted_farm.controller.stopping = False
+    restarted_farm.controller.is_stopping = False
     restarted_farm.controller.handle()
     assert restarted_farm.effects.plans == [old_plan]
     assert list_open_prints(restarted_farm) == {}
@@ -178,10 +178,10 @@ def test_each_scheduling_run_starts_one_job_if_the_forecasts_are_large(tmp_path,
         farm.jobs.submit(f"{number:08d}", "m.stl", MODEL, JobOptions(printers=2))
         farm.controller.on_plan(number, make_plan(number, [8.0, 8.0], farm.effects.plans[-1][1]))
     controller: Controller = farm.controller
-    controller.stopping = True
+    controller.is_stopping = True
     at_s = controller.clock.now()
     controller.handle(*(ev.BedCleared(at_s=at_s, printer=name, by="ann") for name in "abcdefgh"))
-    controller.stopping = False
+    controller.is_stopping = False
     started_jobs = []
     for _ in range(3):
         controller.tick()

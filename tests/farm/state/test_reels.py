@@ -10,7 +10,7 @@ from farm.config import Fleet
 from farm.model import HoldCode, Printer, PrintState, Reel
 from farm.state import events as ev
 from farm.state.reels import apply_reels, compute_used_grams
-from farm.views.tasks import list_requests
+from farm.views.tasks import list_request_tasks
 
 WHITE_REEL = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 
@@ -71,8 +71,8 @@ def test_restored_reels_must_be_weighed_before_printing():
     assert [
         printer_record.reel and printer_record.reel.uncertain for printer_record in books.printers.values()
     ] == [True, None, None]
-    (item,) = [item for item in list_requests(books, {}) if item.code == "reel"]
+    (item,) = [item for item in list_request_tasks(books, {}) if item.code == "reel"]
     assert item.printers == ["a"]
     books, _ = apply_events(books, loaded_event)
-    assert not [item for item in list_requests(books, {}) if item.code == "reel"]
+    assert not [item for item in list_request_tasks(books, {}) if item.code == "reel"]
     assert make_printer("a", is_reel_uncertain=True).find_obstacle().code is HoldCode.REEL_UNCERTAIN

@@ -40,7 +40,7 @@ def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
 
     def list_task_texts(free_bytes):
         monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 0, free_bytes))
-        asyncio.run(upkeep.measure())
+        asyncio.run(upkeep.check_free_space())
         return [task.text for task in list_tasks(farm.build_view_context(state)) if task.code == "farm"]
 
     with farm.store:

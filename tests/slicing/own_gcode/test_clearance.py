@@ -49,7 +49,7 @@ def test_extent_of_the_head_matches_the_definition_of_cura():
     clearance.add_line([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
 
     def collides_at(x, y, z=3.0):
-        return clearance.find_obstacle_mm([x, y, z], [x, y, z]) is not None
+        return clearance.find_obstacle_height_mm([x, y, z], [x, y, z]) is not None
 
     assert collides_at(100, 100, 8.0) and not collides_at(100, 100, 8.7)
     assert collides_at(102, 100) and not collides_at(102, 100, 4.0)

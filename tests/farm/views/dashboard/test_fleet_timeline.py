@@ -83,7 +83,7 @@ def test_attended_and_quiet_hours_are_in_the_background():
 
 def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
     books = make_night_books()
-    view = describe_timeline(books, Change(3, moves=True, before=1))
+    view = describe_timeline(books, Change(3, is_moved=True, successor=1))
     delays_s = {shift.job: shift.delay_s for shift in view.shifts}
     assert delays_s[3] < 0.0 < delays_s[1]
     planned_parts = [row.part for row in view.table if row.kind == "planned"]
@@ -107,7 +107,7 @@ def test_held_job_is_forecast_as_if_it_were_approved():
     assert held_books.jobs[4].state == "held"
     (shift,) = (
         row
-        for row in describe_timeline(held_books, Change(4, moves=True, before=None)).shifts
+        for row in describe_timeline(held_books, Change(4, is_moved=True, successor=None)).shifts
         if row.job == 4
     )
     assert shift.end is None
@@ -116,7 +116,7 @@ def test_held_job_is_forecast_as_if_it_were_approved():
 
 def test_unknown_job_is_refused():
     with pytest.raises(NotFoundError, match="no job 9"):
-        describe_timeline(make_night_books(), Change(9, moves=True))
+        describe_timeline(make_night_books(), Change(9, is_moved=True))
 
 
 def test_empty_farm_has_an_empty_timeline():
@@ -154,6 +154,6 @@ def test_planned_print_does_not_begin_before_a_late_one_ends():
     busy_snapshot = AgentSnapshot(printer="a", link=Link.BUSY, print=late_print)
     context = dataclasses.replace(make_context(books, NOW_S), snapshots={"a": busy_snapshot})
     rows = describe_fleet_timeline(context, make_situation(books, NOW_S, "a"), 3600.0).table
-    ends = {row.kind: row.ends for row in rows}
-    starts = [row.starts for row in rows if row.kind == "planned"]
+    ends = {row.kind: row.end for row in rows}
+    starts = [row.start for row in rows if row.kind == "planned"]
     assert min(starts) >= ends["printing"]

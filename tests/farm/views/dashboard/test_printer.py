@@ -42,7 +42,7 @@ def test_fault_is_shown_with_its_stills_and_temperatures():
     assert [(still.moment, still.file) for still in fault.stills] == [("failure", "print-1-failure.png")]
     assert (page.figures.print_count, page.figures.failed_count) == (1, 1)
     assert [row.part for row in page.prints] == ["1/p01"]
-    assert page.chart.hottest_c == 210
+    assert page.chart.max_temperature_c == 210
 
 
 def test_page_omits_faults_and_prints_of_other_printers():
