@@ -75,7 +75,7 @@ def load_fleet(
     models
         The printer models that the drivers know.
     complete
-        Checks and completes each printer whose keys are valid.
+        Function that checks and completes each printer whose keys are valid.
 
     Raises
     ------

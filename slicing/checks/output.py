@@ -92,7 +92,9 @@ def _read_last_comment(path: Toolpath, name: str) -> str:
     )
 
 
-def _check_heat(path: Toolpath, extrudes: npt.NDArray[np.bool_], min_extrusion_c: float) -> tuple[bool, bool]:
+def _check_heat(
+    path: Toolpath, is_extruding: npt.NDArray[np.bool_], min_extrusion_c: float
+) -> tuple[bool, bool]:
     """Check whether filament is extruded by a cold nozzle, and whether all heaters are off at the end."""
     target_c = {"M104": 0.0, "M140": 0.0}
     reached_c = 0.0
@@ -101,14 +103,14 @@ def _check_heat(path: Toolpath, extrudes: npt.NDArray[np.bool_], min_extrusion_c
         if command.code not in ("M104", "M109", "M140", "M190"):
             continue
         if min(reached_c, target_c["M104"]) < min_extrusion_c:
-            is_cold |= bool(extrudes[first_move : command.move].any())
+            is_cold |= bool(is_extruding[first_move : command.move].any())
         first_move = command.move
         new_target_c = command.words.get("S", 0.0)
         target_c["M104" if command.code in ("M104", "M109") else "M140"] = new_target_c
         if command.code == "M109":
             reached_c = new_target_c
     if min(reached_c, target_c["M104"]) < min_extrusion_c:
-        is_cold |= bool(extrudes[first_move:].any())
+        is_cold |= bool(is_extruding[first_move:].any())
     return is_cold, not any(target_c.values())
 
 

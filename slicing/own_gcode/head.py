@@ -138,7 +138,7 @@ class Head:
             self._objections.add(f"one move pushes {extruded_mm:.0f} mm of filament: is it counted in mm3?")
         if extruded_mm < 0:
             self._retraction_line = self._objections.line
-        if self._retracted_mm > self._max_retracted_mm:  # an end script may unload it
+        if self._retracted_mm > self._max_retracted_mm:  # an end script may unload the filament
             self._objections.add_except_at_end(
                 f"draws the filament {self._retracted_mm:.1f} mm back, out of the hot end"
             )

@@ -123,7 +123,7 @@ def test_farm_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_
 
     monkeypatch.setattr("farm.daemon.asyncio.sleep", record_wait)
     monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
-    asyncio.run(daemon._end_when_idle(now=False))
+    asyncio.run(daemon._end_when_idle(is_immediate=False))
     daemon._workers.close()
     daemon._store.close()
     assert waits == [["bunny.stl"], []]

@@ -335,7 +335,7 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
             while listener.last_snapshot is None:
                 assert not listen_task.done()
                 await asyncio.sleep(0.001)
-        agent_connection._stopping = True
+        agent_connection._is_stopping = True
         await listen_task
 
     asyncio.run(main(FaultyListener()))
