@@ -129,7 +129,10 @@ class TemperatureRecord:
         if last is not None and is_same_minute and (last.nozzle_c is None) == (nozzle_c is None):
             readings.pop()
             at_s = last.at_s
-            nozzle_c, bed_c = _choose_hotter(last.nozzle_c, nozzle_c), _choose_hotter(last.bed_c, bed_c)
+            nozzle_c, bed_c = (
+                _find_max_temperature_c(last.nozzle_c, nozzle_c),
+                _find_max_temperature_c(last.bed_c, bed_c),
+            )
         targets = _round_temperature(snapshot.nozzle_target_c), _round_temperature(snapshot.bed_target_c)
         readings.append(Temperatures(at_s, nozzle_c, bed_c, *targets))
 
@@ -138,7 +141,7 @@ def _round_temperature(degrees_c: float | None) -> int | None:
     return None if degrees_c is None else round(min(_MAX_C, max(_MIN_C, degrees_c)))
 
 
-def _choose_hotter(first_c: int | None, second_c: int | None) -> int | None:
+def _find_max_temperature_c(first_c: int | None, second_c: int | None) -> int | None:
     readings_c = [degrees_c for degrees_c in (first_c, second_c) if degrees_c is not None]
     return max(readings_c, default=None)
 
@@ -210,7 +213,7 @@ def list_unconfirmed_instructions(
     snapshots
         Latest snapshot of each agent, by printer.
     names
-        The printers whose open prints are checked; None: all.
+        The printers whose open prints are checked; None for all printers.
     find_printer
         Function that describes a printer; it returns None if the printer is no longer enabled.
     rules, now_s

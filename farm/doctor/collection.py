@@ -79,12 +79,14 @@ def collect_facts(paths: FarmPaths, daemon_version: str | None, daemon_error: st
         daemon_version=daemon_version,
         fleet=fleet,
         fleet_error=fleet_error,
-        files=_check_files(books.books, paths.state) if books.books is not None else FileFacts(),
+        files=_collect_file_facts(books.books, paths.state) if books.books is not None else FileFacts(),
         agents=tuple(
-            _query_agent(section.name, paths.state.find_agent_folder(section.name))
+            _query_agent_facts(section.name, paths.state.find_agent_folder(section.name))
             for section in local_printers
         ),
-        ports=tuple(_check_port(section) for section in local_printers if section.port.startswith("/")),
+        ports=tuple(
+            _collect_port_facts(section) for section in local_printers if section.port.startswith("/")
+        ),
         disk=_measure_disk(paths.state, books.books),
         free_spaces=tuple(_measure_free_spaces(paths.state)),
         code=_read_code_facts(),
@@ -110,7 +112,7 @@ def _read_books(state: StateFolder) -> BooksFacts:
     return BooksFacts(path, schema_version=schema_version, books=books)
 
 
-def _check_files(books: Books, state: StateFolder) -> FileFacts:
+def _collect_file_facts(books: Books, state: StateFolder) -> FileFacts:
     count, missing_files, changed_files = 0, [], []
     for job in books.jobs.values():
         if job.state.ended:
@@ -134,7 +136,7 @@ def _list_job_files(books: Books, job: Job) -> Iterator[tuple[str, str]]:
         yield from ((books.parts[name].file, Path(books.parts[name].file).stem) for name in plate.parts)
 
 
-def _query_agent(printer: str, folder: Path) -> AgentFacts:
+def _query_agent_facts(printer: str, folder: Path) -> AgentFacts:
     try:
         if folder.exists() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
             return AgentFacts(printer, alive=False, folder_error=f"{folder} is not accessible to you")
@@ -159,7 +161,7 @@ async def _query_protocol(folder: Path) -> int | None:
     return None
 
 
-def _check_port(section: PrinterSection) -> PortFacts:
+def _collect_port_facts(section: PrinterSection) -> PortFacts:
     path = Path(section.port)
     try:
         status = path.stat()
