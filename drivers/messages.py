@@ -218,7 +218,10 @@ class Upload(_Request):
 
 
 class CancelPrint(_Request):
-    """End a print safely: head aside, heaters off, filament parked. No effect unless the print is open."""
+    """End a print safely: head aside, heaters off, filament parked.
+
+    It has no effect unless the print is open.
+    """
 
     do: Literal["cancel"] = "cancel"
     id: int
@@ -227,7 +230,7 @@ class CancelPrint(_Request):
 
 
 class PausePrint(_Request):
-    """Pause a print, which can then be resumed. No effect unless the phase is PRINTING."""
+    """Pause a print, which can then be resumed. It has no effect unless the phase is PRINTING."""
 
     do: Literal["pause"] = "pause"
     id: int
@@ -268,7 +271,7 @@ class ListLines(_Request):
 
 
 class BedCleared(_Request):
-    """Report that a person has cleared the bed. Clears faults that needed a person."""
+    """Report that a person has cleared the bed, which also clears the faults that required a person."""
 
     do: Literal["cleared"] = "cleared"
     id: int

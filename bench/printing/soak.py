@@ -99,8 +99,8 @@ def print_over_noisy_wire(lines: int, damage: float, seed: int = 0) -> Outcome:
         fault=fault,
         exact=fault is None and moves == lines and is_at_end and has_fed,
         moves=moves,
-        altered=firmware.noise.altered_lines if firmware.noise is not None else 0,
-        damaged_bytes=firmware.noise.damaged_bytes if firmware.noise is not None else 0,
+        altered=firmware.noise.altered_line_count if firmware.noise is not None else 0,
+        damaged_bytes=firmware.noise.damaged_byte_count if firmware.noise is not None else 0,
         repeated=link.repeat_count,
         cpu_s=round(time.process_time() - start_s, 1),
     )

@@ -334,7 +334,8 @@ class Board:
         if self.link.is_drained:
             # Switch off heaters left on when the port was lost: queries alone would reset the dead-man timer.
             firmware = self._firmware
-            self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
+            commands = firmware.heaters_off_commands if self.state.hot else firmware.idle_queries
+            self.link.send(now_s, *commands)
 
     def _on_idle_fault(self, fault: LinkFault, now_s: float) -> None:
         if fault.fault is Fault.REBOOT:
@@ -358,7 +359,7 @@ class Board:
             self.link.poll_interval_s = self.pace.idle_interval_s
         else:
             self.session.on_port_reset()
-        abort_commands = self._firmware.abort_unnumbered if self._is_responsible else b""
+        abort_commands = self._firmware.unnumbered_abort if self._is_responsible else b""
         self.link.on_opened(self._clock.now(), abort_commands)
         self._on_port_change(self._port.fileno())
 

@@ -76,7 +76,7 @@ class Agent:
         finally:
             self._board.switch_off()
             self._board.close()
-            self._inhibitor.hold(False)
+            self._inhibitor.set_lock(False)
             if self._server is not None:
                 self._server.close()
             signal.set_wakeup_fd(-1)
@@ -145,7 +145,7 @@ class Agent:
     def _push(self) -> None:
         """Send a snapshot to all clients: at once after a change, otherwise at intervals."""
         session, report, journal_state = self._board.session, self._board.report, self._journal.state
-        self._inhibitor.hold(session is not None)
+        self._inhibitor.set_lock(session is not None)
         context = None if session is None else session.context
         key = (
             describe_link(self._board, self._recorder.journal_error),

@@ -1,4 +1,4 @@
-"""Recorder of a board's changes, which are in the journal before the board continues."""
+"""Recorder that writes a board's changes to the journal before the board continues."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Recorder:
         self.alarms = Alarms(start.printer, start.power_off_cmd, journal.state.alarm)
         self.board, self.journal, self._clock = board, journal, clock
         self._program: Program | None = None
-        self._starved_before_s = 0.0
+        self._starvation_before_s = 0.0
         board.state = journal.state.board.model_copy()
         is_watched = board.is_simulated and board.state.bed_unknown_reason is None
         board.idle_watch.filament = FilamentWatch(is_watched, board.state.rest_position)
@@ -87,13 +87,13 @@ class Recorder:
             previous_fault=fault,
             suspicion=self.alarms.suspicion,
             extruded=extruded,
-            board_resets=not self.board.reset_failed,
+            can_reset_board=not self.board.reset_failed,
             ends_by_s=ends_by_s,
         )
         self._program = program
         self.board.idle_watch.filament.confirm()
         status = self.board.emulator.read_status()
-        self._starved_before_s = status.starved_s if status is not None else 0.0
+        self._starvation_before_s = status.starvation_s if status is not None else 0.0
         self.board.begin(Session(context))
 
     def record_changes(self) -> None:
@@ -183,7 +183,9 @@ class Recorder:
     def describe_print(self, saved_print: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
         """Return the current state of the open print."""
         status = self.board.emulator.read_status()
-        starved_s = saved_print.starved_s if status is None else status.starved_s - self._starved_before_s
+        starved_s = (
+            saved_print.starved_s if status is None else status.starvation_s - self._starvation_before_s
+        )
         awaits_outcome = self._lacks_outcome(context)
         readings: dict[str, object] = {
             "phase": PrintPhase.ENDING if awaits_outcome else context.phase,

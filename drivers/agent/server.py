@@ -78,7 +78,7 @@ class Server:
             os.close(descriptor)
         self._listener.listen()
         self._listener.setblocking(False)
-        self._listen(True)
+        self._set_listening(True)
 
     def push(self, snapshot: Snapshot) -> None:
         """Send a snapshot to every client."""
@@ -95,16 +95,16 @@ class Server:
         for client in tuple(self._clients):
             if now_s - client.partial_since_s > _REQUEST_TIMEOUT_S:
                 self._drop(client)
-        self._listen(now_s >= self._paused_until_s)
+        self._set_listening(now_s >= self._paused_until_s)
 
     def close(self) -> None:
         """Drop all clients, and stop listening."""
         for client in tuple(self._clients):
             self._drop(client)
-        self._listen(False)
+        self._set_listening(False)
         self._listener.close()
 
-    def _listen(self, is_enabled: bool) -> None:
+    def _set_listening(self, is_enabled: bool) -> None:
         """Start or stop accepting new clients."""
         if is_enabled and not self._is_listening:
             self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
@@ -120,7 +120,7 @@ class Server:
             return  # the client has disconnected already
         except OSError as error:  # no free descriptor: pause, as the loop would spin otherwise
             self._paused_until_s = now_s + _ACCEPT_PAUSE_S
-            self._listen(False)
+            self._set_listening(False)
             if now_s >= self._next_warning_s:
                 self._next_warning_s = now_s + _LOG_INTERVAL_S
                 log.warning("cannot accept a client: %s", error)

@@ -24,7 +24,7 @@ class Inhibitor:
     is_simulated
         True for a simulated printer, which takes no lock.
     command
-        Command that runs the command in its last arguments, and holds the lock meanwhile.
+        Command prefix that takes the lock, and holds it while the command appended to it runs.
     """
 
     def __init__(self, printer: str, *, is_simulated: bool, command: Sequence[str] | None = None) -> None:
@@ -34,9 +34,9 @@ class Inhibitor:
         )
         self._child: subprocess.Popen[bytes] | None = None
 
-    def hold(self, is_enabled: bool) -> None:
+    def set_lock(self, is_held: bool) -> None:
         """Take or release the lock. A refusal by the host is logged, and the print continues."""
-        if self._command is None or is_enabled == (self._child is not None):
+        if self._command is None or is_held == (self._child is not None):
             return
         if self._child is not None:
             assert self._child.stdin is not None

@@ -81,7 +81,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
         heaters_off=heaters_off if session is None else session.context.heaters_off,
         filament=filament,
         bed_clear=emulator.bed_clear if emulator is not None else None,
-        starved_s=emulator.starved_s if emulator is not None else 0.0,
+        starved_s=emulator.starvation_s if emulator is not None else 0.0,
         board_resets=board.reset_count,
         bed_unknown_reason=board.state.bed_unknown_reason,
         alarm=recorder.alarms.message,

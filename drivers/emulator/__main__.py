@@ -39,7 +39,7 @@ MAX_OK_DELAY_S = 0.002
 class Emulator:
     """The firmware with its port and its control socket.
 
-    The firmware's own clock starts at 0 at power-on: a float represents microseconds of small numbers only.
+    The firmware's own clock starts at 0 at power-on: only a small float has a precision of microseconds.
 
     Parameters
     ----------
@@ -146,14 +146,14 @@ class Emulator:
             filament_mm=round(board.filament_mm, 4),
             filament_end_mm=round(board.filament_end_mm, 4),
             bed_clear=board.bed_clear,
-            starved_s=round(firmware.starved_s, 4),
+            starvation_s=round(firmware.starvation_s, 4),
             moves=firmware.move_count,
             lines=firmware.line_count,
             errors=firmware.error_count,
             resets=firmware.reset_count,
             printing_s=round(firmware.printing_s, 4),
-            damaged=firmware.noise.damaged_bytes if firmware.noise is not None else 0,
-            altered=firmware.noise.altered_lines if firmware.noise is not None else 0,
+            damaged_byte_count=firmware.noise.damaged_byte_count if firmware.noise is not None else 0,
+            altered_line_count=firmware.noise.altered_line_count if firmware.noise is not None else 0,
         )
         try:
             write_status(self._folder, status)
@@ -169,7 +169,7 @@ class Emulator:
         if self._port.process_port_events() and not self._firmware.board.faults.no_reset:
             self._port.discard()
             for wire in self._wires or ():
-                wire.cut()
+                wire.clear()
             self._firmware.feed(b"", now_s)
             self._firmware.reset(now_s)
         if self._port.is_open != was_open:

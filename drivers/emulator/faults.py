@@ -44,7 +44,7 @@ class Faults:
     # in the board's processor
     reset_after: int = 0  # resets (brown-out)
     silent_after: int = 0  # reads and sends nothing until it is reset; its heaters stay on
-    sleep_after: int = 0  # does nothing for `SLEEP_S`, and then continues
+    sleep_after: int = 0  # does nothing for `SLEEP_DURATION_S`, and then continues
     stuck_after: int = 0  # requests the same line endlessly
     kill_after: int = 0  # calls kill(), as when its dead-man timer expires
     zero_after: int = 0  # silently sets the nozzle's target to 0
@@ -68,7 +68,7 @@ class Faults:
     no_reset: bool = False  # DTR is not connected: neither opening the port nor a pulse resets the board
     # not faults: an option of some firmwares, and a difference between two printers
     advanced_ok: bool = False  # an ok has the line number and the free space of both buffers
-    home_offset_mm100: int = 0  # hundredths of a millimetre by which the Z of M206 is below -10
+    home_offset_hundredths_mm: int = 0  # hundredths of a millimetre by which the Z of M206 is below -10
 
     @property
     def affects_lines(self) -> bool:
@@ -91,7 +91,7 @@ class Faults:
         return {name: line for name, line in fields_and_values if name.endswith("_after") and line}
 
 
-SLEEP_S = 25.0  # duration of `Faults.sleep_after`
+SLEEP_DURATION_S = 25.0  # duration of `Faults.sleep_after`
 _NUMBER = re.compile(rb"N(\d+) ?")
 WEAK_NOZZLE_C, WEAK_BED_C = 140.0, 45.0
 

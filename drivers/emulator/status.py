@@ -9,6 +9,8 @@ from pathlib import Path
 from drivers.errors import PortError
 
 STATUS_FILE = "status.json"
+# Names in the file, by field.
+_JSON_NAMES = {"starvation_s": "starved_s", "damaged_byte_count": "damaged", "altered_line_count": "altered"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,17 +33,17 @@ class EmulatorStatus:
         Net filament through the feeder.
     filament_end_mm
         Position of the filament's end relative to the nozzle: -20 if it is parked, 0 at the nozzle.
-    starved_s
-        Seconds of a print in which the planner was empty for lack of lines, less the time on the wire.
+    starvation_s
+        Seconds of a print in which the planner was empty for lack of lines, minus the transmission time.
     errors
         Number of `Error` lines sent.
     resets
         Number of boots since power-on, including those caused by opening the port.
     printing_s
         Total duration of the finished moves, in seconds.
-    damaged
+    damaged_byte_count
         Number of bytes that noise changed, in both directions.
-    altered
+    altered_line_count
         Number of lines executed although they were changed, because their checksums matched.
     """
 
@@ -60,20 +62,21 @@ class EmulatorStatus:
     filament_mm: float
     filament_end_mm: float
     bed_clear: bool
-    starved_s: float
+    starvation_s: float
     moves: int
     lines: int
     errors: int
     resets: int
     printing_s: float
-    damaged: int = 0
-    altered: int = 0
+    damaged_byte_count: int = 0
+    altered_line_count: int = 0
 
 
 def write_status(folder: Path, status: EmulatorStatus) -> None:
     """Replace the status file in one step."""
     temporary = folder / f".{STATUS_FILE}.new"
-    temporary.write_text(json.dumps(asdict(status)))
+    values = {_JSON_NAMES.get(name, name): value for name, value in asdict(status).items()}
+    temporary.write_text(json.dumps(values))
     temporary.replace(folder / STATUS_FILE)
 
 
@@ -89,8 +92,8 @@ def read_status(folder: Path) -> EmulatorStatus:
     try:
         raw = json.loads(path.read_text())
         raw["position_mm"] = tuple(raw["position_mm"])
-        names = {field.name for field in fields(EmulatorStatus)}
-        return EmulatorStatus(**{name: value for name, value in raw.items() if name in names})
+        names = {_JSON_NAMES.get(field.name, field.name): field.name for field in fields(EmulatorStatus)}
+        return EmulatorStatus(**{names[name]: value for name, value in raw.items() if name in names})
     except FileNotFoundError:
         raise PortError(f"{path}: no emulator has run here; start one with launch()") from None
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -62,22 +62,22 @@ class Firmware:
         True if moves are acknowledged when they are read, not after execution as all other commands are.
     ok_details
         Pattern of the text that may follow an ``ok``; group 1 is the line number. None if nothing follows.
-    keep_alive
+    busy_prefix
         Beginning of the line that is sent once a second during a long command; None if there is none.
     fault_texts
         Texts that mark a line as a fault; the first match counts.
-    stop_moves
+    stop_command
         Command that empties the queue of moves and thus stops the head.
-    halt
+    halt_command
         Command that switches everything off until the board is reset; None if there is no such command.
     reports_executed_steps
         True if the answer to `position_query` counts executed steps, not planned ones.
-    wait_moves, motors_off, heaters_off, fan_off
+    wait_command, motors_off_command, heaters_off_commands, fan_off_command
         Commands that wait for the end of all moves, and that switch motors, heaters and fan off.
-    dead_man
+    dead_man_command
         Command that arms the dead-man timer: heaters go off after ``%d`` seconds without a command; 0 disarms
         it.
-    dead_man_observed
+    is_dead_man_observed
         True if the timer was observed on a real printer. Otherwise a real printer prints only while attended.
     setup_commands
         Commands sent before a print to a board that has restarted.
@@ -106,31 +106,31 @@ class Firmware:
     last_line_resends: bool
     acknowledges_read_moves: bool
     ok_details: re.Pattern[bytes] | None
-    keep_alive: bytes | None
+    busy_prefix: bytes | None
     fault_texts: tuple[tuple[bytes, Fault], ...]
-    stop_moves: bytes
-    halt: bytes | None
+    stop_command: bytes
+    halt_command: bytes | None
     reports_executed_steps: bool
-    wait_moves: bytes
-    motors_off: bytes
-    heaters_off: tuple[bytes, ...]
-    fan_off: bytes
-    dead_man: bytes
-    dead_man_observed: bool
+    wait_command: bytes
+    motors_off_command: bytes
+    heaters_off_commands: tuple[bytes, ...]
+    fan_off_command: bytes
+    dead_man_command: bytes
+    is_dead_man_observed: bool
     setup_commands: tuple[bytes, ...]
     reset_commands: tuple[bytes, ...]
     wait_timeouts_s: Mapping[bytes, float]
     forbidden_commands: Mapping[bytes, str]
 
     @property
-    def abort(self) -> tuple[bytes, ...]:
+    def abort_commands(self) -> tuple[bytes, ...]:
         """Commands that stop motion, heaters and fan."""
-        return (self.stop_moves, *self.heaters_off, self.fan_off)
+        return (self.stop_command, *self.heaters_off_commands, self.fan_off_command)
 
     @property
-    def abort_unnumbered(self) -> bytes:
-        """Bytes that abort in any state of the board; the newline ends a line that was cut off."""
-        return b"\n" + b"".join(command + b"\n" for command in self.abort)
+    def unnumbered_abort(self) -> bytes:
+        """Bytes that abort a print in any state of the board; the newline ends a line that was cut off."""
+        return b"\n" + b"".join(command + b"\n" for command in self.abort_commands)
 
     def read_identity(self, banner: bytes) -> Identity | None:
         """Parse the identity in a banner; None if it is garbled, or not this firmware's banner."""

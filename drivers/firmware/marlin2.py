@@ -38,7 +38,7 @@ MARLIN2 = Firmware(
     last_line_resends=True,  # ``gcode_line_error``
     acknowledges_read_moves=False,  # ``GcodeSuite::process_parsed_command`` ends with its ok
     ok_details=re.compile(rb"(?: N(\d{1,9}))? P\d{1,3} B\d{1,3}"),  # ``ADVANCED_OK``
-    keep_alive=b"echo:busy:",  # ``GcodeSuite::host_keepalive``
+    busy_prefix=b"echo:busy:",  # ``GcodeSuite::host_keepalive``
     fault_texts=(
         (b"MAXTEMP", Fault.MAXTEMP),
         (b"MINTEMP", Fault.MINTEMP),
@@ -55,15 +55,16 @@ MARLIN2 = Firmware(
         (b"echo:Marlin", Fault.REBOOT),  # the banner: its ``start`` was lost or garbled
         (b"echo:Compiled:", Fault.REBOOT),
     ),
-    stop_moves=b"M410",  # M401 lowers a probe here
-    halt=b"M112",
+    stop_command=b"M410",  # M401 lowers a probe here
+    halt_command=b"M112",
     reports_executed_steps=False,  # ``report_current_position_projected``: the planned position
-    wait_moves=b"M400",
-    motors_off=b"M84",
-    heaters_off=(b"M104 S0", b"M140 S0"),
-    fan_off=b"M107",
-    dead_man=b"M85 S%d",  # reset only by moves and by M85 itself (``manage_inactivity``); ends in kill()
-    dead_man_observed=False,
+    wait_command=b"M400",
+    motors_off_command=b"M84",
+    heaters_off_commands=(b"M104 S0", b"M140 S0"),
+    fan_off_command=b"M107",
+    # The timer is reset only by moves and by M85 itself (``manage_inactivity``); it ends in kill().
+    dead_man_command=b"M85 S%d",
+    is_dead_man_observed=False,
     setup_commands=_SETUP_COMMANDS,
     reset_commands=(
         b"M104 S0",

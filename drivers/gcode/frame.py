@@ -44,7 +44,7 @@ def compute_running_checksums(text: bytes) -> bytes:
 
 
 def add_frame(number: int, command: bytes) -> bytes:
-    """Add line number, checksum and newline to a command, such that the firmware accepts no flipped bit.
+    """Add line number, checksum and newline to a command, so that the firmware detects any flipped bit.
 
     If the decimals (at most 6) after a ``.`` equal the checksum of the text before it, an extra blank makes
     them differ, provided that it fits.

@@ -1,7 +1,7 @@
 """G-code file prepared for sending, with the facts that a print needs in advance. Pure.
 
 Comments and blank lines are removed: the firmware drops a line with a comment and the line after it.
-A line that cannot be sent is refused with its number (`line`).
+A line that cannot be sent is refused, and the error gives its number (see `drivers.gcode.line`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _BLOCK_LINES = 256
 _EXTRUDING_MOVE = re.compile(rb"G[0-3] [^E]*E")
 _RISING_CODES = frozenset((b"G0", b"G1"))
 _HEATING_CODES = frozenset((b"M104", b"M109", b"M140", b"M190"))
-# By command: 0 for the mode of the axes or 1 for that of E; 0 for absolute or 1 for relative.
+# Mode (0: axes, 1: E) that each command sets, and its value (0: absolute, 1: relative).
 _MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}
 _MAX_LAYERS = 1e6
 _MAX_PRINT_TIME_S = 1e8
@@ -160,7 +160,7 @@ class Program:
                 return heat.target_c
         return None
 
-    def compute_highest_mm(self, line: int) -> float:
+    def compute_max_height_mm(self, line: int) -> float:
         """Compute an upper bound of the printed height after `line` lines, in steps of `_PEAK_STEP_MM`."""
         index = bisect_left(self._peak_lines, line)
         return self._peaks_mm[index - 1] if index else 0.0
@@ -226,7 +226,7 @@ class _Reader:
         self._peak_lines, self._peaks_mm = array("Q"), array("d")
 
     def read_line(self, line: bytes, number: int) -> bytes:
-        """Convert a line that is not a plain move; return nothing if it is not sent. Raises BadGcode."""
+        """Convert a line that is not a plain move; return empty bytes if it is not sent. Raises BadGcode."""
         line, semicolon, comment = line.partition(b";")
         if semicolon:
             self._read_comment(comment, number)
@@ -247,7 +247,7 @@ class _Reader:
         elif command.name == b"G28":
             self._home_line = line_count if self._home_line < 0 else self._home_line
         elif (z_mm := command.words.get(b"Z")) is not None and command.name in _RISING_CODES:
-            self._timeline.add_height(z_mm)
+            self._timeline.set_layer_height(z_mm)
             if not len(self._toggles[0]) % 2 and z_mm > (self._peaks_mm[-1] if self._peaks_mm else 0.0):
                 self._peak_lines.append(line_count)
                 self._peaks_mm.append(z_mm + _PEAK_STEP_MM)

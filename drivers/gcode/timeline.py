@@ -58,9 +58,10 @@ class Mark:
 
 
 class Timeline:
-    """Marks of a file, increasing in line and time; between two marks, time is linear in the lines.
+    """Marks of a file, in increasing order of line and time. Between marks, time is interpolated by line.
 
-    Call `add_layer`, `add_feature`, `add_height` and `add_time` in the order of the lines, then `close`.
+    Call `add_layer`, `add_feature`, `set_layer_height` and `add_time` in the order of the lines; then call
+    `close`.
 
     Attributes
     ----------
@@ -126,8 +127,8 @@ class Timeline:
         self._feature = _FEATURE_NUMBERS[Feature(name)] if name in _FEATURE_NUMBERS else -1
         self._mark(line, math.nan)
 
-    def add_height(self, z_mm: float) -> None:
-        """Set the height of the layer, which precedes its first feature."""
+    def set_layer_height(self, z_mm: float) -> None:
+        """Set the height of the current layer; call this before the first feature of the layer."""
         self._z_mm = z_mm
         if self._lines and self._feature < 0:
             self._layers[-1], self._heights_mm[-1], self._features[-1] = self._layer, z_mm, -1

@@ -52,7 +52,7 @@ class AgentWatch:
     start_count
         Number of attempts to start an agent.
     last_ended_start
-        Number of the last of these attempts whose agent has ended, or could not be started; 0 without one.
+        Number of the last attempt whose agent has ended or could not be started; 0 if there is none.
     """
 
     def __init__(

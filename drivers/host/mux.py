@@ -80,7 +80,7 @@ class Mux:
         self._reader = FrameReader()
         self._streams: dict[int, _Stream] = {}
         self._priority_frames: deque[Frame] = deque()  # sent before all data
-        self._ready_numbers: deque[int] = deque()  # of the streams with a frame to send, each once
+        self._ready_numbers: deque[int] = deque()  # numbers of the streams that have a frame to send
         self._last_number = 0
 
     def open(self, name: str) -> int:

@@ -46,7 +46,7 @@ class Backoff:
 
 
 class ReportFilter:
-    """Filter that selects the lines of an agent to send to the daemon.
+    """Filter that selects which lines of an agent are sent to the daemon.
 
     Replies pass at once, and so do snapshots that differ in more than temperatures and progress. Other
     snapshots pass if the last one passed at least `report_interval_s` earlier.

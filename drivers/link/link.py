@@ -14,7 +14,7 @@ from drivers.link.replies import BoardConnected, Event, Events, LinkFault, Unkno
 
 SILENT_REASON = "the board does not answer"
 SILENCE_S = 0.3  # silence before the first query; doubled with each query
-KEEP_ALIVE_S = 1.4  # replaces SILENCE_S if the firmware sends a busy message every second while it works
+KEEP_ALIVE_SILENCE_S = 1.4  # replaces SILENCE_S if the firmware sends a busy message every second
 QUERY_DELAY_S = 0.05  # time until a query after an unreadable line, which may have been an ok
 _MAX_ANSWER_BYTES = 512
 
@@ -37,8 +37,8 @@ class Link:
     def __init__(self, firmware: Firmware, min_timeout_s: float = 0.0) -> None:
         self._firmware = firmware
         self._min_timeout_s = min_timeout_s
-        keeps_alive = firmware.keep_alive is not None
-        shortest_s, divisor = (KEEP_ALIVE_S, 4) if keeps_alive else (SILENCE_S, 8)
+        keeps_alive = firmware.busy_prefix is not None
+        shortest_s, divisor = (KEEP_ALIVE_SILENCE_S, 4) if keeps_alive else (SILENCE_S, 8)
         self._silence_s = max(shortest_s, min_timeout_s / divisor)
         self._query_delay_s = max(QUERY_DELAY_S, min_timeout_s / 40)
         self.poll_interval_s = math.inf
@@ -177,7 +177,7 @@ class Link:
 
     def _handle_answer(self, answer: bytes, now_s: float, events: list[Event]) -> None:
         if (number := replies.parse_ok(answer, self._firmware)) is not None:
-            if not self._poll_in_flight and self._answer is None and number in (-1, self._outbox.number):
+            if not self._is_poll_in_flight and self._answer is None and number in (-1, self._outbox.number):
                 self._handle_ok(now_s)
         elif answer.startswith(b"ok"):
             self._handle_report(answer, now_s, events)
@@ -194,7 +194,7 @@ class Link:
             self._handle_refusal(-1, now_s)  # a Resend follows, unless it was lost
         elif (fault := replies.parse_fault(answer, self._firmware)) is not None:
             self._give_up(fault.fault, fault.text, events)
-        elif (alive := self._firmware.keep_alive) is not None and answer.startswith(alive):
+        elif (alive := self._firmware.busy_prefix) is not None and answer.startswith(alive):
             self._handle_busy(now_s, events)
         elif answer:
             events.append(UnknownLine(answer))
@@ -222,11 +222,11 @@ class Link:
     def _handle_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
         if (report := replies.parse_report(line)) is not None:
             events.append(report)  # otherwise it is garbled; the next one follows soon
-        if self._poll_in_flight:
+        if self._is_poll_in_flight:
             self._handle_ok(now_s)
 
     @property
-    def _poll_in_flight(self) -> bool:
+    def _is_poll_in_flight(self) -> bool:
         """True while an M105 is in flight."""
         return self._awaits_ok and self._outbox.is_poll
 
@@ -287,7 +287,7 @@ class Link:
             return
         self._is_refused = False
         match action:
-            case Action.WAIT if self._firmware.keep_alive is not None:
+            case Action.WAIT if self._firmware.busy_prefix is not None:
                 self._due_s = self._recovery.last_progress_s + self._silence_s
             case Action.WAIT:
                 self._schedule_query(now_s)

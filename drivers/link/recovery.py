@@ -110,7 +110,7 @@ class Recovery:
         busy_interval_s
             Seconds within which a working board sends a busy message.
         """
-        if firmware.keep_alive is not None:
+        if firmware.busy_prefix is not None:
             return 1 if self._queried_s >= self.last_progress_s + busy_interval_s else math.inf
         return 1 if firmware.acknowledges_read_moves and is_move else NEEDED_CONFIRMATIONS
 

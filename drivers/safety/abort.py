@@ -30,7 +30,7 @@ _ANSWER_TIMEOUT_S, _READ_INTERVAL_S = 0.5, 0.05  # wall seconds
 def send_abort(port: Port, firmware: Firmware) -> None:
     """Replace all unsent bytes by the sequence, without waiting for an answer. Never raises."""
     with suppress(PortError):
-        port.write_now(firmware.abort_unnumbered)
+        port.write_now(firmware.unnumbered_abort)
 
 
 def send_abort_until_accepted(port: Port, firmware: Firmware) -> None:

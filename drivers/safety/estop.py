@@ -44,7 +44,11 @@ _REPORT_TIMEOUT_S = 20.0  # time for `start`, the banner and a report
 _POLL_INTERVAL_S = 0.5  # time between two reports, and between two queries for the position
 _COOLING_TIMEOUT_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
 _EXECUTED_STEPS = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
-_FIELD_NAMES = {"cut_s": "reset_s", "still": "is_still"}  # fields by their names in JSON
+_FIELD_NAMES = {
+    "cut_s": "reset_s",
+    "seen_off": "is_confirmed_off",
+    "still": "is_still",
+}  # fields by their names in JSON
 
 ProgressCallback = Callable[[str], None]
 """Callback for progress messages during a stop."""
@@ -94,7 +98,7 @@ class StopResult:
         The printer's name in the fleet.
     reset_s
         Wall time (time.time) of the reset, in seconds; None if it was not possible.
-    seen_off
+    is_confirmed_off
         True if the printer reported both targets 0 and has cooled since then, or if it is a simulated printer
         without power.
     text
@@ -105,7 +109,7 @@ class StopResult:
 
     printer: str
     reset_s: float | None
-    seen_off: bool
+    is_confirmed_off: bool
     text: str
     is_still: bool = False
 
@@ -115,7 +119,7 @@ class StopResult:
             {
                 "printer": self.printer,
                 "cut_s": self.reset_s,
-                "seen_off": self.seen_off,
+                "seen_off": self.is_confirmed_off,
                 "text": self.text,
                 "still": self.is_still,
             }
@@ -166,7 +170,7 @@ def stop_printer(
         if lock is not None:
             with suppress(DriverError, OSError):  # on a full disk, the bed counts as unknown in any case
                 Journal(target.folder / JOURNAL).write(
-                    time.time(), look=ESTOP_REASON, hot=not result.seen_off
+                    time.time(), look=ESTOP_REASON, hot=not result.is_confirmed_off
                 )
     finally:
         if lock is not None:
@@ -187,7 +191,7 @@ def stop_board(
         See `stop_printer`.
     """
     result = _reset(target, report_timeout_s, notify)
-    if result.seen_off or not target.power_off_cmd:
+    if result.is_confirmed_off or not target.power_off_cmd:
         return result
     return replace(result, text=f"{result.text}; {cut_mains(target.power_off_cmd, target.printer)}")
 
@@ -269,13 +273,13 @@ class _Board:
             A user-facing sentence; True if the heaters were confirmed off.
         """
         for now_s, event in exchange(
-            self._port, self._link, report_timeout_s, unconfirmed_commands=self._firmware.abort_unnumbered
+            self._port, self._link, report_timeout_s, unconfirmed_commands=self._firmware.unnumbered_abort
         ):
             self._on_event(now_s, event)
             if self.is_still and self._report is not None and self._report.targets_off:
                 break
-        if (self._report is None or not self._report.targets_off) and self._firmware.halt is not None:
-            self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # the print is lost in any case
+        if (self._report is None or not self._report.targets_off) and self._firmware.halt_command is not None:
+            self._port.write_now(b"\n" + self._firmware.halt_command + b"\n")  # the print is lost in any case
         if self._report is None or self._connection is None:
             return "was reset, but reports no temperatures: switch it off", False
         report, connection = self._report, self._connection
@@ -293,7 +297,7 @@ class _Board:
             if event.has_restarted:
                 self.is_still = True
             else:  # repeat the abort with line numbers, as the one without numbers may have been lost
-                self._link.send(now_s, *self._firmware.abort)
+                self._link.send(now_s, *self._firmware.abort_commands)
             self._link.poll(now_s)
         elif isinstance(event, Report):
             self._report = event
@@ -302,7 +306,7 @@ class _Board:
         elif isinstance(event, UnknownLine) and (match := _EXECUTED_STEPS.search(event.text)) is not None:
             if match[1] == self._position and not self.is_still:
                 self.is_still = True
-                self._link.send(now_s, self._firmware.motors_off)
+                self._link.send(now_s, self._firmware.motors_off_command)
             self._position = match[1]
 
     def _check_motion(self, now_s: float) -> None:
@@ -311,10 +315,10 @@ class _Board:
             self._link.send(now_s, self._firmware.position_query)
         elif self._has_waited_for_moves:
             self.is_still = True
-            self._link.send(now_s, self._firmware.motors_off)
+            self._link.send(now_s, self._firmware.motors_off_command)
         else:
             self._has_waited_for_moves = True
-            self._link.send(now_s, self._firmware.wait_moves)
+            self._link.send(now_s, self._firmware.wait_command)
 
     def _confirm_cooling(self, method: str) -> tuple[str, bool]:
         watch, report = HeaterWatch(0.0), self._report

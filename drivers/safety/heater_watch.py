@@ -96,14 +96,16 @@ class HeaterWatch:
         self._watched_s = 0.0  # seconds covered by reports
         self._heaters = {name: _Heater(name, rule, min_duration_s) for name, rule in RULES.items()}
 
-    def judge(self, report: Report, set_targets_c: dict[HeaterName, float], now_s: float) -> Finding | None:
+    def judge(
+        self, report: Report, expected_targets_c: dict[HeaterName, float], now_s: float
+    ) -> Finding | None:
         """Judge a report.
 
         Parameters
         ----------
         report
             The report.
-        set_targets_c
+        expected_targets_c
             Target that the farm has set for each heater.
         now_s
             Time of the report, in seconds of a monotonic clock.
@@ -121,7 +123,7 @@ class HeaterWatch:
             HeaterName.BED: (report.bed_c, report.bed_target_c),
         }
         findings = [
-            heater.check(*reported_c[name], set_targets_c[name], self._watched_s)
+            heater.check(*reported_c[name], expected_targets_c[name], self._watched_s)
             for name, heater in self._heaters.items()
         ]
         return next((finding for finding in findings if finding is not None), None)
@@ -155,10 +157,10 @@ class _Heater:
         self._last_readings_c.clear()
         self.set_target(0.0)
 
-    def set_target(self, set_target_c: float) -> None:
+    def set_target(self, expected_target_c: float) -> None:
         """Set the target to compare with."""
         self.is_cooling = False
-        self._set_target_c = set_target_c
+        self._set_target_c = expected_target_c
         self._is_reached = False
         self._since_s = math.nan  # time of the first report after the target was set
         self._min_distance_c, self._progress_s = math.inf, math.nan
@@ -172,22 +174,22 @@ class _Heater:
         return median(self._last_readings_c) if self._last_readings_c else math.nan
 
     def check(
-        self, reading_c: float, reported_target_c: float, set_target_c: float, now_s: float
+        self, reading_c: float, reported_target_c: float, expected_target_c: float, now_s: float
     ) -> Finding | None:
         """Check a reading, and return the fault that it shows, if any."""
         self._last_readings_c.append(reading_c)
-        if set_target_c != self._set_target_c:
-            self.set_target(set_target_c)
+        if expected_target_c != self._set_target_c:
+            self.set_target(expected_target_c)
         if math.isnan(self._since_s):
             self._since_s = now_s
         if len(self._last_readings_c) < 3:
             return None
         current_c = self.current_c
-        rises = self._rise_detector.check(current_c, max(reported_target_c, set_target_c), now_s)
+        rises = self._rise_detector.check(current_c, max(reported_target_c, expected_target_c), now_s)
         if current_c <= BROKEN_SENSOR_C:
             self.is_cooling = False
             return self._make_finding(Fault.MINTEMP, f"reads {current_c:g} C: its sensor is broken")
-        if set_target_c == 0.0:
+        if expected_target_c == 0.0:
             if rises:
                 self.is_cooling = False
                 start_c = self._rise_detector.coolest_c
@@ -195,7 +197,7 @@ class _Heater:
                     f"is off, but is getting hotter: from {start_c:g} to {current_c:g} C"
                 )
             return self._check_off(current_c, now_s)
-        if abs(current_c - set_target_c) <= self._rule.band_c:
+        if abs(current_c - expected_target_c) <= self._rule.band_c:
             self._is_reached = True
         return (
             self._check_hold(current_c, now_s) if self._is_reached else self._check_approach(current_c, now_s)

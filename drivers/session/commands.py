@@ -12,9 +12,9 @@ SEND_TIMEOUT_S = 180.0  # maximum time for commands to be executed
 RESET_TIMEOUT_S = 30.0  # maximum time for a port that disappeared to return
 CONNECT_TIMEOUT_S = 30.0  # maximum time for the board to answer; the link sends its queries earlier
 MAX_ATTEMPTS = 3  # maximum number of resets before the session gives up
-HEAT_DEAD_MAN_S = 1200.0  # nothing resets the timer during a G28 or behind slow moves
-PRINT_DEAD_MAN_S = 600.0  # moves reset the timer, but an M400 behind 17 slow moves does not
-PAUSE_DEAD_MAN_S = 120.0  # the session resets the timer every few seconds
+HEATING_DEAD_MAN_TIMEOUT_S = 1200.0  # nothing resets the timer during a G28 or behind slow moves
+PRINTING_DEAD_MAN_TIMEOUT_S = 600.0  # moves reset the timer, but an M400 behind 17 slow moves does not
+PAUSE_DEAD_MAN_TIMEOUT_S = 120.0  # the session resets the timer every few seconds
 
 
 def connect(context: SessionContext) -> Script:
@@ -35,11 +35,11 @@ def connect(context: SessionContext) -> Script:
         )
         connection = context.connection
         if connection is not None and connection.has_restarted:
-            context.dead_man_s = 0.0
+            context.dead_man_timeout_s = 0.0
             if context.firmware.setup_commands:
                 yield from send(context, *context.firmware.setup_commands)
             return
-        if connection is not None and not context.board_resets:
+        if connection is not None and not context.can_reset_board:
             yield from send(context, *context.firmware.reset_commands)
             return
     raise PrintEnded(Fault.NO_ANSWER, "the board did not restart when its port was opened")
@@ -65,7 +65,7 @@ def await_report(context: SessionContext, deadline_s: float) -> TimedScript:
     return (yield Wait(lambda: context.report is not previous, deadline_s))
 
 
-def arm_dead_man(context: SessionContext, timeout_s: float) -> Script:
+def arm_dead_man_timer(context: SessionContext, timeout_s: float) -> Script:
     """Arm the firmware's dead-man timer: heaters go off after that time without a command; 0 disarms it."""
-    context.dead_man_s = max(timeout_s, 10 * context.pace.min_timeout_s) if timeout_s else 0.0
-    yield from send(context, context.firmware.dead_man % context.dead_man_s)
+    context.dead_man_timeout_s = max(timeout_s, 10 * context.pace.min_timeout_s) if timeout_s else 0.0
+    yield from send(context, context.firmware.dead_man_command % context.dead_man_timeout_s)

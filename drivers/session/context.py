@@ -94,9 +94,9 @@ class SessionContext:
         Identity of this printer in its banner; None until a session has read it.
     previous_fault
         Without a program: the fault that ended the last agent's print.
-    board_resets
+    can_reset_board
         True if a reset of the port restarts the board. Otherwise commands restore the board's defaults, and
-        it cannot be stopped once it ignores commands: it is used only while somebody is present.
+        the board cannot be stopped once it ignores commands, so it prints only while somebody is present.
     suspicion
         Heater that may be stuck on: it was found in this session or the previous one, and has not been seen
         to cool since.
@@ -128,7 +128,7 @@ class SessionContext:
         Position in the last answer to M114.
     answer
         Output of the board since the last query.
-    dead_man_s, last_command_s
+    dead_man_timeout_s, last_command_s
         Time without a command after which the firmware's dead-man timer switches heaters off; time of the
         last command.
     executed_lines
@@ -152,7 +152,7 @@ class SessionContext:
     previous_fault: Fault = Fault.AGENT_DIED
     suspicion: Suspicion | None = None
     extruded: bool = False
-    board_resets: bool = True
+    can_reset_board: bool = True
     ends_by_s: float | None = None
     phase: PrintPhase = field(default=PrintPhase.CONNECTING, init=False)
     fault: Fault | None = field(default=None, init=False)
@@ -171,7 +171,7 @@ class SessionContext:
     unexpected_report_count: int = field(default=0, init=False)
     position_mm: Point | None = field(default=None, init=False)
     answer: bytes = field(default=b"", init=False)
-    dead_man_s: float = field(default=0.0, init=False)
+    dead_man_timeout_s: float = field(default=0.0, init=False)
     last_command_s: float = field(init=False)
     executed_lines: int = field(default=0, init=False)
     final_lines: int | None = field(default=None, init=False)

@@ -14,7 +14,7 @@ from drivers.gcode import HeatCommand, HeaterName
 from drivers.link import Report
 from drivers.messages import PrintPhase
 from drivers.records import Suspicion
-from drivers.session.commands import arm_dead_man, await_report, send
+from drivers.session.commands import arm_dead_man_timer, await_report, send
 from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript
 
 OFF_TIMEOUT_S = 120.0  # longer than the heater watch waits for a heater to cool
@@ -22,7 +22,7 @@ OFF_WITHOUT_MAINS_TIMEOUT_S = 60.0  # replaces OFF_TIMEOUT_S after the request t
 MIN_COOLING_S = 10.0  # minimum time for a heater to cool after a reset, even after such a request
 BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as for M109: the nozzle must stay this close for this time
-HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
+HEATING_TIMEOUTS_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUSION_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
 # Maximum time between commands while heating: M105 does not reset the dead-man timer.
 COMMAND_INTERVAL_S = 300.0
@@ -31,7 +31,7 @@ SUSPICION_TIMEOUT_S = 25.0  # time for a heater that may be stuck on to show tha
 RESTART_DURATION_S = 15.0
 MAX_UNEXPECTED_REPORTS = 3  # a single report may be garbled
 
-_SET_COMMANDS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
+_TARGET_COMMANDS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 _HEATED_PHASES = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
 
 
@@ -42,7 +42,7 @@ def allows_extrusion(context: SessionContext, nozzle_c: float) -> bool:
 
 def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> Script:
     """Set the target of a heater, without waiting for the temperature."""
-    yield from send(context, _SET_COMMANDS[heater] % target_c)
+    yield from send(context, _TARGET_COMMANDS[heater] % target_c)
 
 
 def heat(context: SessionContext, command: HeatCommand) -> Script:
@@ -51,7 +51,7 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
     if command.target_c == 0:
         return
     context.link.poll_interval_s = context.pace.heating_interval_s
-    deadline_s = context.now_s + HEAT_LIMIT_S[command.heater]
+    deadline_s = context.now_s + HEATING_TIMEOUTS_S[command.heater]
     reached_s = math.inf
     while True:
         context.link.poll_soon(context.now_s + context.pace.heating_interval_s)
@@ -72,7 +72,7 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
             text = f"the {command.heater} reached only {current_c:g} of {command.target_c:g} C in time"
             raise PrintEnded(Fault.HEATER_TIMEOUT, text)
         if context.now_s - context.last_command_s > COMMAND_INTERVAL_S:
-            yield from arm_dead_man(context, context.dead_man_s)
+            yield from arm_dead_man_timer(context, context.dead_man_timeout_s)
 
 
 def confirm_heaters_off(context: SessionContext) -> TimedScript:
@@ -116,8 +116,8 @@ def verify_targets(context: SessionContext) -> Script:
 
 def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     """Judge a report; return the end of the print that it causes, or None."""
-    set_targets_c = _find_set_targets_c(context)
-    finding = context.heater_watch.judge(report, set_targets_c, context.now_s)
+    expected_targets_c = _find_expected_targets_c(context)
+    finding = context.heater_watch.judge(report, expected_targets_c, context.now_s)
     is_ending = context.phase is PrintPhase.ENDING
     if context.phase not in _HEATED_PHASES and not is_ending:
         return None
@@ -130,7 +130,7 @@ def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     print_end = None if finding is None else PrintEnded(finding.fault, finding.text)
     if is_ending:
         return print_end if context.reason is None else None  # a print with a reason is ending already
-    return _watch_targets(context, report, set_targets_c) or print_end
+    return _watch_targets(context, report, expected_targets_c) or print_end
 
 
 def note_suspicion(context: SessionContext, text: str) -> None:
@@ -151,22 +151,22 @@ def compute_power_off_due_s(context: SessionContext) -> float:
     )
 
 
-def _find_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:
+def _find_expected_targets_c(context: SessionContext) -> dict[HeaterName, float]:
     """Return the targets that the session has set."""
     program = context.program
     if program is None or context.phase not in _HEATED_PHASES:
         return dict.fromkeys(HeaterName, 0.0)
-    set_targets_c = {name: program.find_target_c(name, context.done_lines) or 0.0 for name in HeaterName}
+    expected_targets_c = {name: program.find_target_c(name, context.done_lines) or 0.0 for name in HeaterName}
     if context.nozzle_paused:
-        set_targets_c[HeaterName.NOZZLE] = 0.0
-    return set_targets_c
+        expected_targets_c[HeaterName.NOZZLE] = 0.0
+    return expected_targets_c
 
 
 def _watch_targets(
-    context: SessionContext, report: Report, set_targets_c: dict[HeaterName, float]
+    context: SessionContext, report: Report, expected_targets_c: dict[HeaterName, float]
 ) -> PrintEnded | None:
     """Detect a target that the session did not set: Tinker firmware or a person at the knob may do so."""
-    nozzle_c, bed_c = set_targets_c[HeaterName.NOZZLE], set_targets_c[HeaterName.BED]
+    nozzle_c, bed_c = expected_targets_c[HeaterName.NOZZLE], expected_targets_c[HeaterName.BED]
     is_unchanged = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
     context.unexpected_report_count = 0 if is_unchanged else context.unexpected_report_count + 1
     if context.unexpected_report_count < MAX_UNEXPECTED_REPORTS:

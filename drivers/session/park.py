@@ -11,14 +11,19 @@ import math
 from drivers.errors import Fault, UnreadableFile
 from drivers.gcode import HeatCommand, HeaterName, MotionState, Point, Program, measure_retraction_mm
 from drivers.messages import Filament, PrintPhase
-from drivers.session.commands import PAUSE_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
+from drivers.session.commands import (
+    PAUSE_DEAD_MAN_TIMEOUT_S,
+    PRINTING_DEAD_MAN_TIMEOUT_S,
+    arm_dead_man_timer,
+    send,
+)
 from drivers.session.context import PrintEnded, Script, SessionContext
 from drivers.session.heat import allows_extrusion, heat, set_target
 
 PARKED_TOLERANCE_MM = 0.25
 LIFT_MM = 10.0
 LAST_EXTRUSION_MM = 6.5  # extruded only when the head is back, as a full nozzle oozes while it travels
-PAUSE_LIMIT_S = 7200.0
+PAUSE_TIMEOUT_S = 7200.0
 # After each command the display shows "Printing with USB" for 5 s, which deters people from an SD print.
 PAUSE_COMMAND_INTERVAL_S = 4.0
 
@@ -27,7 +32,7 @@ def unpark(context: SessionContext) -> Script:
     """Move parked filament to the nozzle."""
     context.filament = Filament.UNKNOWN
     push_command = b"G1 F300 E%g" % context.profile.park_retraction_mm
-    yield from send(context, b"M82", b"G92 E0", push_command, b"G92 E0", context.firmware.wait_moves)
+    yield from send(context, b"M82", b"G92 E0", push_command, b"G92 E0", context.firmware.wait_command)
     context.filament = Filament.AT_NOZZLE
 
 
@@ -51,7 +56,7 @@ def park(context: SessionContext, retracted_mm: float, can_extrude: bool) -> Scr
     elif can_extrude:
         context.filament = Filament.UNKNOWN
         pull_command = b"G1 F1500 E%.3f" % (retracted_mm - park_retraction_mm)
-        if (yield from send(context, b"G91", pull_command, b"G90", context.firmware.wait_moves)):
+        if (yield from send(context, b"G91", pull_command, b"G90", context.firmware.wait_command)):
             context.filament = Filament.PARKED
     elif retracted_mm > PARKED_TOLERANCE_MM:
         context.filament = Filament.UNKNOWN
@@ -82,7 +87,7 @@ def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> fl
     done_lines
         Number of lines of the program that were acknowledged.
     """
-    highest_mm = 0.0 if context.program is None else context.program.compute_highest_mm(done_lines)
+    highest_mm = 0.0 if context.program is None else context.program.compute_max_height_mm(done_lines)
     return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
 
@@ -116,7 +121,7 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     firmware = context.firmware
     context.phase = PrintPhase.PAUSED
     context.position_mm = None
-    has_stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
+    has_stopped = yield from send(context, firmware.wait_command, firmware.position_query, limit_s=math.inf)
     if not has_stopped or context.position_mm is None:
         raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
     motion = MotionState(program, done_lines)
@@ -130,10 +135,10 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
         context, b"G90", lift_command, b"G1 F9000 X%g Y%g" % context.profile.pause_xy_mm, b"M104 S0"
     )
     context.nozzle_paused = True
-    yield from arm_dead_man(context, PAUSE_DEAD_MAN_S)
+    yield from arm_dead_man_timer(context, PAUSE_DEAD_MAN_TIMEOUT_S)
     yield from _await_resume(context)
     target_c = program.find_target_c(HeaterName.NOZZLE, done_lines) or 0.0
-    yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
+    yield from arm_dead_man_timer(context, PRINTING_DEAD_MAN_TIMEOUT_S)
     yield from set_target(context, HeaterName.NOZZLE, target_c)
     context.nozzle_paused = False
     yield from heat(context, HeatCommand(done_lines, HeaterName.NOZZLE, target_c, waits=True))
@@ -141,7 +146,7 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     yield from send(
         context,
         *_list_return_commands(motion, position_mm, context.profile.park_retraction_mm),
-        firmware.wait_moves,
+        firmware.wait_command,
     )
     context.filament = Filament.AT_NOZZLE
     context.phase = PrintPhase.PRINTING
@@ -164,12 +169,12 @@ def _list_return_commands(motion: MotionState, position_mm: Point, park_retracti
 
 def _await_resume(context: SessionContext) -> Script:
     """Wait until a person resumes the print, and reset the dead-man timer meanwhile."""
-    context.pause_ends_s = context.now_s + PAUSE_LIMIT_S
+    context.pause_ends_s = context.now_s + PAUSE_TIMEOUT_S
     context.link.poll_interval_s = context.pace.printing_interval_s
     while context.pause_requested:
         if context.now_s >= context.pause_ends_s:
-            raise PrintEnded(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_LIMIT_S / 3600:g} h")
+            raise PrintEnded(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_TIMEOUT_S / 3600:g} h")
         yield context.wait(lambda: not context.pause_requested, PAUSE_COMMAND_INTERVAL_S)
         if context.pause_requested:
-            yield from arm_dead_man(context, context.dead_man_s)
+            yield from arm_dead_man_timer(context, context.dead_man_timeout_s)
     context.pause_ends_s = None

@@ -7,7 +7,7 @@ import math
 from drivers.errors import Fault
 from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament
-from drivers.session.commands import MAX_ATTEMPTS, arm_dead_man, connect, send
+from drivers.session.commands import MAX_ATTEMPTS, arm_dead_man_timer, connect, send
 from drivers.session.context import PrintEnded, Script, SessionContext, TimedScript
 from drivers.session.heat import allows_extrusion, confirm_heaters_off
 from drivers.session.park import LIFT_MM, compute_lift_mm, park, try_measure_retraction_mm
@@ -44,7 +44,7 @@ def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
     """
     firmware = context.firmware
     context.link.halt()
-    if not (yield from send(context, *firmware.abort, limit_s=STOP_TIMEOUT_S)):
+    if not (yield from send(context, *firmware.abort_commands, limit_s=STOP_TIMEOUT_S)):
         return False
     if is_homed:  # before homing, the distance that the bed may move is unknown
         done_lines = context.done_lines
@@ -59,12 +59,18 @@ def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
             )
         z_mm = math.nan if context.position_mm is None else context.position_mm[2]
         lift_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_lines)
-        park_commands = (b"G91", b"G1 F1200 Z%.3f" % lift_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
-        if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIER_COUNT)):
+        park_commands = (
+            b"G91",
+            b"G1 F1200 Z%.3f" % lift_mm,
+            b"G90",
+            b"G28 X0 Y0",
+            firmware.motors_off_command,
+        )
+        if not (yield from send(context, *park_commands, *(firmware.wait_command,) * BARRIER_COUNT)):
             return False
     if not (yield from confirm_heaters_off(context)):
         return False
-    yield from arm_dead_man(context, 0.0)
+    yield from arm_dead_man_timer(context, 0.0)
     return True
 
 
@@ -96,12 +102,16 @@ def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> TimedScri
     yield from connect(context)
     has_restarted = context.connection is None or context.connection.has_restarted
     if not has_restarted:
-        yield from send(context, firmware.motors_off)  # the move queue is empty: the head stands still
+        yield from send(
+            context, firmware.motors_off_command
+        )  # the move queue is empty: the head stands still
     if not (yield from confirm_heaters_off(context)):
         return False
     if not has_restarted:
-        yield from arm_dead_man(context, 0.0)
+        yield from arm_dead_man_timer(context, 0.0)
     if is_homed and context.fault is None:
         # The nozzle may touch the part.
-        yield from send(context, *context.profile.leave_code, firmware.motors_off, firmware.wait_moves)
+        yield from send(
+            context, *context.profile.leave_code, firmware.motors_off_command, firmware.wait_command
+        )
     return True

@@ -7,7 +7,12 @@ import math
 from drivers.errors import Fault, UnreadableFile
 from drivers.gcode import HeatCommand, HeaterName, Program
 from drivers.messages import Filament, PrintPhase
-from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
+from drivers.session.commands import (
+    HEATING_DEAD_MAN_TIMEOUT_S,
+    PRINTING_DEAD_MAN_TIMEOUT_S,
+    arm_dead_man_timer,
+    send,
+)
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
 from drivers.session.heat import allows_extrusion, confirm_heaters_off, heat, verify_targets
 from drivers.session.identification import check_height
@@ -19,7 +24,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
     """Print a whole program on an identified board, until the heaters are confirmed off."""
     context.phase = PrintPhase.HEATING
     context.heaters_off = False
-    yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
+    yield from arm_dead_man_timer(context, HEATING_DEAD_MAN_TIMEOUT_S)
     cooling_line = next(
         (h.line for h in program.heat_commands if _switches_nozzle_off(h, program.extrusion_line)),
         program.line_count,
@@ -41,7 +46,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
         elif stop == program.extrusion_line < program.line_count:
             context.extruded = True
             context.phase = PrintPhase.PRINTING
-            yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
+            yield from arm_dead_man_timer(context, PRINTING_DEAD_MAN_TIMEOUT_S)
         if stop == cooling_line and context.phase is PrintPhase.PRINTING:
             yield from verify_targets(context)
     yield from _finish(context, program)
@@ -104,7 +109,11 @@ def _finish(context: SessionContext, program: Program) -> Script:
     firmware = context.firmware
     context.phase = PrintPhase.ENDING
     context.final_lines = program.line_count
-    off_commands = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIER_COUNT)
+    off_commands = (
+        *firmware.heaters_off_commands,
+        firmware.fan_off_command,
+        *(firmware.wait_command,) * BARRIER_COUNT,
+    )
     yield from send(context, *off_commands, limit_s=math.inf)
     if context.filament is Filament.AT_NOZZLE:
         # The end code has placed the filament, and the nozzle is cooling already.
@@ -115,4 +124,4 @@ def _finish(context: SessionContext, program: Program) -> Script:
                 Fault.HEATER_STUCK_ON, "a heater was not confirmed to cool at the end of the print"
             )
         raise PrintEnded(Fault.NO_ANSWER, "heaters were not confirmed off at the end of the print")
-    yield from arm_dead_man(context, 0.0)
+    yield from arm_dead_man_timer(context, 0.0)

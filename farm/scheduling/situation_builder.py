@@ -86,7 +86,7 @@ def _find_attended_reason(section: PrinterSection, snapshot: AgentSnapshot | Non
     firmware = PROFILES[section.model].firmware
     if snapshot is not None and not snapshot.reset_verified:
         return "a reset of its board has not been verified"
-    if not (section.simulated or firmware.dead_man_observed):
+    if not (section.simulated or firmware.is_dead_man_observed):
         return f"it is not verified that {firmware.title} switches the heaters off when its host dies"
     return "" if section.unattended else "fleet.yaml says so"
 

@@ -30,6 +30,6 @@ def test_job_is_split_between_printers_of_two_models(mixed_farm, bar):
         printer, emulator = mixed_farm.read_printer(name), mixed_farm.read_emulator_status(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
         assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
-        assert emulator.altered == emulator.damaged == 0
+        assert emulator.altered_line_count == emulator.damaged_byte_count == 0
     mixed_farm.run_checked("cleared", "all")
     assert mixed_farm.read_status()["todo"] == []

@@ -14,7 +14,8 @@ from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.machine import Machine, read_positive_number, read_value
 from drivers.emulator.firmware.reports import list_sd_files, report_sd_progress
 
-Work = Iterator[float]
+ResumeTimes = Iterator[float]
+"""Times at which a command that takes time continues."""
 
 WINDOW_C = 1.0  # TEMP_WINDOW
 HYSTERESIS_C = 3.0  # TEMP_HYSTERESIS
@@ -24,11 +25,11 @@ HOMING_SPEED_MM_S = (100.0, 100.0, 40.0)
 BUMP_DURATION_S = (0.75, 0.7)  # seconds of the second, slow approach to the endstops: X and Y together, and Z
 RETRACTION_MM, RETRACTION_MM_S = 6.5, 25.0
 ARC_SEGMENT_MM = 1.0
-MAX_ARC_CHORDS = 4096  # more than the longest arc over this bed needs
+MAX_ARC_CHORDS = 4096  # more than the longest arc over the bed needs
 
 
-Command = Callable[[Machine, bytes, float], Work | None]
-"""Function of a machine, a line and the time in seconds that executes the line; see `execute`."""
+Command = Callable[[Machine, bytes, float], ResumeTimes | None]
+"""Function that executes a line on a machine at a time in seconds; see `execute`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Commands:
     m: Mapping[int, Command]
 
 
-def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> Work | None:
+def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> ResumeTimes | None:
     """Execute any line except G0 and G1.
 
     Parameters
@@ -55,7 +56,7 @@ def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> 
 
     Returns
     -------
-    iterator of float or None
+    ResumeTimes or None
         Times at which an unfinished command continues; None if it is finished.
     """
     for letter, table in ((b"G", commands.g), (b"M", commands.m)):
@@ -73,13 +74,13 @@ def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> 
     return None
 
 
-def wait_for_moves(machine: Machine) -> Work:
+def wait_for_moves(machine: Machine) -> ResumeTimes:
     """Wait until the planner is empty (``st_synchronize``); the main loop advances it at each step."""
     while len(machine.planner):
         yield machine.planner.end_s
 
 
-def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
+def dwell(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``G4``: wait for the end of all moves, then for a time."""
     yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
@@ -89,7 +90,7 @@ def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
     yield begin_s + max(0.0, seconds if seconds is not None else pause_s)
 
 
-def home(machine: Machine, line: bytes, now_s: float) -> Work:
+def home(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``G28``: move the named axes, or all, to their endstops."""
     yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
@@ -125,7 +126,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``G2 G3`` with I and J: queue the arc as chords of 1 mm (``mc_arc``)."""
+    """Execute ``G2`` or ``G3`` with I and J: queue the arc as chords of 1 mm (``mc_arc``)."""
     f, i, j = read_value(line, b"F"), read_value(line, b"I") or 0.0, read_value(line, b"J") or 0.0
     if f is not None and f > 0.0:
         machine.feedrate_mm_s = f / 60.0
@@ -167,7 +168,7 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def retract(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``G10 G11``: retract the filament, or push it back."""
+    """Execute ``G10`` or ``G11``: retract the filament, or push it back."""
     is_retraction = read_value(line, b"G") == 10
     if is_retraction == bool(machine.retracted_mm):
         return
@@ -179,16 +180,16 @@ def retract(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def set_axis_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``G90 G91``: select absolute or relative coordinates."""
+    """Execute ``G90`` or ``G91``: select absolute or relative coordinates."""
     machine.is_relative = read_value(line, b"G") == 91
 
 
 def set_extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``M82 M83``: select absolute or relative extrusion."""
+    """Execute ``M82`` or ``M83``: select absolute or relative extrusion."""
     machine.is_e_relative = read_value(line, b"M") == 83
 
 
-def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
+def set_position(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``G92``: set the coordinates of the current position."""
     if b"E" not in line:
         yield from wait_for_moves(machine)
@@ -199,20 +200,20 @@ def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
             machine.position_mm[axis] = number
 
 
-def hang(machine: Machine, line: bytes, now_s: float) -> Work:
-    """Execute ``M0 M1``, which never return over USB."""
+def hang(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
+    """Execute ``M0`` or ``M1``, neither of which returns over USB."""
     while True:
         yield math.inf
 
 
-def switch_motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
-    """Execute ``M18 M84``: wait for all moves, then switch the motors off."""
+def switch_motors_off(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
+    """Execute ``M18`` or ``M84``: wait for all moves, then switch the motors off."""
     if b"S" not in line:
         yield from wait_for_moves(machine)
         machine.is_streaming = False
 
 
-def finish_moves(machine: Machine, line: bytes, now_s: float) -> Work:
+def finish_moves(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``M400``: wait for the end of all moves."""
     yield from wait_for_moves(machine)
     machine.is_streaming = False
@@ -223,12 +224,12 @@ def stop_moves(machine: Machine, line: bytes, now_s: float) -> None:
     machine.quick_stop(now_s)
 
 
-def set_dead_man(machine: Machine, line: bytes, now_s: float) -> None:
+def set_dead_man_timer(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M85``: arm or disarm the dead-man timer."""
     seconds = read_value(line, b"S")
     if seconds is not None:
         machine.dead_man_armed_s = now_s
-        machine.dead_man_s = seconds if seconds > 0.0 else math.inf
+        machine.dead_man_timeout_s = seconds if seconds > 0.0 else math.inf
 
 
 def set_nozzle_target(machine: Machine, line: bytes, now_s: float) -> None:
@@ -245,7 +246,7 @@ def set_bed_target(machine: Machine, line: bytes, now_s: float) -> None:
         machine.heat_bed(target_c, now_s)
 
 
-def wait_for_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
+def wait_for_nozzle(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``M109``: reach the target, then stay within 3 degrees for 3 s; report every second."""
     nozzle = machine.board.nozzle
     set_nozzle_target(machine, line, now_s)
@@ -275,7 +276,7 @@ def wait_for_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
         yield now_s
 
 
-def wait_for_bed(machine: Machine, line: bytes, now_s: float) -> Work:
+def wait_for_bed(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``M190``: heat to the target, or end at once if the bed is hotter; report every second."""
     bed = machine.board.bed
     set_bed_target(machine, line, now_s)
@@ -285,23 +286,23 @@ def wait_for_bed(machine: Machine, line: bytes, now_s: float) -> Work:
             nozzle_c = machine.board.nozzle.compute_temperature_c(now_s)
             machine.send(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, machine.board.read_bed_c(now_s)))
             report_s = now_s + REPORT_INTERVAL_S
-        arrive_s = now_s + bed.compute_heating_s(bed.target_c - WINDOW_C, now_s)
-        now_s = min(report_s, max(arrive_s, now_s + 0.001))
+        arrival_s = now_s + bed.compute_heating_s(bed.target_c - WINDOW_C, now_s)
+        now_s = min(report_s, max(arrival_s, now_s + 0.001))
         yield now_s
 
 
-def init_card(machine: Machine, line: bytes, now_s: float) -> Work:
+def init_card(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``M21``, which fails after 2 s."""
     yield now_s + 2.0
     machine.send(b"echo:SD init fail\n")
 
 
-def beep(machine: Machine, line: bytes, now_s: float) -> Work:
+def beep(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``M300``: wait for the duration of the tone."""
     yield now_s + read_positive_number(line, b"P", 0.0) / 1000.0
 
 
-def park(machine: Machine, line: bytes, now_s: float) -> Work:
+def park(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     """Execute ``M601`` outside an SD print: move the bed down and the head aside, without waiting."""
     yield from wait_for_moves(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
@@ -314,7 +315,7 @@ def park(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def set_limits(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``M92 M201 M203 M204 M205``: set steps, limits and jerk."""
+    """Execute ``M92``, ``M201``, ``M203``, ``M204`` or ``M205``: set steps, limits and jerk."""
     limits, code = machine.limits, int(read_value(line, b"M") or 0)
     per_axis = {92: limits.steps_per_mm, 201: limits.acceleration_mm_s2, 203: limits.feedrate_mm_s}
     if code in per_axis:
@@ -359,7 +360,7 @@ SHARED_M: Mapping[int, Command] = {
     82: set_extruder_mode,
     83: set_extruder_mode,
     84: switch_motors_off,
-    85: set_dead_man,
+    85: set_dead_man_timer,
     92: set_limits,
     104: set_nozzle_target,
     109: wait_for_nozzle,

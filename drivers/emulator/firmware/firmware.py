@@ -16,20 +16,20 @@ import random
 from collections import deque
 from collections.abc import Callable
 
-from drivers.emulator.faults import SLEEP_S, Faults
+from drivers.emulator.faults import SLEEP_DURATION_S, Faults
 from drivers.emulator.firmware import wording
-from drivers.emulator.firmware.commands import Work, execute
+from drivers.emulator.firmware.commands import ResumeTimes, execute
 from drivers.emulator.firmware.dialects import DIALECTS
 from drivers.emulator.firmware.listener import Listener, Phase
 from drivers.emulator.firmware.machine import Machine, read_value
 from drivers.emulator.hardware.board import EmulatedBoard
 from drivers.printers import Profile
 
-BOOTLOADER_S = 1.0  # [assumed] bytes sent meanwhile are lost
-BANNER_S = 0.036  # time from ``start`` to the end of the banner
-FIRST_COMMAND_S = 0.26  # time from the end of the banner to the first command
-SD_FAIL_S = 2.3  # time from ``start`` to the message about the SD card
-WATCHDOG_S = 4.07  # time from kill() to the reset by the watchdog
+BOOTLOADER_DURATION_S = 1.0  # [assumed] bytes that arrive in this time are lost
+BANNER_DURATION_S = 0.036  # time from ``start`` to the end of the banner
+FIRST_COMMAND_DELAY_S = 0.26  # time from the end of the banner to the first command
+SD_FAILURE_DELAY_S = 2.3  # time from ``start`` to the message about the SD card
+WATCHDOG_TIMEOUT_S = 4.07  # time from kill() to the reset by the watchdog
 
 
 class EmulatedFirmware(Listener):
@@ -55,29 +55,33 @@ class EmulatedFirmware(Listener):
         for name, line in faults.line_counts.items():
             self._due_faults.setdefault(line, []).append(name)
         self._asleep_until_s = -math.inf
-        self._totals_before_reset = (0, 0.0, 0.0)  # moves, their seconds, seconds of starvation
+        self._totals_before_reset = (
+            0,
+            0.0,
+            0.0,
+        )  # number of moves, their total duration, and seconds of starvation
         self._time_s = now_s
         self.machine = Machine(self.board, self._send, self.stop, self.dialect.fault_messages, now_s)
         self.reset(now_s)
 
     # --- interface ---
 
-    def reset(self, now_s: float, boot_s: float = BOOTLOADER_S) -> None:
+    def reset(self, now_s: float, boot_s: float = BOOTLOADER_DURATION_S) -> None:
         """Reset the board: motors and heaters go off, the state is lost, ``start`` is sent after `boot_s`."""
         old_machine = self.machine
         old_machine.power_down(now_s)
-        moves, moving_s, starved_s = self._totals_before_reset
+        moves, moving_s, starvation_s = self._totals_before_reset
         self._totals_before_reset = (
             moves + old_machine.planner.move_count,
             moving_s + old_machine.planner.busy_s,
-            starved_s + old_machine.starved_s,
+            starvation_s + old_machine.starvation_s,
         )
         self.reset_count += 1
         self.board.change_count += 1
         self.phase = Phase.BOOTLOADER
         self.machine = Machine(self.board, self._send, self.stop, self.dialect.fault_messages, now_s)
         self._drop_input()
-        self._running_command: Work | None = None
+        self._running_command: ResumeTimes | None = None
         self._resume_s = math.inf
         self._stopped_number = 0
         self._asleep_until_s = -math.inf
@@ -85,8 +89,8 @@ class EmulatedFirmware(Listener):
         self._schedule: deque[tuple[float, Callable[[float], None]]] = deque(
             (
                 (start_s, self._boot),
-                (start_s + BANNER_S + FIRST_COMMAND_S, self._begin_running),
-                (start_s + SD_FAIL_S, lambda _: self._send(self.dialect.late_banner)),
+                (start_s + BANNER_DURATION_S + FIRST_COMMAND_DELAY_S, self._begin_running),
+                (start_s + SD_FAILURE_DELAY_S, lambda _: self._send(self.dialect.late_banner)),
             )
         )
         self._time_s = now_s
@@ -98,12 +102,12 @@ class EmulatedFirmware(Listener):
         machine = self.machine
         if (
             data
-            and machine.dead_man_s < math.inf
+            and machine.dead_man_timeout_s < math.inf
             and self._running_command is None
             and not machine.waiting_moves
         ):
             # It is unknown when the bytes arrived during the last wait: assume the earliest time.
-            machine.last_command_s = max(machine.last_command_s, now_s - machine.dead_man_s + 1e-3)
+            machine.last_command_s = max(machine.last_command_s, now_s - machine.dead_man_timeout_s + 1e-3)
         self._advance(now_s)
         if data and self.phase in (Phase.RUNNING, Phase.BOOTING):
             if not self._is_busy():
@@ -148,9 +152,9 @@ class EmulatedFirmware(Listener):
         return self._totals_before_reset[1] + self.machine.planner.busy_s
 
     @property
-    def starved_s(self) -> float:
-        """Seconds of a print in which the planner was empty for lack of lines, less the time on the wire."""
-        return self._totals_before_reset[2] + self.machine.starved_s
+    def starvation_s(self) -> float:
+        """Seconds of a print in which the planner lacked lines, minus the transmission time."""
+        return self._totals_before_reset[2] + self.machine.starvation_s
 
     # --- time ---
 
@@ -163,9 +167,11 @@ class EmulatedFirmware(Listener):
         if self.phase in (Phase.RUNNING, Phase.MUTE):
             machine = self.machine
             due_s = min(
-                due_s, machine.trip_s, self.dialect.find_inactive_since_s(machine) + machine.dead_man_s
+                due_s,
+                machine.temperature_fault_s,
+                self.dialect.find_inactive_since_s(machine) + machine.dead_man_timeout_s,
             )
-            if self.dialect.keep_alive and self._is_busy():
+            if self.dialect.busy_message and self._is_busy():
                 due_s = min(due_s, self._busy_message_s)
         return due_s
 
@@ -177,11 +183,11 @@ class EmulatedFirmware(Listener):
                 continue  # a command that ended meanwhile has postponed the event
             if self._schedule and self._schedule[0][0] <= at_s:
                 self._schedule.popleft()[1](at_s)
-            elif self._busy_message_s <= at_s and self.dialect.keep_alive and self._is_busy():
-                self._send(self.dialect.keep_alive)
+            elif self._busy_message_s <= at_s and self.dialect.busy_message and self._is_busy():
+                self._send(self.dialect.busy_message)
                 self._busy_message_s += self.machine.keep_alive_s
-            elif self.machine.trip_s <= at_s:
-                self.stop(self.machine.trip_message, at_s)
+            elif self.machine.temperature_fault_s <= at_s:
+                self.stop(self.machine.temperature_fault_message, at_s)
             else:
                 self.kill(at_s)
         self._run_main_loop(now_s)
@@ -291,8 +297,10 @@ class EmulatedFirmware(Listener):
 
     def _boot(self, now_s: float) -> None:
         self.phase = Phase.BOOTING
-        limits, home_offset_mm100 = self.machine.limits, self._faults.home_offset_mm100
-        self._send(wording.START + self.dialect.format_banner(self.board.profile, limits, home_offset_mm100))
+        limits, home_offset_hundredths_mm = self.machine.limits, self._faults.home_offset_hundredths_mm
+        self._send(
+            wording.START + self.dialect.format_banner(self.board.profile, limits, home_offset_hundredths_mm)
+        )
 
     def _begin_running(self, now_s: float) -> None:
         self.phase = Phase.RUNNING
@@ -306,7 +314,7 @@ class EmulatedFirmware(Listener):
                 self._report_error(message)
             self.kill(now_s)
             return
-        machine.trip_s = math.inf
+        machine.temperature_fault_s = math.inf
         self.board.switch_heaters_off(now_s)
         if message:
             self._report_error(message)
@@ -321,7 +329,9 @@ class EmulatedFirmware(Listener):
         self._report_error(wording.KILLED)
         self.phase = Phase.HALTED
         self._running_command = None
-        self._schedule = deque(() if self.dialect.halts else ((now_s + WATCHDOG_S, self._reset_by_watchdog),))
+        self._schedule = deque(
+            () if self.dialect.halts else ((now_s + WATCHDOG_TIMEOUT_S, self._reset_by_watchdog),)
+        )
 
     def _reset_by_watchdog(self, now_s: float) -> None:
         self.reset(now_s, boot_s=0.0)
@@ -340,7 +350,7 @@ class EmulatedFirmware(Listener):
             case "silent_after":
                 self.phase = Phase.MUTE  # until a reset; the heaters stay on
             case "sleep_after":
-                self._asleep_until_s = now_s + SLEEP_S  # and then continue
+                self._asleep_until_s = now_s + SLEEP_DURATION_S  # and then continue
             case "stuck_after":
                 self._stuck_number = self._last_number + 1  # requests the next line endlessly
             case "kill_after":
@@ -349,11 +359,11 @@ class EmulatedFirmware(Listener):
                 board.set_nozzle_target(0.0, now_s)
             case "nozzle_dies_after" | "nozzle_burns_after":
                 board.nozzle.compute_temperature_c(now_s)
-                board.nozzle.is_dead, board.nozzle.burns = "dies" in name, "burns" in name
-                self.machine.predict_trip(now_s)
+                board.nozzle.is_dead, board.nozzle.is_switch_shorted = "dies" in name, "burns" in name
+                self.machine.predict_temperature_fault(now_s)
             case "bed_dies_after" | "bed_burns_after":
                 board.bed.compute_temperature_c(now_s)
-                board.bed.is_dead, board.bed.burns = "dies" in name, "burns" in name
+                board.bed.is_dead, board.bed.is_switch_shorted = "dies" in name, "burns" in name
             case "stop_after":
                 self.stop(self.dialect.fault_messages.nozzle_maxtemp, now_s)
             case "nozzle_short_after":

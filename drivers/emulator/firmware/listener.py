@@ -111,7 +111,7 @@ class Listener(ABC):
         self._last_number += 1
         self.line_count += 1
         if self.noise is not None:
-            self.noise.check_accepted(self._last_number, move[0])
+            self.noise.check_accepted_line(self._last_number, move[0])
         if self.dialect.acknowledges_read_moves:
             self._output.append(wording.OK)
         machine.planner.advance(self._time_s)
@@ -171,7 +171,7 @@ class Listener(ABC):
                 return
             self._last_number = n
             if self.noise is not None:
-                self.noise.check_accepted(n, line)
+                self.noise.check_accepted_line(n, line)
         elif star >= 0 and self.dialect.checksum_needs_number:
             # Without a command, the line is a query.
             report = self._report_error if _COMMAND.search(line) else self._send

@@ -15,12 +15,12 @@ from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner, Point
 from drivers.emulator.firmware.wording import FaultMessages
 from drivers.emulator.hardware.board import EmulatedBoard
 
-KEEP_ALIVE_S = 2.0  # seconds between two busy messages after a reset
+KEEP_ALIVE_INTERVAL_S = 2.0  # seconds between two busy messages after a reset
 MAX_EXTRUSION_MM = 1000.0
 MAX_NOZZLE_C = 275.0
-DEAD_HEATER_S = 30.0  # time until the firmware detects a heater that produces no heat
+DEAD_HEATER_TIMEOUT_S = 30.0  # time until the firmware detects a heater that produces no heat
 SD_BYTES_PER_S = 500.0
-WIRE_S = 0.010  # upper bound of a line's time on a real wire, including the answer
+MAX_WIRE_TIME_S = 0.010  # upper bound of a line's time on a real wire, including the answer
 
 _NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d))?)")
 
@@ -68,7 +68,7 @@ class Machine:
         self.board = board
         self.fault_messages = fault_messages
         self.limits = Limits.from_profile(board.profile)
-        x, y, z = board.head_mm
+        x, y, z = board.head_position_mm
         self.planner = Planner(
             self.limits, (x, y, z, board.filament_mm), board.feed_filament, board.faults.slowdown
         )
@@ -76,11 +76,11 @@ class Machine:
         self.position_mm = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
         self.is_homed = False
         self.is_stopped = False
-        self.starved_s = 0.0
-        self.trip_s = math.inf  # time at which a heater makes the firmware stop, and the message
-        self.trip_message = b""
-        self.dead_man_s = math.inf  # M85: longest allowed silence of the host
-        self.keep_alive_s = KEEP_ALIVE_S  # seconds between two busy messages
+        self.starvation_s = 0.0
+        self.temperature_fault_s = math.inf  # time at which a heater makes the firmware stop, and the message
+        self.temperature_fault_message = b""
+        self.dead_man_timeout_s = math.inf  # M85: longest allowed silence of the host
+        self.keep_alive_s = KEEP_ALIVE_INTERVAL_S  # seconds between two busy messages
         self.dead_man_armed_s = now_s  # time of the M85
         self.last_command_s = now_s  # time at which the last command was finished
         self.send = send
@@ -101,7 +101,7 @@ class Machine:
     # --- moves ---
 
     def move(self, line: bytes, now_s: float) -> None:
-        """Execute ``G0 G1`` as ``get_coordinates`` does: a letter may stand anywhere in the line."""
+        """Execute ``G0`` or ``G1`` as ``get_coordinates`` does: a letter may stand anywhere in the line."""
         self.queue_linear_move(
             read_value(line, b"F"),
             read_value(line, b"X"),
@@ -185,7 +185,7 @@ class Machine:
     def _note_starvation(self, now_s: float) -> None:
         if self.is_streaming:
             since_s = max(self.planner.idle_since_s, self.last_command_s)
-            self.starved_s += max(0.0, now_s - since_s - WIRE_S)
+            self.starvation_s += max(0.0, now_s - since_s - MAX_WIRE_TIME_S)
 
     def _limit_extrusion(self, e_mm: float, now_s: float) -> float:
         """Return the extrusion that the firmware allows: 0 if the nozzle is too cold or the move too long."""
@@ -222,7 +222,7 @@ class Machine:
         home, top = self.board.profile.home_mm, self.max_position_mm
         ends = [home[axis] or top[axis] for axis in range(3)]  # an endstop at the top is the limit
         x, y, z = (min(max(value, 0.0), end) for value, end in zip((x, y, z), ends, strict=True))
-        self.board.head_mm = (x, y, z)
+        self.board.head_position_mm = (x, y, z)
         self.board.switch_heaters_off(now_s)
 
     # --- heaters ---
@@ -232,17 +232,20 @@ class Machine:
         self.board.set_nozzle_target(target_c, now_s)
         if target_c <= 0.0:
             self.is_streaming = False
-        self.predict_trip(now_s)
+        self.predict_temperature_fault(now_s)
 
-    def predict_trip(self, now_s: float) -> None:
+    def predict_temperature_fault(self, now_s: float) -> None:
         """Predict the time at which the nozzle will trigger a temperature fault."""
         nozzle = self.board.nozzle
-        self.trip_s = math.inf
+        self.temperature_fault_s = math.inf
         if nozzle.is_dead and nozzle.target_c >= nozzle.compute_temperature_c(now_s):
-            self.trip_s, self.trip_message = now_s + DEAD_HEATER_S, self.fault_messages.dead_heater
-        elif nozzle.burns or nozzle.target_c > MAX_NOZZLE_C:
-            self.trip_s = now_s + nozzle.compute_heating_s(MAX_NOZZLE_C, now_s)
-            self.trip_message = self.fault_messages.nozzle_maxtemp
+            self.temperature_fault_s, self.temperature_fault_message = (
+                now_s + DEAD_HEATER_TIMEOUT_S,
+                self.fault_messages.dead_heater,
+            )
+        elif nozzle.is_switch_shorted or nozzle.target_c > MAX_NOZZLE_C:
+            self.temperature_fault_s = now_s + nozzle.compute_heating_s(MAX_NOZZLE_C, now_s)
+            self.temperature_fault_message = self.fault_messages.nozzle_maxtemp
 
     def heat_bed(self, target_c: float, now_s: float) -> None:
         """Set the bed's target."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from drivers.printers import Profile
 
-# Moves that are queued before the next one waits: 17 are acknowledged at once
+# Moves that fit in the queue before the next one has to wait: 17 are acknowledged at once
 # (docs/explanation/ultimaker2-serial.md, section 2).
 CAPACITY = 16
 STANDSTILL_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: below this the firmware treats the head as stopped
@@ -27,7 +27,7 @@ Point = tuple[float, float, float, float]  # x, y, z, e in mm
 
 @dataclass(slots=True)
 class Limits:
-    """Limits that ``M92 M201 M203 M204 M205`` set, as the firmware holds them after a boot."""
+    """Limits that ``M92``, ``M201`` and ``M203`` to ``M205`` set, as the firmware holds them after a boot."""
 
     feedrate_mm_s: list[float]
     acceleration_mm_s2: list[float]

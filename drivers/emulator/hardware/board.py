@@ -34,7 +34,7 @@ class EmulatedBoard:
 
     Attributes
     ----------
-    head_mm
+    head_position_mm
         True position of the head (x, y, z), which the firmware may not know.
     filament_mm
         Net filament through the feeder since power-on.
@@ -55,7 +55,7 @@ class EmulatedBoard:
         self.nozzle = Heater(nozzle, is_dead=faults.dead_nozzle)
         self.bed = Heater(bed, BED_PERIOD_S, is_dead=faults.dead_bed)
         self.bed_shorted = False  # the bed's sensor reads `SHORTED_SENSOR_C`
-        self.head_mm = profile.home_mm
+        self.head_position_mm = profile.home_mm
         self.filament_mm = 0.0
         self.filament_end_mm = -profile.park_retraction_mm  # as after the end code or the printer's own menu
         self.bed_clear = True
@@ -94,7 +94,9 @@ class EmulatedBoard:
         """Set the bed's target; 0 is off."""
         self.bed.set_target(target_c, now_s)
         if self.bed_shorted:
-            self.bed.burns = target_c > 0.0  # the controller reads a cold bed, and heats at full power
+            self.bed.is_switch_shorted = (
+                target_c > 0.0
+            )  # the controller reads a cold bed, and heats at full power
         self.change_count += 1
 
     def switch_heaters_off(self, now_s: float) -> None:

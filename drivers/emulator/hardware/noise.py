@@ -15,15 +15,15 @@ class Noise:
 
     Attributes
     ----------
-    damaged_bytes
+    damaged_byte_count
         Number of bytes flipped, lost or doubled, in both directions.
-    altered_lines
+    altered_line_count
         Number of checksum collisions: lines that the firmware accepted although their words were changed.
     """
 
     def __init__(self, faults: Faults, rng: random.Random) -> None:
-        self.damaged_bytes = 0
-        self.altered_lines = 0
+        self.damaged_byte_count = 0
+        self.altered_line_count = 0
         self._rng = rng
         self._probabilities = faults.noise, faults.lost, faults.doubled
         self._rate = sum(self._probabilities)
@@ -61,7 +61,7 @@ class Noise:
             del self._sent_lines[next(iter(self._sent_lines))]
         return self.carry(data)
 
-    def check_accepted(self, number: int, line: bytes) -> None:
+    def check_accepted_line(self, number: int, line: bytes) -> None:
         """Compare an accepted line with the line sent under this number, ignoring white space.
 
         Two doubled spaces do not change the checksum, and the firmware skips them.
@@ -70,7 +70,7 @@ class Noise:
         if sent_line is None and self._incomplete_line.startswith(b"N%d " % number):
             sent_line = self._incomplete_line.partition(b"*")[0]
         if sent_line is not None and sent_line.split() != line.partition(b"*")[0].split():
-            self.altered_lines += 1
+            self.altered_line_count += 1
 
     def forget(self) -> None:
         """Forget the sent lines: the board was reset and counts from 0."""
@@ -78,7 +78,7 @@ class Noise:
         self._incomplete_line = b""
 
     def _damage(self, byte: int) -> bytes:
-        self.damaged_bytes += 1
+        self.damaged_byte_count += 1
         flip_probability, loss_probability, _ = self._probabilities
         sample = self._rng.random() * self._rate
         if sample < flip_probability:

@@ -26,7 +26,7 @@ class Heater:
 
     Attributes
     ----------
-    burns
+    is_switch_shorted
         True if the heater's switch is shorted: full power at any target.
     """
 
@@ -36,8 +36,8 @@ class Heater:
         "_period_s",
         "_temperature_c",
         "_time_s",
-        "burns",
         "is_dead",
+        "is_switch_shorted",
         "model",
         "target_c",
     )
@@ -45,7 +45,7 @@ class Heater:
     def __init__(self, model: HeaterModel, period_s: float = 0.0, is_dead: bool = False) -> None:
         self.model = model
         self.is_dead = is_dead
-        self.burns = False
+        self.is_switch_shorted = False
         self.target_c = 0.0
         self._period_s = period_s
         self._temperature_c = AMBIENT_C
@@ -61,7 +61,7 @@ class Heater:
     def compute_temperature_c(self, now_s: float) -> float:
         """Compute the temperature at a time, which must not be before the time of the last call."""
         if now_s > self._time_s:
-            if self.burns:
+            if self.is_switch_shorted:
                 self._update_temperature(now_s - self._time_s, is_powered=True)
                 self._next_decision_s = now_s
             elif self._period_s > 0.0:

@@ -33,7 +33,7 @@ class Wire:
         """Return the arrival time of the next bytes; infinite if none are in transit."""
         return self._in_transit[0][0] if self._in_transit else math.inf
 
-    def cut(self) -> None:
+    def clear(self) -> None:
         """Drop all bytes in transit."""
         self._in_transit.clear()
         self._free_s = -math.inf

@@ -90,7 +90,7 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: ReportCallback) 
     hot_printers, moving_printers = [], []
     for result in _run_stops(used_targets, report):
         report(_describe_outcome(result, start_s))
-        if not result.seen_off:
+        if not result.is_confirmed_off:
             hot_printers.append(result.printer)
         elif not result.is_still:
             moving_printers.append(result.printer)
@@ -145,7 +145,7 @@ def _describe_outcome(result: StopResult, start_s: float) -> StopReport:
     return StopReport(
         printer=result.printer,
         text=result.text,
-        seen_off=result.seen_off,
+        seen_off=result.is_confirmed_off,
         still=result.is_still,
         reset_after_s=None if result.reset_s is None else round(result.reset_s - start_s, 3),
     )

@@ -264,7 +264,7 @@ def test_cooling_heater_ends_the_alarm(tmp_path: Path, run_log: Path):
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     rig.firmware.board.nozzle.compute_temperature_c(rig.now_s)
-    rig.firmware.board.nozzle.burns = False
+    rig.firmware.board.nozzle.is_switch_shorted = False
     step_until(agent, rig, lambda: agent.board.session is None)
     assert agent.alarm is None and read_journal(tmp_path / JOURNAL)[0].alarm is None
     assert count_runs(run_log) == 0 and "went up to" in agent.attention_reason

@@ -230,7 +230,7 @@ def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path
             port.write(b"G1 X1 Y1\n" * 100)
         board.switch_off()
         # The command replaces the data that the board has not read, whose amount depends on the host.
-        assert read_buffered_bytes(master).endswith(ULTIMAKER2.abort_unnumbered)
+        assert read_buffered_bytes(master).endswith(ULTIMAKER2.unnumbered_abort)
     finally:
         board.close()
         os.close(master)

@@ -203,13 +203,13 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
 @pytest.mark.system
 def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
     async def run_scenario() -> None:
-        rig = Printer(tmp_path / "agent", f"sim://{MODEL}?home_offset_mm100=100")
+        rig = Printer(tmp_path / "agent", f"sim://{MODEL}?home_offset_hundredths_mm=100")
         for print_id, home_offset, phase in (
             ("p-1", 100, "done"),
             ("p-2", 250, "failed"),
             ("p-3", 250, "done"),
         ):
-            rig.url = f"sim://{MODEL}?home_offset_mm100={home_offset}"
+            rig.url = f"sim://{MODEL}?home_offset_hundredths_mm={home_offset}"
             rig.spawn()
             try:
                 await rig.connect()

@@ -25,10 +25,10 @@ def test_lock_is_held_while_a_print_is_open(tmp_path: Path):
     lock = tmp_path / "lock"
     inhibitor = Inhibitor("um2-01", is_simulated=False, command=["sh", "-c", HOLD_COMMAND, str(lock)])
     for _ in range(2):
-        inhibitor.hold(True)
-        inhibitor.hold(True)
+        inhibitor.set_lock(True)
+        inhibitor.set_lock(True)
         assert wait_for_file(lock, exists=True)
-        inhibitor.hold(False)
+        inhibitor.set_lock(False)
         assert wait_for_file(lock, exists=False)
 
 
@@ -37,7 +37,7 @@ def test_lock_is_released_when_the_agent_is_killed(tmp_path: Path):
     text = (
         "import sys, time; from drivers.agent.sleep_inhibitor import Inhibitor\n"
         f"Inhibitor('a', is_simulated=False, command=['sh', '-c', {HOLD_COMMAND!r}, {str(lock)!r}])"
-        ".hold(True)\n"
+        ".set_lock(True)\n"
         "time.sleep(60)"
     )
     agent = subprocess.Popen([sys.executable, "-c", text], cwd=Path(__file__).parents[3])
@@ -54,5 +54,5 @@ def test_no_lock_is_held_without_inhibitors_or_for_a_simulated_printer(tmp_path:
         Inhibitor("a", is_simulated=False, command=[str(tmp_path / "no-such-program")]),
         Inhibitor("a", is_simulated=True),
     ):
-        inhibitor.hold(True)
-        inhibitor.hold(False)
+        inhibitor.set_lock(True)
+        inhibitor.set_lock(False)

@@ -68,5 +68,5 @@ def test_bytes_are_delivered_in_order_at_the_baud_rate() -> None:
     assert wire.compute_due_s() == pytest.approx(10.0 + 150 * byte_s)
     assert wire.take(11.0) == b"y" * 50
     wire.put(b"z", 12.0)
-    wire.cut()
+    wire.clear()
     assert wire.take(20.0) == b""

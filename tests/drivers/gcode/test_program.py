@@ -273,7 +273,7 @@ def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
     mark = program.compute_progress(line_count)
     assert all(
         abs(number) < 1e9
-        for number in (mark.time_s, mark.z_mm, program.compute_highest_mm(line_count), program.time_s)
+        for number in (mark.time_s, mark.z_mm, program.compute_max_height_mm(line_count), program.time_s)
     )
     sent_lines = program.read_lines(0, program.line_count)
     assert (
@@ -337,7 +337,7 @@ def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str
     highest_mm = 0.0
     for n, line in enumerate(lines):
         assert (program.is_relative(n), program.is_e_relative(n)) == (is_relative, is_e_relative)
-        assert highest_mm <= program.compute_highest_mm(n) <= highest_mm + 1.0
+        assert highest_mm <= program.compute_max_height_mm(n) <= highest_mm + 1.0
         is_relative = {"G91": True, "G90": False}.get(line, is_relative)
         is_e_relative = {"M83": True, "M82": False}.get(line, is_e_relative)
         if line.startswith("G1 Z") and not is_relative:

@@ -126,7 +126,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
     altered_count = sum(
         body != line for (_, body), line in zip(firmware.accepted_lines, program, strict=False)
     )
-    assert altered_count == (firmware.noise.altered_lines if firmware.noise is not None else 0)
+    assert altered_count == (firmware.noise.altered_line_count if firmware.noise is not None else 0)
     if link_faults:
         assert set(link_faults) <= NAMED_FAULTS
     else:
@@ -157,7 +157,7 @@ def test_checksum_collision_is_counted():
         if link.phase is Phase.LIVE and not firmware.accepted_lines and link.is_drained:
             link.send(now_s, b"G1 X12", b"G1 X10")
     assert [body for _, body in firmware.accepted_lines] == [b"G1 X21", b"G1 X10"]
-    assert firmware.noise.altered_lines == 1
+    assert firmware.noise.altered_line_count == 1
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -98,7 +98,7 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
         assert wait_for_emulator(tmp_path / "emulator", lambda status: status.nozzle_target_c == 150.0)
     finally:
         port.close()
-    assert stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2)).seen_off
+    assert stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2)).is_confirmed_off
 
 
 @pytest.mark.system

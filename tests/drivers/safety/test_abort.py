@@ -68,7 +68,7 @@ def has_ended(host: Host) -> bool:
 
 def test_abort_switches_heaters_off_and_ends_queued_moves_within_one_move():
     host = make_busy_host()
-    host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
+    host.firmware.feed(ULTIMAKER2.unnumbered_abort, host.now_s)
     assert not has_ended(host)
     host.wait(1.1 * MOVE_S)
     assert has_ended(host)
@@ -78,9 +78,9 @@ def test_abort_switches_heaters_off_and_ends_queued_moves_within_one_move():
 def test_truncated_line_before_the_abort_delays_it_by_one_move_at_most(truncated_line: str):
     host = make_busy_host()
     host.firmware.feed(truncated_line.encode(), host.now_s)
-    host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
+    host.firmware.feed(ULTIMAKER2.unnumbered_abort, host.now_s)
     link = Link(ULTIMAKER2)
-    link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
+    link.on_opened(host.now_s, ULTIMAKER2.unnumbered_abort)
     events = exchange_bytes(host, link, 2.1 * MOVE_S)
     assert has_ended(host)
     [connection] = [event for event in events if isinstance(event, BoardConnected)]
@@ -88,38 +88,38 @@ def test_truncated_line_before_the_abort_delays_it_by_one_move_at_most(truncated
 
 
 def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
-    assert MAX_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
+    assert MAX_LINE_BYTES + len(ULTIMAKER2.unnumbered_abort) + len(b"M105\n") <= RING_BYTES
     host = make_busy_host()
     line = add_number(host.last_number + 1, "G1 X90 " + " " * 80)[: MAX_LINE_BYTES - 1]
     host.send_burst(line.ljust(MAX_LINE_BYTES - 1))
-    host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
+    host.firmware.feed(ULTIMAKER2.unnumbered_abort, host.now_s)
     link = Link(ULTIMAKER2)
-    link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
+    link.on_opened(host.now_s, ULTIMAKER2.unnumbered_abort)
     exchange_bytes(host, link, 3.1 * MOVE_S)
     assert has_ended(host) and link.is_drained
 
 
 def test_on_marlin_2_moves_end_at_once_and_heaters_are_off_a_second_later():
     host = make_busy_host(model="creality_ender3")
-    host.firmware.feed(MARLIN2.abort_unnumbered, host.now_s)
+    host.firmware.feed(MARLIN2.unnumbered_abort, host.now_s)
     assert not host.firmware.machine.planner
     host.wait(1.1)
     assert has_ended(host)
     link = Link(MARLIN2)
-    link.on_opened(host.now_s, MARLIN2.abort_unnumbered)
+    link.on_opened(host.now_s, MARLIN2.unnumbered_abort)
     [connection] = [event for event in exchange_bytes(host, link, 5.0) if isinstance(event, BoardConnected)]
     assert not connection.has_restarted
-    link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
+    link.send(host.now_s, *MARLIN2.abort_commands, MARLIN2.wait_command)
     exchange_bytes(host, link, 5.0)
     assert has_ended(host) and link.is_drained
 
 
 def test_restart_is_detected_if_the_board_loses_the_abort():
     host = make_busy_host()
-    host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
+    host.firmware.feed(ULTIMAKER2.unnumbered_abort, host.now_s)
     host.firmware.reset(host.now_s)
     link = Link(ULTIMAKER2)
-    link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
+    link.on_opened(host.now_s, ULTIMAKER2.unnumbered_abort)
     events = exchange_bytes(host, link, 5.0)
     assert [event.has_restarted for event in events if isinstance(event, BoardConnected)] == [True]
     assert has_ended(host) and link.is_drained
@@ -138,15 +138,15 @@ def silent_board():
 def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
     url, master = silent_board
     result = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), report_timeout_s=0.0)
-    assert read_buffered_bytes(master) == ULTIMAKER2.abort_unnumbered
-    assert not (result.seen_off or result.is_still) and "may still be moving" in result.text
+    assert read_buffered_bytes(master) == ULTIMAKER2.unnumbered_abort
+    assert not (result.is_confirmed_off or result.is_still) and "may still be moving" in result.text
 
 
 def test_unresponsive_board_is_halted_by_its_firmware(tmp_path: Path, silent_board):
     url, master = silent_board
     result = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), report_timeout_s=0.0)
     assert read_buffered_bytes(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
-    assert not result.seen_off and "switch it off" in result.text
+    assert not result.is_confirmed_off and "switch it off" in result.text
 
 
 def test_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_path: Path, silent_board):
@@ -155,7 +155,7 @@ def test_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_
     board.state.hot = True
     board.open()
     try:
-        assert read_buffered_bytes(master) == ULTIMAKER2.abort_unnumbered
+        assert read_buffered_bytes(master) == ULTIMAKER2.unnumbered_abort
     finally:
         board.close()
 
@@ -166,6 +166,6 @@ def test_agent_that_ends_repeats_the_abort_after_a_refusal(silent_board):
     try:
         os.write(master, b"Error:No Checksum with line number, Last Line: 4\nResend: 5\nok\n")
         send_abort_until_accepted(port, ULTIMAKER2)
-        assert read_buffered_bytes(master) == 2 * ULTIMAKER2.abort_unnumbered
+        assert read_buffered_bytes(master) == 2 * ULTIMAKER2.unnumbered_abort
     finally:
         port.close()

@@ -153,7 +153,7 @@ def test_moves_end_and_heaters_are_off_on_a_board_that_dtr_does_not_reset(tmp_pa
             # Stop it in this process, because on a busy host the dead-man timer may act before `farm estop`.
             [target] = list_targets(printer.folder.parent).values()
             result = stop_printer(target, report_timeout_s=100.0)
-            assert (result.seen_off, result.is_still) == (True, True), result.text
+            assert (result.is_confirmed_off, result.is_still) == (True, True), result.text
             assert "not reset" in result.text and "stands still" in result.text
         old_status = read_status(emulator)
         assert (old_status.nozzle_target_c, old_status.bed_target_c) == (0.0, 0.0)
@@ -183,7 +183,7 @@ def test_mains_are_cut_if_a_board_does_not_confirm_that_its_heaters_are_off(
     try:
         target = StopTarget("um2-01", port, tmp_path / "um2-01", ULTIMAKER2, f"{script} {{printer}}")
         result = stop_printer(target, report_timeout_s=0.05)
-        assert not result.seen_off and result.reset_s is not None
+        assert not result.is_confirmed_off and result.reset_s is not None
         assert "reports no temperatures" in result.text and message in result.text
         assert (tmp_path / "cut").read_text() == "um2-01\n"
     finally:
@@ -216,7 +216,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
     threading.Timer(0.2, serve_board).start()
     try:
         result = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a", ULTIMAKER2), notify=report)
-        assert not result.seen_off and "cooling was not confirmed" in result.text
+        assert not result.is_confirmed_off and "cooling was not confirmed" in result.text
         assert len(lines) == 1 and "reports targets of 0" in lines[0]
         assert Journal(tmp_path / "a" / "journal.jsonl").state.board.hot
     finally:
@@ -231,13 +231,13 @@ def test_agent_of_another_user_leaves_the_stop_unconfirmed(tmp_path: Path, monke
     monkeypatch.setattr(estop, "kill_holder", deny_access)
     target = StopTarget("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01", ULTIMAKER2)
     result = stop_printer(target)
-    assert not result.seen_off
+    assert not result.is_confirmed_off
     assert "cannot be stopped" in result.text
 
 
 def test_simulated_printer_without_power_is_off(tmp_path: Path):
     result = stop_printer(StopTarget("um2-01", f"sim://{MODEL}", tmp_path / "um2-01", ULTIMAKER2))
-    assert result.seen_off
+    assert result.is_confirmed_off
 
 
 def test_farm_estop_names_printers_that_it_could_not_stop(tmp_path: Path):

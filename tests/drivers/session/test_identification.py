@@ -16,11 +16,11 @@ def test_board_of_another_model_is_refused_before_anything_heats():
 
 
 def test_printer_is_identified_by_its_home_offset():
-    first_rig = Rig(Faults(home_offset_mm100=243)).run()
+    first_rig = Rig(Faults(home_offset_hundredths_mm=243)).run()
     assert first_rig.session.context.identity == "X0.00 Y0.00 Z-12.43"
-    second_rig = Rig(Faults(home_offset_mm100=243), identity=first_rig.session.context.identity).run()
+    second_rig = Rig(Faults(home_offset_hundredths_mm=243), identity=first_rig.session.context.identity).run()
     assert_end_with_heaters_off(second_rig, PrintPhase.DONE, None)
-    other_rig = Rig(Faults(home_offset_mm100=187), identity=first_rig.session.context.identity).run()
+    other_rig = Rig(Faults(home_offset_hundredths_mm=187), identity=first_rig.session.context.identity).run()
     assert_end_with_heaters_off(other_rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert (
         b"M140" not in other_rig.sent_bytes.replace(b"M140 S0", b"")

@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import Fault
 from drivers.gcode import MotionState
 from drivers.messages import Filament, PrintPhase
-from drivers.session.park import PAUSE_LIMIT_S
+from drivers.session.park import PAUSE_TIMEOUT_S
 from printers.print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gcode, make_retracting_gcode
 
 
@@ -21,7 +21,7 @@ def test_pause_parks_and_keeps_the_bed_warm_and_the_print_resumes_exactly(lines:
     rig.run(until=lambda: rig.now_s > paused_at_s + 1800.0)  # 15 times the time of the dead-man timer
     assert rig.session.context.phase is PrintPhase.PAUSED
     assert rig.read_targets() == (0.0, 60.0)
-    assert rig.session.context.pause_ends_s == pytest.approx(paused_at_s + PAUSE_LIMIT_S, abs=60.0)
+    assert rig.session.context.pause_ends_s == pytest.approx(paused_at_s + PAUSE_TIMEOUT_S, abs=60.0)
     assert rig.session.context.filament is Filament.PARKED
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
     assert rig.firmware.machine.planner.target_mm[:2] == (10.0, 200.0)

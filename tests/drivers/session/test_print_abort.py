@@ -223,8 +223,8 @@ def test_any_print_ends_and_reports_its_heaters_correctly(
         assert rig.read_targets() == (0.0, 0.0)
         for heater in (board.nozzle, board.bed):
             # A heater that is stuck on is only this cold if the print has just begun.
-            assert not heater.burns or heater.compute_temperature_c(rig.now_s) < 90.0
+            assert not heater.is_switch_shorted or heater.compute_temperature_c(rig.now_s) < 90.0
     if session.context.phase is PrintPhase.DONE and not (
-        rig.firmware.noise and rig.firmware.noise.altered_lines
+        rig.firmware.noise and rig.firmware.noise.altered_line_count
     ):
         assert board.filament_mm == pytest.approx(COMPLETE_PRINT_MM, abs=0.05)

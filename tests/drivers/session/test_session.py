@@ -55,7 +55,7 @@ def test_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
     rig.run()
     assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-    assert rig.firmware.board.head_mm[0] == pytest.approx(0.0, abs=0.5)
+    assert rig.firmware.board.head_position_mm[0] == pytest.approx(0.0, abs=0.5)
     assert rig.now_s - end_s < 60.0
 
 
@@ -115,7 +115,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off_and_its_mains_are_cut(
 def test_heater_stuck_on_at_the_end_fails_the_print():
     rig = Rig(text=make_gcode(50))
     rig.run_until_printing(rig.program.line_count - 12)
-    rig.firmware.board.bed.burns = True
+    rig.firmware.board.bed.is_switch_shorted = True
     rig.run()
     assert (rig.session.context.phase, rig.session.context.fault) == (
         PrintPhase.FAILED,

@@ -52,7 +52,7 @@ def test_part_is_exact_over_a_noisy_wire(seed: int):
     printer = Rig(faults, make_gcode(600), "creality_ender3", seed=seed, profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     noise = printer.firmware.noise
-    assert noise is not None and noise.damaged_bytes > 0 and noise.altered_lines == 0
+    assert noise is not None and noise.damaged_byte_count > 0 and noise.altered_line_count == 0
     assert printer.link.repeat_count > 0
     assert printer.firmware.board.filament_mm == pytest.approx(600.0 + 12.5, abs=0.01)
 
@@ -173,10 +173,13 @@ def test_hot_head_stops_no_longer_than_the_keep_alive_interval(fault: str):
     move_lines = "\n".join(f"G1 F3000 X{50 + 0.3 * (i % 100):.1f} Y{50 + i * 0.01:.2f}" for i in range(3000))
     text = make_gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{move_lines}")
     printer = Rig(Faults(**{fault: 0.002}), text, "creality_ender3", seed=4, profile=ENDER3)
-    longest_stall_s, last_starved_s = 0.0, 0.0
+    longest_stall_s, last_starvation_s = 0.0, 0.0
     while not printer.session.context.ended:
         printer.step()
-        starved_s = printer.firmware.starved_s
-        longest_stall_s, last_starved_s = max(longest_stall_s, starved_s - last_starved_s), starved_s
+        starvation_s = printer.firmware.starvation_s
+        longest_stall_s, last_starvation_s = (
+            max(longest_stall_s, starvation_s - last_starvation_s),
+            starvation_s,
+        )
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert 0.0 < longest_stall_s < 2.0

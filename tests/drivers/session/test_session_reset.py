@@ -59,7 +59,7 @@ def test_dead_man_timer_depends_on_heat_and_pause_and_is_off_when_cold():
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     pause_s = rig.now_s
     rig.run(until=lambda: rig.now_s > pause_s + 60.0)
-    assert rig.firmware.machine.dead_man_s == 120.0
+    assert rig.firmware.machine.dead_man_timeout_s == 120.0
     rig.session.resume(rig.now_s)
     rig.run()
     armed_times_s = [int(command.split(b"*")[0]) for command in rig.sent_bytes.split(b"M85 S")[1:]]
@@ -69,7 +69,7 @@ def test_dead_man_timer_depends_on_heat_and_pause_and_is_off_when_cold():
 
 
 def test_heat_up_longer_than_the_dead_man_timer_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("drivers.session.stream.HEAT_DEAD_MAN_S", 60.0)
+    monkeypatch.setattr("drivers.session.stream.HEATING_DEAD_MAN_TIMEOUT_S", 60.0)
     monkeypatch.setattr("drivers.session.heat.COMMAND_INTERVAL_S", 20.0)
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
@@ -111,7 +111,7 @@ def test_board_without_reset_is_initialised_before_each_print():
 
 
 def test_another_board_without_reset_is_detected():
-    rig = Rig(Faults(no_reset=True, home_offset_mm100=3), identity="X0.00 Y0.00 Z-10.00").run()
+    rig = Rig(Faults(no_reset=True, home_offset_hundredths_mm=3), identity="X0.00 Y0.00 Z-10.00").run()
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
 
 
@@ -138,25 +138,25 @@ def test_silent_board_without_reset_has_its_mains_cut():
 def test_dead_man_timer_of_a_board_without_reset_stays_armed_until_heaters_are_off():
     rig = Rig(Faults(no_reset=True, nozzle_burns_after=150)).run()
     assert rig.session.context.wants_power_off
-    assert rig.firmware.machine.dead_man_s < math.inf
+    assert rig.firmware.machine.dead_man_timeout_s < math.inf
     rig_without_reset = Rig(Faults(no_reset=True))
-    rig_without_reset.firmware.machine.dead_man_s = 600.0
+    rig_without_reset.firmware.machine.dead_man_timeout_s = 600.0
     rig_without_reset.firmware.board.set_nozzle_target(210.0, rig_without_reset.now_s)
     rig_without_reset.session = Session(
         SessionContext(
             rig_without_reset.link, None, PLUS_PROFILE, Filament.AT_NOZZLE, Pace(), rig_without_reset.now_s
         )
     )
-    rig_without_reset.session.context.board_resets = False
+    rig_without_reset.session.context.can_reset_board = False
     rig_without_reset.run(
         until=lambda: (
             rig_without_reset.session.context.report is not None
             and rig_without_reset.session.context.report.targets_off
         )
     )
-    assert rig_without_reset.firmware.machine.dead_man_s == 600.0
+    assert rig_without_reset.firmware.machine.dead_man_timeout_s == 600.0
     assert_end_with_heaters_off(rig_without_reset.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
-    assert rig_without_reset.firmware.machine.dead_man_s == math.inf  # the timer is off
+    assert rig_without_reset.firmware.machine.dead_man_timeout_s == math.inf  # the timer is off
 
 
 def test_board_that_restarts_during_the_confirmation_is_polled_at_once():

@@ -76,7 +76,7 @@ class Rig:
         self.session = Session(
             SessionContext(self.link, self.program, profile, filament, Pace(), self.now_s, identity)
         )
-        self.session.context.board_resets = not faults.no_reset
+        self.session.context.can_reset_board = not faults.no_reset
         self.is_plugged = True
         self.reconnect_at_s = math.inf  # time at which the cable is plugged in again
         self.sent_bytes = b""
@@ -87,7 +87,7 @@ class Rig:
         self.is_plugged = self.is_plugged or self.now_s >= self.reconnect_at_s
         if session.context.wants_reset and self.is_plugged:
             session.context.wants_reset = False
-            if self.session.context.board_resets:
+            if self.session.context.can_reset_board:
                 self.firmware.reset(self.now_s)
             link.on_opened(self.now_s)
             session.advance((), self.now_s)

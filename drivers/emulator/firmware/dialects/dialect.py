@@ -24,9 +24,9 @@ class Dialect:
         Commands, by M number, that are executed as soon as they are read without a line number.
     format_banner
         Function that makes the text after ``start`` from the printer, its limits and
-        `Faults.home_offset_mm100`.
+        `Faults.home_offset_hundredths_mm`.
     late_banner
-        Text sent some seconds after the banner.
+        Text sent a few seconds after the banner.
     format_report
         Function that makes the answer to M105, which begins with its ok.
     buffer_lines
@@ -43,7 +43,7 @@ class Dialect:
         True if a move is acknowledged when it is read, not after execution.
     advanced_ok
         True if an ok can contain the line number and the free space of both buffers.
-    keep_alive
+    busy_message
         Message sent every `Machine.keep_alive_s` while a command is executed; empty if there is none.
     find_inactive_since_s
         Function that returns the time from which M85 counts.
@@ -65,6 +65,6 @@ class Dialect:
     reads_while_busy: bool
     acknowledges_read_moves: bool
     advanced_ok: bool
-    keep_alive: bytes
+    busy_message: bytes
     find_inactive_since_s: Callable[[Machine], float]
     halts: bool

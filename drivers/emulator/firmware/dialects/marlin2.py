@@ -1,7 +1,7 @@
 """Behaviour and messages of Marlin 2 (gcode/queue.cpp, gcode/gcode.cpp, MarlinCore.cpp). Pure.
 
-A command is acknowledged after execution, and a move once it is in the planner; meanwhile the firmware reads
-up to four lines ahead. A fault ends in ``kill()``, and the board then needs a reset.
+A command is acknowledged after execution, and a move once it is in the planner; until then, the firmware
+reads up to four lines ahead. A fault ends in ``kill()``, and the board then needs a reset.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from drivers.emulator.firmware.commands import (
     SHARED_G,
     SHARED_M,
     Commands,
-    Work,
+    ResumeTimes,
 )
 from drivers.emulator.firmware.dialects.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, read_value
@@ -22,7 +22,7 @@ from drivers.emulator.firmware.reports import format_temperatures
 from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
 
-CLEANING_S = 1.0  # ``Planner::quick_stop`` drops all moves during this time
+CLEANING_DURATION_S = 1.0  # ``Planner::quick_stop`` drops all moves during this time
 _IDENTITY = (
     b"FIRMWARE_NAME:Marlin 2.0.9.1 (Jul  1 2021 12:00:00) SOURCE_CODE_URL:github.com/MarlinFirmware/Marlin "
     b"PROTOCOL_VERSION:1.0 %b_COUNT:1 UUID:cede2a2f-41a2-4748-9b12-c55c62f367ff\n"
@@ -30,8 +30,8 @@ _IDENTITY = (
 )
 
 
-def format_banner(profile: Profile, limits: Limits, home_offset_mm100: int = 0) -> bytes:
-    """Format the text after ``start`` at every boot; `home_offset_mm100` as in `Faults`."""
+def format_banner(profile: Profile, limits: Limits, home_offset_hundredths_mm: int = 0) -> bytes:
+    """Format the text after ``start`` at every boot; `home_offset_hundredths_mm` as in `Faults`."""
     head = (
         b"echo:Marlin 2.0.9.1\n"
         b"echo: Last Updated: 2021-07-01 | Author: (none, default config)\n"
@@ -39,10 +39,10 @@ def format_banner(profile: Profile, limits: Limits, home_offset_mm100: int = 0) 
         b"echo: Free Memory: 2417  PlannerBufferBytes: 1344\n"
         b"echo:V83 stored settings retrieved (583 bytes; crc 51963)\n"
     )
-    return head + format_settings(limits, home_offset_mm100)
+    return head + format_settings(limits, home_offset_hundredths_mm)
 
 
-def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
+def format_settings(limits: Limits, home_offset_hundredths_mm: int = 0) -> bytes:
     """Format the answer to ``M503``, also sent at boot (``MarlinSettings::report``)."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
@@ -58,7 +58,7 @@ def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
         f"echo:  M204 P{limits.print_acceleration_mm_s2:.2f} R{limits.retract_acceleration_mm_s2:.2f} "
         f"T{limits.print_acceleration_mm_s2:.2f}\n"
         "echo:Home offset:\n"
-        f"echo:  M206 X0.00 Y0.00 Z{-home_offset_mm100 / 100:.2f}\n"
+        f"echo:  M206 X0.00 Y0.00 Z{-home_offset_hundredths_mm / 100:.2f}\n"
         "echo:PID settings:\n"
         "echo:  M301 P21.73 I1.54 D76.55\n"
     ).encode()
@@ -74,7 +74,7 @@ def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.send(format_settings(machine.limits, machine.board.faults.home_offset_mm100))
+    machine.send(format_settings(machine.limits, machine.board.faults.home_offset_hundredths_mm))
 
 
 def _identify(machine: Machine, line: bytes, now_s: float) -> None:
@@ -82,13 +82,13 @@ def _identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _set_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    """Execute ``G90 G91`` for all axes including the feeder, overriding M82 and M83."""
+    """Execute ``G90`` or ``G91`` for all axes including the feeder, overriding M82 and M83."""
     machine.is_relative = machine.is_e_relative = read_value(line, b"G") == 91
 
 
-def _stop_moves(machine: Machine, line: bytes, now_s: float) -> Work:
+def _stop_moves(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     machine.quick_stop(now_s)
-    yield now_s + CLEANING_S
+    yield now_s + CLEANING_DURATION_S
 
 
 def _set_keep_alive(machine: Machine, line: bytes, now_s: float) -> None:
@@ -145,7 +145,7 @@ MARLIN2 = Dialect(
     reads_while_busy=True,
     acknowledges_read_moves=False,
     advanced_ok=True,
-    keep_alive=b"echo:busy: processing\n",
+    busy_message=b"echo:busy: processing\n",
     find_inactive_since_s=_find_last_activity_s,
     halts=True,
 )

@@ -25,8 +25,8 @@ IDENTITY = (
 )
 
 
-def format_banner(profile: Profile, limits: Limits, home_offset_mm100: int = 0) -> bytes:
-    """Format the text after ``start`` at every boot; `home_offset_mm100` as in `Faults`."""
+def format_banner(profile: Profile, limits: Limits, home_offset_hundredths_mm: int = 0) -> bytes:
+    """Format the text after ``start`` at every boot; `home_offset_hundredths_mm` as in `Faults`."""
     head = (
         "echo:Marlin 1.0.0\n"
         "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0"
@@ -35,10 +35,10 @@ def format_banner(profile: Profile, limits: Limits, home_offset_mm100: int = 0) 
         "echo: Free Memory: 2055  PlannerBufferBytes: 1232\n"
         "echo:Stored settings retrieved\n"
     )
-    return head.encode() + format_settings(limits, home_offset_mm100)
+    return head.encode() + format_settings(limits, home_offset_hundredths_mm)
 
 
-def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
+def format_settings(limits: Limits, home_offset_hundredths_mm: int = 0) -> bytes:
     """Format the answer to ``M503``, which also ends the banner."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
@@ -56,7 +56,7 @@ def format_settings(limits: Limits, home_offset_mm100: int = 0) -> bytes:
         f"echo:  M205 S0.00 T0.00 B20000 X{limits.jerk_xy_mm_s:.2f} Z{limits.jerk_z_mm_s:.2f} "
         f"E{limits.jerk_e_mm_s:.2f}\n"
         "echo:Home offset (mm):\n"
-        f"echo:  M206 X0.00 Y0.00 Z{-10 - home_offset_mm100 / 100:.2f}\n"
+        f"echo:  M206 X0.00 Y0.00 Z{-10 - home_offset_hundredths_mm / 100:.2f}\n"
         "echo:PID settings:\n"
         "echo:   M301 P10.03 I1.50 D70.00\n"
     ).encode()
@@ -69,7 +69,7 @@ def identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 def report_settings(machine: Machine, line: bytes, now_s: float) -> None:
     """Answer ``M503``."""
-    machine.send(format_settings(machine.limits, machine.board.faults.home_offset_mm100))
+    machine.send(format_settings(machine.limits, machine.board.faults.home_offset_hundredths_mm))
 
 
 ULTIMAKER2 = Dialect(
@@ -112,7 +112,7 @@ ULTIMAKER2 = Dialect(
     reads_while_busy=False,
     acknowledges_read_moves=True,
     advanced_ok=False,
-    keep_alive=b"",
+    busy_message=b"",
     find_inactive_since_s=lambda machine: machine.last_command_s,
     halts=False,
 )

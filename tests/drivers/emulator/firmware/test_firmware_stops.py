@@ -100,7 +100,7 @@ def test_reset_keeps_physical_state_only(host: Host) -> None:
     assert 0 < host.board.filament_mm < 40 and host.board.filament_mm >= fed_mm
     assert host.board.nozzle.target_c == 0.0 and host.board.nozzle.compute_temperature_c(host.now_s) > 200.0
     assert not host.firmware.machine.is_homed
-    assert host.board.head_mm == pytest.approx((100, 100, 100))
+    assert host.board.head_position_mm == pytest.approx((100, 100, 100))
     host.wait(5.0)
     assert host.send("M114")[0].startswith("X:0.00Y:0.00Z:0.00E:0.00")
     assert host.send_burst(add_number(6, "G4 P0"))[:2] == [

@@ -69,11 +69,13 @@ def test_empty_queue_during_a_print_counts_as_starvation(host: Host) -> None:
     unpark_filament(host)
     host.send("G1 X50 Y50 Z0.3 F9000")
     stream_lines(host, 0.0)
-    assert host.firmware.starved_s == 0.0
+    assert host.firmware.starvation_s == 0.0
     stream_lines(host, 5.0)
-    assert 4.0 < host.firmware.starved_s < 5.0
-    starved_s = host.firmware.starved_s
+    assert 4.0 < host.firmware.starvation_s < 5.0
+    starvation_s = host.firmware.starvation_s
     host.send("M400")
     host.wait(100.0)
     host.send("G1 X100 F3000")
-    assert host.firmware.starved_s == starved_s  # a host that waits for the end of the moves does not print
+    assert (
+        host.firmware.starvation_s == starvation_s
+    )  # a host that waits for the end of the moves does not print
