@@ -4,7 +4,7 @@ Daemon, agents, emulators and timers all read this clock, so attended hours, tim
 dead-man timer agree everywhere, and a simulated night can run in minutes.
 
 A change of the host's clock must not end a heat-up or a print by a timeout: a process reads wall time once
-and adds the time since boot, which also counts while the host sleeps. The daemon, which enforces attended
+and adds the time since boot, which also advances while the host sleeps. The daemon, which enforces attended
 hours, follows such a change (`Clock.follow_host`); agents, which enforce timeouts, never do.
 """
 

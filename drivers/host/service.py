@@ -205,7 +205,7 @@ class HostService:
                     await self._change_event.wait()
             self._change_event.clear()
             self._send_state()
-            await asyncio.sleep(_WATCH_INTERVAL_S / 2)  # so one state has the changes of many agents
+            await asyncio.sleep(_WATCH_INTERVAL_S / 2)  # so that one state has the changes of many agents
 
     def _send_state(self) -> None:
         if self._daemon is not None:

@@ -138,7 +138,7 @@ class Recovery:
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
         """Match an answer to its query; return None if `decide` has to be called.
 
-        That is the case if the query was sent at the current place.
+        `decide` has to be called if the query was sent at the current place.
 
         Parameters
         ----------

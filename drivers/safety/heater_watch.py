@@ -160,7 +160,7 @@ class _Heater:
     def set_target(self, expected_target_c: float) -> None:
         """Set the target to compare with."""
         self.is_cooling = False
-        self._set_target_c = expected_target_c
+        self._expected_target_c = expected_target_c
         self._is_reached = False
         self._since_s = math.nan  # time of the first report after the target was set
         self._min_distance_c, self._progress_s = math.inf, math.nan
@@ -178,7 +178,7 @@ class _Heater:
     ) -> Finding | None:
         """Check a reading, and return the fault that it shows, if any."""
         self._last_readings_c.append(reading_c)
-        if expected_target_c != self._set_target_c:
+        if expected_target_c != self._expected_target_c:
             self.set_target(expected_target_c)
         if math.isnan(self._since_s):
             self._since_s = now_s
@@ -204,31 +204,31 @@ class _Heater:
         )
 
     def _check_approach(self, current_c: float, now_s: float) -> Finding | None:
-        distance_c = abs(current_c - self._set_target_c)
+        distance_c = abs(current_c - self._expected_target_c)
         if distance_c < self._min_distance_c - MIN_PROGRESS_C:
             self._min_distance_c, self._progress_s = distance_c, now_s
         elif now_s - self._progress_s > max(self._rule.stall_timeout_s, self._min_duration_s):
-            if current_c > self._set_target_c:
+            if current_c > self._expected_target_c:
                 return self._make_finding(
-                    Fault.HEATER_STUCK_ON, f"stays at {current_c:g} C, above {self._set_target_c:g}"
+                    Fault.HEATER_STUCK_ON, f"stays at {current_c:g} C, above {self._expected_target_c:g}"
                 )
-            progress_text = f"reached only {current_c:g} of {self._set_target_c:g} C"
+            progress_text = f"reached only {current_c:g} of {self._expected_target_c:g} C"
             return self._make_finding(Fault.HEATER_TIMEOUT, progress_text)
         return None
 
     def _check_hold(self, current_c: float, now_s: float) -> Finding | None:
-        if abs(current_c - self._set_target_c) <= self._rule.max_deviation_c:
+        if abs(current_c - self._expected_target_c) <= self._rule.max_deviation_c:
             self._off_target_since_s = math.inf
             return None
         self._off_target_since_s = min(self._off_target_since_s, now_s)
         if now_s - self._off_target_since_s <= max(self._rule.max_deviation_s, self._min_duration_s):
             return None
-        if current_c > self._set_target_c:
+        if current_c > self._expected_target_c:
             return self._make_finding(
-                Fault.HEATER_STUCK_ON, f"went up to {current_c:g} C, above {self._set_target_c:g}"
+                Fault.HEATER_STUCK_ON, f"went up to {current_c:g} C, above {self._expected_target_c:g}"
             )
         return self._make_finding(
-            Fault.THERMAL_RUNAWAY, f"fell from {self._set_target_c:g} to {current_c:g} C"
+            Fault.THERMAL_RUNAWAY, f"fell from {self._expected_target_c:g} to {current_c:g} C"
         )
 
     def _check_off(self, current_c: float, now_s: float) -> Finding | None:

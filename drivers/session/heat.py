@@ -1,4 +1,4 @@
-"""Scripts that heat to a target and confirm heaters off; check of each temperature report. Pure.
+"""Scripts that heat to a target and confirm heaters off, and the check of each report. Pure.
 
 The file's own M190 and M109 are never sent, as the firmware ignores the host while it executes them. Instead,
 M140 or M104 is sent, and then M105 until the target is reached, so that a cancellation takes effect within
@@ -21,7 +21,7 @@ OFF_TIMEOUT_S = 120.0  # longer than the heater watch waits for a heater to cool
 OFF_WITHOUT_MAINS_TIMEOUT_S = 60.0  # replaces OFF_TIMEOUT_S after the request to cut the mains
 MIN_COOLING_S = 10.0  # minimum time for a heater to cool after a reset, even after such a request
 BED_BAND_C = 0.5
-NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as for M109: the nozzle must stay this close for this time
+NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as for M109: the nozzle must stay within this band for this time
 HEATING_TIMEOUTS_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUSION_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
 # Maximum time between commands while heating: M105 does not reset the dead-man timer.

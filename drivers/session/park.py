@@ -87,8 +87,8 @@ def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> fl
     done_lines
         Number of lines of the program that were acknowledged.
     """
-    highest_mm = 0.0 if context.program is None else context.program.compute_max_height_mm(done_lines)
-    return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
+    max_height_mm = 0.0 if context.program is None else context.program.compute_max_height_mm(done_lines)
+    return max(0.0, min(max(z_mm, max_height_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
 
 def can_pause(context: SessionContext) -> bool:

@@ -1,4 +1,4 @@
-"""Scripts that abort a print in any phase: heaters off by command or reset, then confirmed off. Pure."""
+"""Scripts that abort a print in any phase, by command or by a reset, and confirm the heaters off. Pure."""
 
 from __future__ import annotations
 
@@ -102,9 +102,8 @@ def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> TimedScri
     yield from connect(context)
     has_restarted = context.connection is None or context.connection.has_restarted
     if not has_restarted:
-        yield from send(
-            context, firmware.motors_off_command
-        )  # the move queue is empty: the head stands still
+        # The move queue is empty: the head stands still.
+        yield from send(context, firmware.motors_off_command)
     if not (yield from confirm_heaters_off(context)):
         return False
     if not has_restarted:

@@ -55,11 +55,8 @@ class EmulatedFirmware(Listener):
         for name, line in faults.line_counts.items():
             self._due_faults.setdefault(line, []).append(name)
         self._asleep_until_s = -math.inf
-        self._totals_before_reset = (
-            0,
-            0.0,
-            0.0,
-        )  # number of moves, their total duration, and seconds of starvation
+        # Number of moves, their total duration, and seconds of starvation.
+        self._totals_before_reset = (0, 0.0, 0.0)
         self._time_s = now_s
         self.machine = Machine(self.board, self._send, self.stop, self.dialect.fault_messages, now_s)
         self.reset(now_s)
@@ -371,7 +368,7 @@ class EmulatedFirmware(Listener):
             case "bed_open_after":
                 self.stop(self.dialect.fault_messages.bed_maxtemp, now_s)
             case "bed_short_after":
-                board.bed_shorted = True
+                board.is_bed_sensor_shorted = True
                 board.set_bed_target(board.bed.target_c, now_s)
             case _:
                 raise AssertionError(f"fault {name} is not implemented")

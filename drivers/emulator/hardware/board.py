@@ -8,9 +8,8 @@ from drivers.emulator.faults import WEAK_BED_C, WEAK_NOZZLE_C, Faults
 from drivers.emulator.hardware.thermal import AMBIENT_C, Heater
 from drivers.printers import Profile
 
-SHORTED_SENSOR_C = (
-    -14.0
-)  # [assumed] reading of a shorted bed sensor: below MINTEMP, which the bed does not check
+# [assumed] Reading of a shorted bed sensor: below MINTEMP, which the firmware does not check for the bed.
+SHORTED_SENSOR_C = -14.0
 BED_PERIOD_S = 5.0
 MATERIAL_CHANGE_RANGE_MM = 5.0  # distance from the top within which a person changes material
 MAX_OOZE_MM = 0.5
@@ -54,7 +53,7 @@ class EmulatedBoard:
             bed = replace(bed, gain_c=WEAK_BED_C - AMBIENT_C)
         self.nozzle = Heater(nozzle, is_dead=faults.dead_nozzle)
         self.bed = Heater(bed, BED_PERIOD_S, is_dead=faults.dead_bed)
-        self.bed_shorted = False  # the bed's sensor reads `SHORTED_SENSOR_C`
+        self.is_bed_sensor_shorted = False  # the bed's sensor reads `SHORTED_SENSOR_C`
         self.head_position_mm = profile.home_mm
         self.filament_mm = 0.0
         self.filament_end_mm = -profile.park_retraction_mm  # as after the end code or the printer's own menu
@@ -83,7 +82,7 @@ class EmulatedBoard:
 
     def read_bed_c(self, now_s: float) -> float:
         """Return the reading of the bed's sensor."""
-        return SHORTED_SENSOR_C if self.bed_shorted else self.bed.compute_temperature_c(now_s)
+        return SHORTED_SENSOR_C if self.is_bed_sensor_shorted else self.bed.compute_temperature_c(now_s)
 
     def set_nozzle_target(self, target_c: float, now_s: float) -> None:
         """Set the nozzle's target; 0 is off."""
@@ -93,10 +92,9 @@ class EmulatedBoard:
     def set_bed_target(self, target_c: float, now_s: float) -> None:
         """Set the bed's target; 0 is off."""
         self.bed.set_target(target_c, now_s)
-        if self.bed_shorted:
-            self.bed.is_switch_shorted = (
-                target_c > 0.0
-            )  # the controller reads a cold bed, and heats at full power
+        if self.is_bed_sensor_shorted:
+            # The controller reads a cold bed, and heats at full power.
+            self.bed.is_switch_shorted = target_c > 0.0
         self.change_count += 1
 
     def switch_heaters_off(self, now_s: float) -> None:
