@@ -180,7 +180,7 @@ class Board:
         """End the open print safely."""
         self._call_session(lambda session, now_s: session.cancel(reason, now_s))
 
-    def pause(self, is_paused: bool) -> None:
+    def set_paused(self, is_paused: bool) -> None:
         """Pause or resume the open print."""
         self._call_session(lambda session, now_s: (session.pause if is_paused else session.resume)(now_s))
 

@@ -25,7 +25,7 @@ class FilamentWatch:
     """Watch over the filament's position since the last record of the journal.
 
     After a print the agent records the printer's position. A restarted agent compares it with the printer's
-    answer: they differ if the board was reset meanwhile.
+    answer: they differ if the board was reset in between.
 
     Parameters
     ----------

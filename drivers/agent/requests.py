@@ -99,7 +99,7 @@ class RequestHandler:
             case EndPrintBy():
                 self._board.set_time_limit(request.ends_by_s)
             case PausePrint() | ResumePrint():
-                self._board.pause(isinstance(request, PausePrint))
+                self._board.set_paused(isinstance(request, PausePrint))
             case ForgetPrint():
                 if not snapshot.phase.ended:
                     raise AgentError(f"print {snapshot.print_id} is still open: cancel it first")

@@ -72,7 +72,7 @@ class Port:
         self.is_plugged = self.is_open = False
 
     def process_port_events(self) -> bool:
-        """Process openings and closings of the slave; return True if it was closed and then opened.
+        """Process openings and closings of the slave; return True if an opening raised DTR.
 
         Only the first of several hosts raises DTR.
         """

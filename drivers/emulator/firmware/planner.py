@@ -227,11 +227,11 @@ class Planner:
 
     def _measure_short_move(self, dx: float, dy: float, dz: float, de: float, length_mm: float) -> float:
         """Return the length of a move, along the filament if only the feeder moves; 0 for too few steps."""
-        steps = self.limits.steps_per_mm
-        head_steps = max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2])
+        per_mm = self.limits.steps_per_mm
+        head_steps = max(abs(dx) * per_mm[0], abs(dy) * per_mm[1], abs(dz) * per_mm[2])
         if head_steps > MIN_STEPS:
             return length_mm
-        return abs(de) if abs(de) * steps[3] > MIN_STEPS else 0.0
+        return abs(de) if abs(de) * per_mm[3] > MIN_STEPS else 0.0
 
     def compute_position(self, now_s: float) -> Point:
         """Compute the position of head and feeder; the queue must be advanced to `now_s`."""
