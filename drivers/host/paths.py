@@ -100,7 +100,7 @@ class HostPaths:
         return json.dumps([read_version(), *asdict(Installation.from_this_process()).values()])
 
     def has_this_version(self) -> bool:
-        """Return whether the running service has this version and installation."""
+        """Return whether the running service has the version and installation of this process."""
         with suppress(OSError):
             return self._version.read_text() == self._describe_version()
         return False

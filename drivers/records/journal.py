@@ -88,7 +88,7 @@ class Journal:
         self.state.apply(record)
 
     def shorten(self, max_bytes: int = MAX_BYTES) -> bool:
-        """Replace a long journal by the fewest records that restore its state; keep the last long one.
+        """Replace a long journal by the fewest records that restore its state; keep the long one as a copy.
 
         Call it while nothing prints. After an error the old journal remains in use.
 

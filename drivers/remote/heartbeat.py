@@ -52,7 +52,7 @@ def sample_process(pid: int) -> ProcessSample | None:
 
 
 class Heartbeat:
-    """Detector of a hung agent, by its silence."""
+    """Detector that recognises a hung agent by its silence."""
 
     def __init__(self) -> None:
         self._silence_s = 0.0
