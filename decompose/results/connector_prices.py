@@ -13,19 +13,19 @@ from decompose.options import THIN_FILAMENT_MM
 
 REFERENCE_S = 5_000.0  # print time of a part on which a mark has its price in `PRICES_S`
 PRICES_S = {
-    "groove upright": 18.0,
-    "groove top": 17.0,
-    "groove bed": 18.0,
-    "groove upright thin": 10.0,  # for thin filament; those on hidden sides are estimated, few were sliced
+    "groove upright": 5.1,
+    "groove top": 27.0,
+    "groove bed": 25.0,
+    "groove upright thin": 2.8,  # for thin filament; those on hidden sides are estimated, few were sliced
     "groove top thin": 8.0,
     "groove bed thin": 22.0,
     "hole upright": 35.0,
     "hole top": 35.0,
     "hole bed": 35.0,
-    "mark upright": 7.2,
-    "mark top": 12.0,
-    "mark bed": 24.0,
-    "gutter mm": 0.75,
+    "mark upright": 5.9,
+    "mark top": 18.0,
+    "mark bed": 16.0,
+    "gutter mm": 0.36,
     "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
 }
 
