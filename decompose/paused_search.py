@@ -46,7 +46,7 @@ class PausedSearch:
 
     @property
     def spent_share(self) -> float:
-        """Share of the budget that its attempts have spent."""
+        """Share of the budget that the attempts so far have spent."""
         remaining_s = sum(trial.budget_s for trial in self.plan_round())
         return 1.0 - remaining_s / self.best_result.options.best.budget_s
 

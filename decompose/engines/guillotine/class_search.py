@@ -32,10 +32,10 @@ PiecesByBox = Mapping[Box, Sequence[Piece]]
 MAX_SUMS = 4e8
 """Maximum number of sums for each time limit in the search for classes; they take a few seconds."""
 MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds with true prices, and of rejected partitions
-WORTHWHILE_SHARE = 0.995  # a partition must promise less than this share of the makespan so far
+MAX_MAKESPAN_SHARE = 0.995  # maximum makespan of a search by the tables, as a share of the best one so far
 TOLERANCE = 0.003  # accuracy of the minimum makespan, as a share of it
 MAX_ADDED_PRINTERS = 32  # maximum number of printers added to a class that has too few
-RETRY_RATIO = 1.01  # ratio for another round, as in `exact_search`
+RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
 
 
 def cut_by_guillotine(problem: Problem) -> Partition:
@@ -104,7 +104,7 @@ def _compute_makespan_s(problem: Problem, pieces_by_box: PiecesByBox) -> float:
 class _ClassSearch(ExactSearch):
     """Exact search for classes of printers, with true prices as in `ExactSearch`.
 
-    It starts from the shared tables, after that search has corrected their prices.
+    It starts from the shared tables, after an `ExactSearch` has corrected their prices.
     """
 
     def __init__(self, problem: Problem, grid: Grid, shared_tables: BoxTables, min_s: float) -> None:
@@ -124,13 +124,13 @@ class _ClassSearch(ExactSearch):
         """
         candidates: list[PiecesByBox] = []
         tolerance_s = TOLERANCE * (best_known_s if math.isfinite(best_known_s) else self.min_s)
-        if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * best_known_s, tolerance_s):
+        if len(self.classes) == 1 or not self._may_succeed(MAX_MAKESPAN_SHARE * best_known_s, tolerance_s):
             return candidates
         rounds = 0
         while rounds < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
             if math.isfinite(best_known_s) and self.problem.effort.is_spent():
                 break
-            limit_s = self._solve(self.classes[0].count, tolerance_s, WORTHWHILE_SHARE * best_known_s)
+            limit_s = self._solve(self.classes[0].count, tolerance_s, MAX_MAKESPAN_SHARE * best_known_s)
             if limit_s is None:
                 break
             self.min_s = max(self.min_s, limit_s - tolerance_s)
@@ -174,7 +174,7 @@ class _ClassSearch(ExactSearch):
         return _set_printers(pieces_by_box, [printers[i] for i in assigned_printers])
 
     def _look_up_seconds(self, boxes: Sequence[Box]) -> Floats:
-        """Look up the seconds (pieces, printers) of each piece; printers in the order of the classes."""
+        """Look up the seconds (pieces, printers) of pieces on all printers, in the order of the classes."""
         indices = [index_box(box, self.tables.shape) for box in boxes]
         rows = np.repeat(indices, self.tables.piece_counts[indices])
         columns = [
@@ -242,7 +242,7 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
         counts = _grow_counts(available_counts, grown_class, max_sums)
         other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], other_classes)
-        solver.solve(float(np.finfo(np.float32).max))  # finite: inf means no fit
+        solver.solve(float(np.finfo(np.float32).max))  # a finite limit, because inf means no fit
         for state, fewest in zip(*solver.list_class_counts(), strict=True):
             shortage = [
                 max(0, int(n) - count) for n, count in zip((fewest, *state), available_counts, strict=True)

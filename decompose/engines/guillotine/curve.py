@@ -23,7 +23,7 @@ TOLERANCE = 0.005  # accuracy of a makespan, as a share of it
 # Number of parallel solves; it is fixed, so that the result does not depend on the machine.
 PARALLEL_SOLVE_COUNT = 2
 CLEARING_S = 120.0
-"""A person's time to take a part off a bed and to clear the bed, an estimate."""
+"""Estimate of a person's time to take a part off a bed and to clear the bed."""
 ASSEMBLY_S = 216.0
 """A person's time to clean and glue a part: 3.6 min in the literature on such models."""
 

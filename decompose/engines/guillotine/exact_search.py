@@ -222,7 +222,7 @@ class ExactSearch:
         return partition
 
     def _correct_piece_counts(self, boxes: list[Box]) -> bool:
-        """Record the true counts of pieces in the table; return whether a box has more than before."""
+        """Record the true counts of pieces in the table; return whether a box has more pieces than before."""
         has_more = False
         for box in boxes:
             if box not in self.pieces_by_box:
@@ -270,7 +270,7 @@ class ExactSearch:
                 f"{len(self.rejections)} partitions, one {self.rejections[-1]}: use more printers, "
                 "a larger --longest-side, or (farm decompose) a lower --min-glue"
             )
-        printers_needed = self.solver.solve(sys.float_info.max)  # finite: inf means no fit
+        printers_needed = self.solver.solve(sys.float_info.max)  # a finite limit, because inf means no fit
         if printers_needed >= UNREACHABLE_COUNT:
             min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(

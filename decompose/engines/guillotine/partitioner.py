@@ -222,7 +222,7 @@ class Partitioner:
         return chosen_boxes
 
     def _find_value(self, box: Box, state: int) -> int:
-        """Find the value of a box in the last solution; an unknown one is higher than that of any box."""
+        """Find the value of a box in the last solution; an unknown one counts as higher than all others."""
         index = index_box(box, self.tables.shape)
         if self._keys is not None:
             return self._keys.get(int(self.tables.trimmed_box[index]), UNREACHABLE_COUNT * PART_WEIGHT)

@@ -58,10 +58,7 @@ MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a pa
 
 
 def shift_planes(
-    problem: Problem,
-    grid: Grid,
-    pieces_by_box: Mapping[Box, Sequence[Piece]],
-    cells: NeededCells | None = None,
+    problem: Problem, grid: Grid, box_pieces: Mapping[Box, Sequence[Piece]], cells: NeededCells | None = None
 ) -> list[Piece]:
     """Move the cut planes of a partition to the least makespan, with its pieces in their best poses.
 
@@ -69,7 +66,7 @@ def shift_planes(
     ----------
     problem, grid
         Problem, and the grid over its model.
-    pieces_by_box
+    box_pieces
         The boxes of a partition of the grid, and the pieces in each.
     cells
         The grid's needed cells from `refine_needed_cells`, if they are known.
@@ -80,14 +77,9 @@ def shift_planes(
         As many pieces as before, none slower than the slowest one before; the same pieces if there is no
         gain. Solid in a box stays in some box, or in none if it need not be printed (`grid.needed_cells`).
     """
-    grown_boxes = fill_out_boxes(list(pieces_by_box), grid.cells == Cell.EXTERNAL)
-    return shift_box_planes(
-        problem,
-        grid,
-        np.array([grid.find_bounds_mm(box) for box in grown_boxes]),
-        list(pieces_by_box.values()),
-        cells,
-    )
+    grown_boxes = fill_out_boxes(list(box_pieces), grid.cells == Cell.EXTERNAL)
+    boxes_mm = np.array([grid.find_bounds_mm(box) for box in grown_boxes])
+    return shift_box_planes(problem, grid, boxes_mm, list(box_pieces.values()), cells)
 
 
 def estimate_shift_s(problem: Problem, part_count: int) -> float:
@@ -174,30 +166,30 @@ class _PlaneShift:
         """Pose the parts of the given partition."""
         return self._pose_parts(self.start_parts)
 
-    def improve_parts(self, best: list[BoxPart]) -> list[BoxPart]:
+    def improve_parts(self, best_parts: list[BoxPart]) -> list[BoxPart]:
         """Search for a better partition, starting from parts in their poses."""
-        if not (self.is_free.any() and math.isfinite(find_longest_time_s(best))):
-            return best
-        self._record_effort([i for i in range(len(best)) for _ in range(6)])
-        slopes = np.array(list(self.problem.map(self._measure_slopes, range(len(best)), best)))
+        if not (self.is_free.any() and math.isfinite(find_longest_time_s(best_parts))):
+            return best_parts
+        self._record_effort([i for i in range(len(best_parts)) for _ in range(6)])
+        slopes = np.array(list(self.problem.map(self._measure_slopes, range(len(best_parts)), best_parts)))
         for rounds in range(MAX_ROUNDS):
             if rounds and self.problem.effort.is_spent():
                 break
-            moved_parts = self._take_steps(best, slopes)
-            if moved_parts is best:
+            moved_parts = self._take_steps(best_parts, slopes)
+            if moved_parts is best_parts:
                 break
-            new_parts = self._pose_parts(moved_parts, best)
-            if sort_times_s(new_parts) >= sort_times_s(best):
-                if not self._stop_faces(best, new_parts, find_longest_time_s(best)):
+            new_parts = self._pose_parts(moved_parts, best_parts)
+            if sort_times_s(new_parts) >= sort_times_s(best_parts):
+                if not self._stop_faces(best_parts, new_parts, find_longest_time_s(best_parts)):
                     break
             elif self._has_faults(new_parts):
                 self.reach_mm = self.reach_mm / 2.0
             else:
-                gain = 1.0 - find_longest_time_s(new_parts) / find_longest_time_s(best)
-                best = new_parts
+                gain = 1.0 - find_longest_time_s(new_parts) / find_longest_time_s(best_parts)
+                best_parts = new_parts
                 if gain < MIN_GAIN:
                     break
-        return best
+        return best_parts
 
     def _record_effort(self, parts: Sequence[int]) -> None:
         """Record the work of cutting parts, by number, and of pricing them in their poses."""
@@ -205,7 +197,7 @@ class _PlaneShift:
         self.problem.effort.record(Work.FACE_MEASURED, sum(self.nearby_solids[i].face_count for i in parts))
 
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
-        """Check whether a piece cannot be glued well."""
+        """Check whether any piece cannot be glued well."""
         return bool(
             find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
         )

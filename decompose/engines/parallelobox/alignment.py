@@ -50,7 +50,7 @@ class AlignedModel:
 
 
 def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
-    """Rotate a model by its symmetry and its overhangs.
+    """Rotate a model so that its plane of symmetry is normal to an axis and its overhangs are small.
 
     A plane of symmetry next to a face is not used, because it would cut slivers off, and the face would count
     as a cut.

@@ -1,4 +1,4 @@
-"""Metaheuristic: the best of many attempts, with decreasing numbers of seeds and several draws of each.
+"""Metaheuristic: the best of many attempts, with decreasing numbers of seeds and several draws for each.
 
 With fewer seeds, more printers remain for the void fill, so an attempt succeeds more often.
 """
