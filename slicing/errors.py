@@ -25,7 +25,7 @@ class EngineFailed(SlicingError):
 
 
 class EngineCrashed(EngineFailed):
-    """CuraEngine was ended by a signal."""
+    """CuraEngine was terminated by a signal."""
 
 
 class EngineOutOfMemory(EngineFailed):

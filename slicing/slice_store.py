@@ -54,9 +54,9 @@ class StoredSlice:
             [settings.hidden_wall_ratio, settings.has_single_hidden_walls] if hidden_sides else []
         )
         walls += [asdict(side) for side in hidden_sides]
-        texts = json.dumps([settings.global_, settings.extruder, walls], sort_keys=True)
+        settings_text = json.dumps([settings.global_, settings.extruder, walls], sort_keys=True)
         digest = hashlib.sha256(model)
-        for text in (texts, read_engine_version(engine), _FORMAT):
+        for text in (settings_text, read_engine_version(engine), _FORMAT):
             digest.update(hashlib.sha256(text.encode()).digest())
         return cls(cache, digest.hexdigest())
 

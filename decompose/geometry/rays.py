@@ -220,7 +220,7 @@ def _set_edges(triangles: Floats, t: int, edges: Floats) -> None:
     for k in range(3):
         p, q = k, (k + 1) % 3
         if triangles[t, p, 0] > triangles[t, q, 0]:
-            p, q = q, p  # so that both triangles of an edge have the same y
+            p, q = q, p  # so that both triangles of an edge compute the same y
         px, qx = triangles[t, p, 0], triangles[t, q, 0]
         edges[k, 0], edges[k, 1], edges[k, 2] = px, qx, triangles[t, p, 1]
         edges[k, 3] = (triangles[t, q, 1] - triangles[t, p, 1]) / (qx - px) if qx > px else 0.0
@@ -228,7 +228,7 @@ def _set_edges(triangles: Floats, t: int, edges: Floats) -> None:
 
 @jit_inline
 def _find_edge_span(edges: Floats, x: float) -> tuple[float, float]:
-    """Find the least and the greatest y at which a line of equal x crosses the edges of a triangle.
+    """Find the least and the greatest y at which a line of constant x crosses the edges of a triangle.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ class CostModel:
     hidden_top_mm: float = 0.0  # saved height of the skin of hidden tops
     hidden_side_share: float = 0.0  # saved share of the walls of a hidden upright side
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
-    fit_layer_mm: LayerFitter | None = None  # replaces `layer_mm` by the height of the layers of a part
+    fit_layer_mm: LayerFitter | None = None  # gives the height of the layers of a part, instead of `layer_mm`
 
     @property
     def overhang_cos(self) -> float:
@@ -103,7 +103,7 @@ class CostModel:
 
     @classmethod
     def from_settings(cls, settings: PrintTimeSettings, factors: Mapping[str, float] = FACTORS) -> CostModel:
-        """Build the cost of print settings: their terms, each times its factor.
+        """Build the cost model for print settings: each of their terms, multiplied by its factor.
 
         Parameters
         ----------
@@ -262,7 +262,7 @@ class CostModel:
         cut_side_mm2
             Area of the hidden sides.
         ends_mm
-            Height of their ends, by `sum_side_ends_mm`.
+            Height of their ends, from `sum_side_ends_mm`.
         """
         saved_s_mm2 = self.hidden_side_share * self.lateral_s_mm2
         return saved_s_mm2 * min(cut_side_mm2, SIDE_END_MM * ends_mm)

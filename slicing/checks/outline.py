@@ -2,8 +2,8 @@
 
 First the areas and first moments of all sections and of all printed outlines are compared, computed from
 their segments by Green's theorem. Only the layers that differ are compared as polygons, which show the place
-of the difference, and whether the missing area is thinner than two lines. A thin area is reported; any
-other missing or extra area rejects the slice.
+of the difference, and whether the missing area is thinner than a line. A thin area is reported; any other
+missing or extra area rejects the slice.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def check_outline(
     Raises
     ------
     SliceRejected
-        `OUTLINE` if something thick enough is missing, something is printed outside the model, or most of the
-        model is too thin.
+        `OUTLINE` if something thick enough to print is missing, something is printed outside the model, or
+        most of the model is too thin.
     """
     if removed_layers:  # the expansion of the first layer was lost with the removed layers
         layout = replace(layout, offset_0_mm=layout.offset_mm)
@@ -245,8 +245,8 @@ def _compare_layer(
         missing_area = missing_area.difference(
             walls.build_filling(layer, missing_area.bounds).buffer(tolerance_mm)
         )
-    two_lines_mm = float(layout.compute_reach_mm(np.array([layer], np.int32))[0]) + 0.03
-    thick_area = certain_area.buffer(-two_lines_mm).buffer(two_lines_mm)
+    opening_radius_mm = float(layout.compute_reach_mm(np.array([layer], np.int32))[0]) + 0.03
+    thick_area = certain_area.buffer(-opening_radius_mm).buffer(opening_radius_mm)
     lost_area = _find_largest_piece(missing_area.intersection(thick_area))
     if lost_area is not None:
         raise SliceRejected(

@@ -171,7 +171,7 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Comment], list[Command]]
 
 
 def _read_columns(text: bytes, move_count: int) -> dict[int, Floats]:
-    """Read the number (n,) of each move for each letter; NaN if the move lacks the letter."""
+    """Read the value (n,) of each letter in each move; NaN if the move lacks the letter."""
     raw = np.frombuffer(text, np.uint8)
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
     numbers = _parse_numbers(text)

@@ -47,7 +47,7 @@ class WallLayout:
     inner_wall_count: int = 0  # number of closed rings within the outer one; 0 if it is not known
 
     def compute_reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
-        """Compute the distance (n,) from a ring's middle to the model's outline, for layers (n,)."""
+        """Compute the distance (n,) from a ring's centre line to the model's outline, for layers (n,)."""
         return np.where(layer == 0, self.line_width_factor_0, 1.0) * self.width_mm / 2 + self.inset_mm
 
     def compute_section_heights_mm(self, layer_count: int) -> Floats:
@@ -131,16 +131,16 @@ class Walls:
         half_width_mm = splice(half_widths_mm[wall_moves], half_widths_mm[wall_moves][bridges])
         layer, run = splice(layer, layer[bridges]), splice(run, run[bridges])
         is_closed = is_closed[run]
-        is_inner = np.zeros(len(length_mm), bool)
+        is_other = np.zeros(len(length_mm), bool)
         for name in ("WALL-INNER", "SKIN", "FILL"):
-            is_inner |= toolpath.is_feature(name)
-        is_inner &= is_printing
-        ends = (toolpath.start[is_inner, :2] - centre_mm, toolpath.end[is_inner, :2] - centre_mm)
-        other_lines = np.column_stack((*ends, toolpath.layer[is_inner], half_widths_mm[is_inner])).astype(
+            is_other |= toolpath.is_feature(name)
+        is_other &= is_printing
+        ends = (toolpath.start[is_other, :2] - centre_mm, toolpath.end[is_other, :2] - centre_mm)
+        other_lines = np.column_stack((*ends, toolpath.layer[is_other], half_widths_mm[is_other])).astype(
             np.float64
         )
         reach_mm = np.where(is_closed, layout.compute_reach_mm(layer), half_width_mm)
-        inner_lines = other_lines[toolpath.is_feature("WALL-INNER")[is_inner]][:, :5]
+        inner_lines = other_lines[toolpath.is_feature("WALL-INNER")[is_other]][:, :5]
         return cls(start, end, layer, run, is_closed, 2 * half_width_mm, reach_mm, other_lines, inner_lines)
 
     def sum_rings(self, layer_count: int) -> Rings:

@@ -32,8 +32,8 @@ from slicing.settings import EngineSettings
 MIN_REMOVED_MM = 10.0
 """Minimum length that is removed from a wall."""
 _SAVED_TIME_MARGIN = 1.1
-"""Factor of the time of a removed line at its speed, because the head also accelerates less often. A layer
-never becomes shorter than the minimum layer time."""
+"""Factor by which a removed line saves more than its length over its speed, because the head also accelerates
+less often. It keeps layers from becoming shorter than the minimum layer time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +204,7 @@ def _clip_run(lengths_mm: Floats, skin_mm: Floats, margin_mm: float) -> tuple[Fl
     Returns
     -------
     tuple
-        Shares (k,) of the moves, from their starts, between which they remain.
+        Shares (k,) of the moves, from their starts, between which the clipped run lies.
     """
     end_mm = np.cumsum(lengths_mm)
     begin_mm = end_mm - lengths_mm

@@ -154,7 +154,7 @@ def list_side_runs(
 
 
 def find_notch_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:
-    """Mark the moves (k,) along a side and in notches of it; the parameters are those of `list_side_runs`."""
+    """Mark the moves (k,) along a side and in its notches; the parameters are those of `list_side_runs`."""
     return _find_moves_between(ends_mm, side, wall_depth_mm, MAX_NOTCH_DEPTH_MM)
 
 
@@ -173,7 +173,7 @@ def _find_groove_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_de
 def _find_moves_between(
     ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float, notch_depth_mm: float
 ) -> Bools:
-    """Mark the moves (k,) between the wall along a side and the wall in a notch of a depth."""
+    """Mark the moves (k,) between the wall along a side and the wall in a notch of depth `notch_depth_mm`."""
     depths_mm = np.stack([side.measure_depths_mm(points) for points in ends_mm]) - wall_depth_mm
     deepest_mm = notch_depth_mm + _NOTCH_RATIO * wall_depth_mm
     return np.asarray(((depths_mm > -_LINE_TOLERANCE_MM) & (depths_mm < deepest_mm)).all(axis=0))

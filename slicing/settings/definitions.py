@@ -118,7 +118,7 @@ def parse_value(setting: Setting, raw_value: Any) -> Any:
     Raises
     ------
     BadSetting
-        If it is of another type, not finite, or not one of the options; with the allowed values.
+        If the value is of another type, not finite, or not an option; the message gives the allowed values.
     """
     text = str(raw_value).strip()
     try:
@@ -159,7 +159,7 @@ def _shorten_text(text: str) -> str:
 
 
 def parse_literal(text: str) -> Any:
-    """Read a value that is not of its setting's type, as Cura does: as a literal, else as text."""
+    """Read a value that is not of its setting's type, as Cura does: as a literal if possible."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, MemoryError, RecursionError):
@@ -198,7 +198,7 @@ def fits_type(setting: Setting, value: Any) -> bool:
 
 
 def _is_list(kind: SettingType, value: Any) -> bool:
-    """Check whether a value is a list or the text of one; of whole numbers where the type says so."""
+    """Check whether a value is a list, or the text of one; for `SettingType.INTS`, of whole numbers."""
     try:
         items = ast.literal_eval(value) if isinstance(value, str) else value
     except (ValueError, SyntaxError, MemoryError, RecursionError):

@@ -42,7 +42,7 @@ class BlockPartition:
     max_price
         Highest price of a block, the paper's P.
     part_count
-        Number of pieces in all blocks, by the grid.
+        Number of pieces in all blocks, as counted on the grid.
     """
 
     blocks: tuple[Box, ...]
@@ -186,8 +186,8 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
             int(np.clip(np.searchsorted(grid.planes[a], centroid[a]) - 1, 0, grid.shape[a] - 1))
             for a in range(3)
         )
-        in_block = is_available & (boundary == (x, y, z)).all(axis=1)
-        gaps_mm = np.where(in_block, -1.0, np.linalg.norm(centres_mm - centroid, axis=1))
+        contains_centroid = is_available & (boundary == (x, y, z)).all(axis=1)
+        gaps_mm = np.where(contains_centroid, -1.0, np.linalg.norm(centres_mm - centroid, axis=1))
         nearest = int(np.where(is_available, gaps_mm, np.inf).argmin())
         is_available[nearest] = False
         x, y, z = boundary[nearest].tolist()
