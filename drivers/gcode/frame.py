@@ -15,7 +15,7 @@ MAX_FRAME_BYTES = 94
 _MAX_BYTES_BEFORE_CHECKSUM = MAX_FRAME_BYTES - len(b"255")
 
 _CHECKSUMS = {b"%0*d" % (width, total): total for total in range(128) for width in range(7)} | {b"": 0}
-"""Checksum that the firmware would read, by up to 6 decimals in ASCII."""
+"""Checksum that the firmware would read from each string of up to 6 decimals."""
 
 _SMALL_DECIMALS = re.compile(rb"\.(0*(?:1[01]\d|12[0-7]|\d\d?)|)(?=[ *])")
 """Decimals that may equal a checksum, which is below 128."""

@@ -43,7 +43,7 @@ class FrameReader:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Return the frames that are complete with these bytes.
+        """Return the frames that these bytes complete.
 
         Raises
         ------

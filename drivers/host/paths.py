@@ -112,7 +112,7 @@ def _replace(path: Path, text: str) -> None:
     new_path.replace(path)
 
 
-def reach_service(paths: HostPaths) -> socket.socket:
+def connect_to_service(paths: HostPaths) -> socket.socket:
     """Connect to the service of this host; start it unless one of this version is running.
 
     Raises

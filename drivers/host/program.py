@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 
 from drivers.errors import AgentError, DriverError
 from drivers.host.messages import HostRequest, HostTask, is_for_host
-from drivers.host.paths import HostPaths, reach_service
+from drivers.host.paths import HostPaths, connect_to_service
 from drivers.records import StartFile
 from drivers.remote import bridge
 from drivers.safety import StopResult, StopTarget, stop_printer
@@ -35,7 +35,7 @@ def serve_stdio() -> int:
         if request.do is HostTask.STOP:
             _stop_printers(request, paths)
         else:
-            with reach_service(paths) as service:
+            with connect_to_service(paths) as service:
                 service.sendall(line)
                 _carry(service)
     except BrokenPipeError:

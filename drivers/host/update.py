@@ -87,7 +87,7 @@ class AgentsUpdate:
         """Replace the next idle agent, unless one is being replaced; end if no agent is outdated."""
         if not self._is_running or self._replaced_printer is not None:
             return
-        outdated_watches = self._list_outdated(watches)
+        outdated_watches = self._list_outdated_watches(watches)
         if not outdated_watches:
             self._is_running = False
             self._on_change()
@@ -101,7 +101,7 @@ class AgentsUpdate:
         """Describe the update for the daemon."""
         if self._reason is not None:
             return Update(phase=UpdatePhase.FAILED, reason=self._reason)
-        outdated_printers = [watch.printer for watch in self._list_outdated(watches)]
+        outdated_printers = [watch.printer for watch in self._list_outdated_watches(watches)]
         if not outdated_printers:
             return Update()
         if self._is_running:
@@ -112,7 +112,7 @@ class AgentsUpdate:
             phase=UpdatePhase.OUTDATED, reason=f"agents with another version: {' '.join(outdated_printers)}"
         )
 
-    def _list_outdated(self, watches: Sequence[AgentWatch]) -> list[AgentWatch]:
+    def _list_outdated_watches(self, watches: Sequence[AgentWatch]) -> list[AgentWatch]:
         return [w for w in watches if w.is_wanted and w.find_installation() not in (None, self._installation)]
 
     async def _replace(self, watch: AgentWatch) -> None:
@@ -139,7 +139,7 @@ class AgentsUpdate:
     async def _await_trial(
         self, watch: AgentWatch, old_link: m.LinkState | None, start_count: int
     ) -> str | None:
-        """Judge the first agent after `start_count` starts until it works; return its fault, or None."""
+        """Wait for the agent that follows `start_count` starts; return its fault, or None if it works."""
         started_s = time.monotonic()
         while True:
             installation = watch.find_installation()

@@ -84,7 +84,7 @@ def _find_owner(path: Path) -> int | None:
 
 
 def request_stop(path: Path, printers: list[str], report: ReportCallback) -> None:
-    """Send a request to stop printers over the socket, and report each line of the response.
+    """Send a stop request over the socket, and report each line of the response.
 
     Raises
     ------

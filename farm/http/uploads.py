@@ -169,7 +169,7 @@ class Uploads:
     workers
         Processes that inspect models.
     inspections
-        Names of the models that are being inspected, by their files; the uploads keep it up to date.
+        Names of the models that are being inspected, by file; kept up to date by this class.
     """
 
     def __init__(
@@ -180,7 +180,7 @@ class Uploads:
         self._open_uploads: dict[Path, Upload] = {}
 
     def describe(self, request_id: str) -> api.UploadView:
-        """Describe the progress of an upload. Raises NotFoundError."""
+        """Describe the progress of an upload. Raises NotFoundError if it is not open."""
         for path, upload in self._open_uploads.items():
             if upload.request_id == request_id:
                 step = "sending" if upload.missing_bytes else self._describe_wait()

@@ -86,7 +86,7 @@ class EmulatedFirmware(Listener):
         self._schedule: deque[tuple[float, Callable[[float], None]]] = deque(
             (
                 (start_s, self._boot),
-                (start_s + BANNER_DURATION_S + FIRST_COMMAND_DELAY_S, self._begin_running),
+                (start_s + BANNER_DURATION_S + FIRST_COMMAND_DELAY_S, self._begin_main_loop),
                 (start_s + SD_FAILURE_DELAY_S, lambda _: self._send(self.dialect.late_banner)),
             )
         )
@@ -299,7 +299,7 @@ class EmulatedFirmware(Listener):
             wording.START + self.dialect.format_banner(self.board.profile, limits, home_offset_hundredths_mm)
         )
 
-    def _begin_running(self, now_s: float) -> None:
+    def _begin_main_loop(self, now_s: float) -> None:
         self.phase = Phase.RUNNING
         self._time_s = self.machine.last_command_s = now_s
 
@@ -347,7 +347,7 @@ class EmulatedFirmware(Listener):
             case "silent_after":
                 self.phase = Phase.MUTE  # until a reset; the heaters stay on
             case "sleep_after":
-                self._asleep_until_s = now_s + SLEEP_DURATION_S  # and then continue
+                self._asleep_until_s = now_s + SLEEP_DURATION_S  # the main loop then continues
             case "stuck_after":
                 self._stuck_number = self._last_number + 1  # requests the next line endlessly
             case "kill_after":

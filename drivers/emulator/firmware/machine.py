@@ -54,7 +54,7 @@ class Machine:
     fault_messages
         Messages for faults.
     now_s
-        Time of the reset; all times are on that clock.
+        Time of the reset, on the clock of all times.
     """
 
     def __init__(
@@ -217,10 +217,10 @@ class Machine:
         return min(file_bytes, int((now_s - began_s) * SD_BYTES_PER_S)), file_bytes
 
     def power_down(self, now_s: float) -> None:
-        """Switch motors and heaters off at once, at a reset."""
+        """Stop all motion, and switch motors and heaters off."""
         x, y, z, _ = self.planner.stop(now_s)
         home, top = self.board.profile.home_mm, self.max_position_mm
-        ends = [home[axis] or top[axis] for axis in range(3)]  # an endstop at the top is the limit
+        ends = [home[axis] or top[axis] for axis in range(3)]  # an axis may home at its maximum
         x, y, z = (min(max(value, 0.0), end) for value, end in zip((x, y, z), ends, strict=True))
         self.board.head_position_mm = (x, y, z)
         self.board.switch_heaters_off(now_s)

@@ -54,5 +54,5 @@ def list_sd_files(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _drop_sign_of_zero(number: float) -> float:
-    """Turn a negative zero into 0."""
+    """Return 0 for a number that two decimals show as zero."""
     return 0.0 if abs(number) < 0.005 else number

@@ -40,9 +40,9 @@ class TaskExecutor:
         self.host, self.installation = host, installation
         self._folder, self._pool = folder, pool
         self._files = FileCache(folder / "files")
-        self._task_folder = folder / "tasks"
-        shutil.rmtree(self._task_folder, ignore_errors=True)
-        self._task_folder.mkdir()
+        self._tasks_folder = folder / "tasks"
+        shutil.rmtree(self._tasks_folder, ignore_errors=True)
+        self._tasks_folder.mkdir()
 
     async def execute(
         self,
@@ -73,7 +73,7 @@ class TaskExecutor:
             missing_hashes = self._files.list_missing_files(task.list_hashes())
             if missing_hashes:
                 return RemoteAnswer(self.host, missing_hashes=missing_hashes)
-            folder = self._task_folder / task.id
+            folder = self._tasks_folder / task.id
             try:
                 folder.mkdir()
                 return await self._run_task(task, self._place_files(task, folder), on_live_file)

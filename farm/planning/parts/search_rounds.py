@@ -1,4 +1,4 @@
-"""Rounds of a search for parts in the workers: attempts of one round in parallel, then the next round."""
+"""Search for parts in rounds: the workers make the attempts of a round in parallel."""
 
 from __future__ import annotations
 

@@ -74,13 +74,13 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
         start = lifecycle.find_state(books, key)
         start_states = lifecycle.find_start_states(kind)
         if start is NEW and NEW not in start_states:
-            _raise_missing(lifecycle, key, books)
+            _raise_not_found(lifecycle, key, books)
         if start not in start_states:
             raise InvalidTransition(event, lifecycle, key, start)
         yield Subject(lifecycle, key, start)
 
 
-def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
+def _raise_not_found(lifecycle: Lifecycle, key: object, books: Books) -> None:
     if isinstance(key, int):
         books.get_job(key)
     if lifecycle is PRINTER_LIFECYCLE:
@@ -89,7 +89,7 @@ def _raise_missing(lifecycle: Lifecycle, key: object, books: Books) -> None:
 
 
 def list_undeclared_changes(event: ev.Event, old_books: Books, new_books: Books) -> list[str]:
-    """List state changes by an event that no table declares; tests require that there are none."""
+    """List the state changes of an event that no table declares; tests require that there are none."""
     violations = []
     kind = type(event)
     for lifecycle in LIFECYCLES:
