@@ -249,7 +249,7 @@ class Board:
         self.has_changed = True
 
     def switch_off(self) -> None:
-        """Switch off, by a reset, the heaters and motors that the agent may have switched on; for its end."""
+        """Reset the board before the agent ends, if the agent may have used heaters or motors."""
         if self._port is None or not self._is_responsible:
             return
         (send_abort_until_accepted if self.reset_failed else send_abort)(self._port, self._firmware)
