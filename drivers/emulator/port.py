@@ -44,17 +44,17 @@ class Port:
 
     def plug(self) -> None:
         """Plug the cable in: create a pseudo-terminal with a new name."""
-        masters = [pty.openpty()]
-        while os.ttyname(masters[-1][1]) == self.name:  # the old name, which was just released
-            masters.append(pty.openpty())
-        self.master, slave = masters.pop()
-        for end_fd in (end for ends in masters for end in ends):
+        pty_pairs = [pty.openpty()]
+        while os.ttyname(pty_pairs[-1][1]) == self.name:  # the old name, which was just released
+            pty_pairs.append(pty.openpty())
+        self.master, slave = pty_pairs.pop()
+        for end_fd in (end for ends in pty_pairs for end in ends):
             os.close(end_fd)
         tty.setraw(slave, termios.TCSANOW)
         self.name = os.ttyname(slave)
         os.close(slave)  # otherwise an open port would look like a closed one
         os.set_blocking(self.master, False)
-        self.watch_fd = _watch(self.name)
+        self.watch_fd = _open_watch(self.name)
         self.is_plugged = True
         self.is_open = False
         self._host_count = 0
@@ -120,7 +120,7 @@ class Port:
             pass
 
 
-def _watch(name: str) -> int:
+def _open_watch(name: str) -> int:
     libc = ctypes.CDLL(None, use_errno=True)
     watch: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
     mask = _OPEN | _CLOSE_WRITE | _CLOSE_NOWRITE

@@ -56,7 +56,7 @@ class Firmware:
     last_line_query, last_line_answer
         A line without effect, which the firmware answers with the number of the last accepted line; the
         beginning of that answer.
-    last_line_resends
+    last_line_query_causes_resend
         True if a ``Resend`` and possibly an ok follow the answer; lines sent after the query are lost then.
     acknowledges_read_moves
         True if moves are acknowledged when they are read, not after execution as all other commands are.
@@ -103,7 +103,7 @@ class Firmware:
     idle_queries: tuple[bytes, ...]
     last_line_query: bytes
     last_line_answer: bytes
-    last_line_resends: bool
+    last_line_query_causes_resend: bool
     acknowledges_read_moves: bool
     ok_details: re.Pattern[bytes] | None
     busy_prefix: bytes | None

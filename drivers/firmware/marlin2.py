@@ -35,7 +35,7 @@ MARLIN2 = Firmware(
     # effect, and accepts any line number for an M110. The leading newline ends a line that lost its newline.
     last_line_query=b"\nN0 M110\n",
     last_line_answer=b"Error:No Checksum with line number",
-    last_line_resends=True,  # ``gcode_line_error``
+    last_line_query_causes_resend=True,  # ``gcode_line_error``
     acknowledges_read_moves=False,  # ``GcodeSuite::process_parsed_command`` ends with its ok
     ok_details=re.compile(rb"(?: N(\d{1,9}))? P\d{1,3} B\d{1,3}"),  # ``ADVANCED_OK``
     busy_prefix=b"echo:busy:",  # ``GcodeSuite::host_keepalive``

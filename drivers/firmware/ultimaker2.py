@@ -30,7 +30,7 @@ ULTIMAKER2 = Firmware(
     # that was joined to this one.
     last_line_query=b"\n1**0\n",
     last_line_answer=b"Error:No Line Number",
-    last_line_resends=False,
+    last_line_query_causes_resend=False,
     acknowledges_read_moves=True,
     ok_details=None,
     busy_prefix=None,

@@ -90,11 +90,11 @@ class HostPaths:
             {"start": asdict(start), "kept": asdict(kept_installation) if kept_installation else None}
             for start, kept_installation in agents
         ]
-        _replace(self._agents, json.dumps(rows))
+        _replace_file(self._agents, json.dumps(rows))
 
     def write_version(self) -> None:
         """Store the version of the running service. Raises OSError."""
-        _replace(self._version, self._describe_version())
+        _replace_file(self._version, self._describe_version())
 
     def _describe_version(self) -> str:
         return json.dumps([read_version(), *asdict(Installation.from_this_process()).values()])
@@ -106,7 +106,7 @@ class HostPaths:
         return False
 
 
-def _replace(path: Path, text: str) -> None:
+def _replace_file(path: Path, text: str) -> None:
     new_path = path.with_name(f".{path.name}.new")
     new_path.write_text(text)
     new_path.replace(path)

@@ -15,7 +15,7 @@ from drivers.safety import StopResult
 _STOP_TIMEOUT_S = 200.0  # wall seconds for all emergency stops
 
 
-def stop_host(
+def stop_printers_on_host(
     host: str,
     command: str,
     farm: str,
@@ -39,11 +39,11 @@ def stop_host(
         Wall seconds for all results.
     """
     request = HostRequest(do=HostTask.STOP, farm=farm, starts=tuple(starts))
-    missing_printers, reason = {start.printer for start in starts}, "no result"
+    unreported_printers, reason = {start.printer for start in starts}, "no result"
 
     def take_result(result: StopResult) -> None:
-        if result.printer in missing_printers:
-            missing_printers.remove(result.printer)
+        if result.printer in unreported_printers:
+            unreported_printers.remove(result.printer)
             on_result(result)
 
     try:
@@ -53,16 +53,16 @@ def stop_host(
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         ) as process:
-            reason = _exchange(process, request, take_result, timeout_s) or reason
+            reason = _exchange_messages(process, request, take_result, timeout_s) or reason
     except (OSError, ValueError, TypeError) as error:
         reason = str(error)
-    for printer in sorted(missing_printers):
+    for printer in sorted(unreported_printers):
         on_result(
             StopResult(printer, None, False, f"cannot be stopped ({host}: {reason}); switch the printer off")
         )
 
 
-def _exchange(
+def _exchange_messages(
     process: subprocess.Popen[bytes],
     request: HostRequest,
     on_result: Callable[[StopResult], None],

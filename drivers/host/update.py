@@ -73,7 +73,7 @@ class AgentsUpdate:
         self._installation, self._on_change = installation, on_change
         self._is_running = False
         self._reason: str | None = None
-        self._replaced_printer: str | None = None
+        self._printer_in_replacement: str | None = None
 
     def begin(self) -> None:
         """Begin the update, or begin it again after a fault."""
@@ -85,7 +85,7 @@ class AgentsUpdate:
 
     def step(self, watches: Sequence[AgentWatch], spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:
         """Replace the next idle agent, unless one is being replaced; end if no agent is outdated."""
-        if not self._is_running or self._replaced_printer is not None:
+        if not self._is_running or self._printer_in_replacement is not None:
             return
         outdated_watches = self._list_outdated_watches(watches)
         if not outdated_watches:
@@ -94,7 +94,7 @@ class AgentsUpdate:
             return
         idle_watches = [w for w in outdated_watches if w.snapshot is not None and w.snapshot.print is None]
         if idle_watches:
-            self._replaced_printer = idle_watches[0].printer
+            self._printer_in_replacement = idle_watches[0].printer
             spawn(self._replace(idle_watches[0]))
 
     def describe(self, watches: Sequence[AgentWatch]) -> Update:
@@ -133,7 +133,7 @@ class AgentsUpdate:
             if fault is not None:
                 await self._restore_old_version(watch, old_installation, fault)
         finally:
-            self._replaced_printer = None
+            self._printer_in_replacement = None
             self._on_change()
 
     async def _await_trial(

@@ -24,8 +24,8 @@ it holds even if the wire loses and garbles bytes:
 `Firmware` records the differences between firmwares. If a move is acknowledged only after execution, the
 answer to a query may arrive before the move's ok: the link waits for that ok as long as the board reports
 that it is busy (`Firmware.busy_prefix`). If the answer to a query is a refusal
-(`Firmware.last_line_resends`), the link acts on it only after all of its lines have arrived, as its ok
-acknowledges no line.
+(`Firmware.last_line_query_causes_resend`), the link acts on it only after all of its lines have
+arrived, as its ok acknowledges no line.
 """
 
 from drivers.link.link import Link

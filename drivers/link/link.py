@@ -185,7 +185,7 @@ class Link:
             if self._answer is None:
                 self._handle_refusal(number, now_s)
         elif (number := replies.parse_last_line(answer, self._firmware)) is not None:
-            if self._firmware.last_line_resends:
+            if self._firmware.last_line_query_causes_resend:
                 self._answer, self._answer_s = number, now_s + self._query_delay_s
                 self._is_undisturbed = False
             else:
@@ -264,7 +264,7 @@ class Link:
     def _handle_last_line(self, last_line: int, now_s: float, events: list[Event]) -> None:
         """Handle an answer to a query, or the refusal of a line that lost its number."""
         action = self._recovery.match_answer(last_line, self._place, self._awaits_ok)
-        if self._firmware.last_line_resends:
+        if self._firmware.last_line_query_causes_resend:
             self._recovery.forget_queries()
         if action is None:
             self._apply_answer(last_line, now_s, events)

@@ -65,8 +65,8 @@ def find_estop_socket(paths: FarmPaths) -> Path | None:
     """
     path = paths.socket.with_name("estop.sock")
     owners = {owner for socket in (path, paths.socket) if (owner := _find_owner(socket)) is not None}
-    is_named_by_root = os.geteuid() == 0 and (paths.state.root / "agents").is_dir()
-    if is_named_by_root or owners <= {os.geteuid()}:
+    has_root_named_folder = os.geteuid() == 0 and (paths.state.root / "agents").is_dir()
+    if has_root_named_folder or owners <= {os.geteuid()}:
         return None
     if _find_owner(path) is None:
         raise FarmError(

@@ -69,12 +69,12 @@ class PartCommands:
         )
         return plate.parts[0]
 
-    def pause(self, job: int, part: str, pause_requested: bool, caller_name: str) -> str:
+    def pause(self, job: int, part: str, is_paused: bool, caller_name: str) -> str:
         """Pause or resume a part, on its printer or in the queue; return the printer, or an empty string."""
         plate = self._find_plate(job, part)
         printer = self._find_printer(plate)
         if printer is not None:
-            self._printers.pause(printer, pause_requested, caller_name)
+            self._printers.pause(printer, is_paused, caller_name)
             return printer
         name, state = plate.parts[0], self._controller.books.find_plate_state(plate)
         if state is not PlateState.WAITING:
@@ -82,14 +82,12 @@ class PartCommands:
                 state, f"failed too often: print it again with `farm reprint {job} {part}`"
             )
             raise RefusedError(f"part {name} {reason}")
-        if plate.paused is pause_requested:
-            if not pause_requested and self._controller.books.get_job(job).paused:
+        if plate.paused is is_paused:
+            if not is_paused and self._controller.books.get_job(job).paused:
                 raise RefusedError(f"job {job} is paused: `farm resume {job}` resumes its parts")
-            raise RefusedError(f"part {name} is {'already paused' if pause_requested else 'not paused'}")
+            raise RefusedError(f"part {name} is {'already paused' if is_paused else 'not paused'}")
         at_s = self._controller.clock.now()
-        self._controller.handle(
-            ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=pause_requested, by=caller_name)
-        )
+        self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=is_paused, by=caller_name))
         return ""
 
     def _find_plate(self, job: int, part: str) -> Plate:

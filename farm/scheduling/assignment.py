@@ -33,9 +33,9 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     Plates are assigned by priority, then in order of submission, then the longest first (LPT). A plate
     gets the printer of its plan if that is free. Otherwise it gets a matching free printer, preferably one
     for which no waiting plate was planned, then the one with the lowest build height. If all of these are
-    taken, an earlier plate moves to another matching printer (an augmenting path), so the order leaves no
-    printer idle. A plate returns to a printer on which it failed only if no other is free. A job never
-    prints on more printers at the same time than it requested.
+    taken, an earlier plate moves to another matching printer (an augmenting path), so that no printer stays
+    idle because of the order. A plate returns to a printer on which it failed only if no other is free. A
+    job never prints on more printers at the same time than it requested.
 
     Parameters
     ----------

@@ -207,7 +207,11 @@ class SituationBuilder:
         return self._sections
 
     def _describe(
-        self, section: PrinterSection, books: Books, snapshot: AgentSnapshot | None, is_named: bool
+        self,
+        section: PrinterSection,
+        books: Books,
+        snapshot: AgentSnapshot | None,
+        is_requested_by_name: bool,
     ) -> FleetPrinter:
         entry, attempt = books.get_printer(section.name), books.find_open_print(section.name)
         cached = self._printers.get(section.name)
@@ -216,18 +220,18 @@ class SituationBuilder:
             and cached.section is section
             and cached.entry is entry
             and cached.attempt is attempt
-            and cached.is_named is is_named
+            and cached.is_requested_by_name is is_requested_by_name
             and (cached.snapshot is snapshot or _are_alike(cached.snapshot, snapshot))
         ):
             cached.snapshot = snapshot
             return cached.description
         description = _describe_printer(section, books, snapshot, attempt, self._build_volumes)
-        if is_named:
+        if is_requested_by_name:
             description = replace(
                 description, capabilities=replace(description.capabilities, requested_name=section.name)
             )
         self._printers[section.name] = _CachedPrinter(
-            section, entry, attempt, snapshot, is_named, description
+            section, entry, attempt, snapshot, is_requested_by_name, description
         )
         return description
 
@@ -273,7 +277,7 @@ class _CachedPrinter:
     entry: Printer
     attempt: Print | None
     snapshot: AgentSnapshot | None
-    is_named: bool
+    is_requested_by_name: bool
     description: FleetPrinter
 
 

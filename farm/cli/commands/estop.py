@@ -122,10 +122,11 @@ def _run_stops(targets: Mapping[str, Target], report: ReportCallback) -> Iterato
             else:
                 by_host.setdefault(target.connection, []).append(target.start_file)
         if by_host:
-            from drivers.host.stop import stop_host  # slow to load
+            from drivers.host.stop import stop_printers_on_host  # slow to load
 
             stops += [
-                pool.submit(stop_host, *key, start_files, results.put) for key, start_files in by_host.items()
+                pool.submit(stop_printers_on_host, *key, start_files, results.put)
+                for key, start_files in by_host.items()
             ]
         for _ in targets:
             while True:

@@ -56,8 +56,8 @@ def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], widt
         max(cell_len(text) for text in (column.heading, *(row[i] for row in rows)))
         for i, column in enumerate(columns)
     ]
-    is_empty = [not any(row[i] for row in rows) for i in range(len(columns))]
-    widths = full_widths if width is None else _fit_widths(columns, full_widths, is_empty, width)
+    empty_flags = [not any(row[i] for row in rows) for i in range(len(columns))]
+    widths = full_widths if width is None else _fit_widths(columns, full_widths, empty_flags, width)
     headings = [column.heading for column in columns]
     styles = [HEADING_STYLE, *[""] * len(rows)]
     if widths is None:
@@ -101,7 +101,7 @@ def _wrap_lines(text: Text, width: int) -> list[Text]:
 
 
 def _fit_widths(
-    columns: Sequence[Column], full_widths: Sequence[int], is_empty: Sequence[bool], width: int
+    columns: Sequence[Column], full_widths: Sequence[int], empty_flags: Sequence[bool], width: int
 ) -> list[int] | None:
     """Choose the width of each column, 0 to leave it out; None if the columns of rank 0 are too wide."""
     min_widths = [
@@ -109,13 +109,13 @@ def _fit_widths(
         for c, full_width in zip(columns, full_widths, strict=True)
     ]
     visible_columns = [i for i, _ in enumerate(columns)]
-    removal_order = sorted(visible_columns, key=lambda i: (is_empty[i], columns[i].rank), reverse=True)
+    removal_order = sorted(visible_columns, key=lambda i: (empty_flags[i], columns[i].rank), reverse=True)
 
     def compute_free_width(widths: Sequence[int]) -> int:
         return width - sum(widths[i] for i in visible_columns) - _GAP * (len(visible_columns) - 1)
 
     removable = [i for i in removal_order if columns[i].rank > 0]
-    while compute_free_width(full_widths if any(is_empty[i] for i in removable) else min_widths) < 0:
+    while compute_free_width(full_widths if any(empty_flags[i] for i in removable) else min_widths) < 0:
         if not removable:
             return None
         visible_columns.remove(removable.pop(0))

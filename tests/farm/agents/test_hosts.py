@@ -17,7 +17,7 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.launch import is_running as emulator_is_running
-from drivers.host.stop import stop_host
+from drivers.host.stop import stop_printers_on_host
 from drivers.locks import find_holder, is_locked
 from drivers.records import StartFile
 from drivers.remote import find_agent_pid, is_alive
@@ -226,7 +226,9 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
     asyncio.run(shut_down_and_wait())
     pipe.cut()
     results: list[StopResult] = []
-    stop_host("pc-b", pipe.command, "test", [StartFile("b", MODEL, f"sim://{MODEL}")], results.append)
+    stop_printers_on_host(
+        "pc-b", pipe.command, "test", [StartFile("b", MODEL, f"sim://{MODEL}")], results.append
+    )
     assert [result.text for result in results] == [
         "cannot be stopped (pc-b: no route); switch the printer off"
     ]

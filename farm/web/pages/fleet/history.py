@@ -59,7 +59,7 @@ def make_history_routes(pages: PageContext) -> APIRouter:
 
     @router.get("/history.csv")
     async def export_history(query: Annotated[HistoryQuery, Query()]) -> Response:
-        text = await asyncio.to_thread(_export_history, controller.build_view_context(services.state), query)
+        text = await asyncio.to_thread(_format_csv, controller.build_view_context(services.state), query)
         headers = {"content-disposition": f'attachment; filename="{fleet.name}-prints.csv"'}
         return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
 
@@ -94,6 +94,6 @@ def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | N
     )
 
 
-def _export_history(context: ViewContext, query: HistoryQuery) -> str:
+def _format_csv(context: ViewContext, query: HistoryQuery) -> str:
     prints = select_prints(context, query.to_filter())
     return write_csv(describe_ended_print(context, attempt) for attempt in prints)
