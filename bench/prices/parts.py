@@ -47,15 +47,21 @@ OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 
 UNIFORM_INFILL: Mapping[str, Any] = {"gradual_infill_steps": 0}
 
-# As in `glue` when the dataset was made: uniform infill, and all skins at Cura's speed for skins.
-_DATASET_OVERRIDES: Mapping[str, Any] = {**UNIFORM_INFILL, "roofing_layer_count": 0, "speed_topbottom": 30}
-
-_NARROW_LINES: Mapping[str, Any] = {"infill_line_width": 0.35, "skin_line_width": 0.35}
+# As in `glue` when the dataset was made: uniform infill, narrow lines, and Cura's speeds of skins and inner
+# walls.
+_DATASET_OVERRIDES: Mapping[str, Any] = {
+    **UNIFORM_INFILL,
+    "roofing_layer_count": 0,
+    "infill_line_width": 0.35,
+    "skin_line_width": 0.35,
+    "speed_topbottom": 30,
+    "speed_wall_x": 50,
+}
 
 # This project's two qualities, and settings that differ in all terms of the physical model; `even` is `glue`
 # as it was when the dataset was made.
 SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
-    "even": ("glue", 0.4, {**_DATASET_OVERRIDES, **_NARROW_LINES}),
+    "even": ("glue", 0.4, _DATASET_OVERRIDES),
     "paper": ("paper", 0.4, {}),
     "glue": ("glue", 0.4, {}),
     "fine": (
@@ -63,12 +69,21 @@ SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
         0.4,
         {
             **_DATASET_OVERRIDES,
-            **_NARROW_LINES,
             "layer_height": 0.15,
             "infill_sparse_density": 20,
         },
     ),
-    "wide": ("glue", 0.6, {**_DATASET_OVERRIDES, "skin_line_width": 0.53, "speed_topbottom": 20}),
+    "wide": (
+        "glue",
+        0.6,
+        {
+            **_DATASET_OVERRIDES,
+            "infill_line_width": 0.53,
+            "skin_line_width": 0.53,
+            "speed_topbottom": 20,
+            "speed_wall_x": 40,
+        },
+    ),
     "other": (
         "glue",
         0.4,

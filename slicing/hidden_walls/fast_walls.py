@@ -26,9 +26,6 @@ from slicing.hidden_walls.sides import (
 from slicing.settings import EngineSettings
 
 MIN_LINE_MM = 2.0 * RUN_OUT_MM  # shorter lines keep their speed
-_LAYER_TIME_RATIO = 1.5
-"""Minimum ratio of a layer's time to the minimum layer time at which its walls are made faster. With a ratio
-of speeds up to this one, the layer stays above the minimum."""
 
 
 def speed_up_hidden_walls(
@@ -78,11 +75,12 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
         As in `speed_up_hidden_walls`.
     """
     points_mm = find_bed_points(path, settings)
-    min_time_s = _LAYER_TIME_RATIO * float(settings.extruder["cool_min_layer_time"])
+    # No layer becomes shorter than the minimum layer time, even if all its walls are fast.
+    min_time_s = settings.hidden_wall_ratio * float(settings.extruder["cool_min_layer_time"])
     is_line = find_level_lines(path) & find_long_layers(path, min_time_s)
     fast_moves = FastMoves(np.zeros(len(is_line)), np.zeros(len(is_line)))
     for wall in list_wall_lines(settings):
-        fast_mm_s = settings.compute_hidden_wall_speed_mm_s(wall.speed_mm_s)
+        fast_mm_s = settings.compute_hidden_wall_speed_mm_s(wall.speed_mm_s, wall.width_mm)
         if fast_mm_s <= wall.speed_mm_s:
             continue
         has_full_speed = path.feed_mm_min > 60.0 * wall.speed_mm_s - 1.0

@@ -69,10 +69,11 @@ class HiddenSide:
 
 @dataclass(frozen=True, slots=True)
 class WallLine:
-    """Line of a wall in each layer: CuraEngine's name of the wall, its depth in the part, and its speed."""
+    """Line of a wall in each layer: CuraEngine's name of the wall, its depth in the part, width and speed."""
 
     feature: str
     depth_mm: float
+    width_mm: float
     speed_mm_s: float
 
 
@@ -85,8 +86,11 @@ def list_wall_lines(settings: EngineSettings) -> list[WallLine]:
     first_mm = layout.width_mm - layout.offset_mm
     inner_mm = [first_mm + (i + 0.5) * settings.line_width_mm for i in range(layout.inner_wall_count)]
     return [
-        WallLine("WALL-OUTER", outer_mm, settings.speed_wall_0_mm_s),
-        *(WallLine("WALL-INNER", depth_mm, settings.speed_wall_x_mm_s) for depth_mm in inner_mm),
+        WallLine("WALL-OUTER", outer_mm, layout.width_mm, settings.speed_wall_0_mm_s),
+        *(
+            WallLine("WALL-INNER", depth_mm, settings.line_width_mm, settings.speed_wall_x_mm_s)
+            for depth_mm in inner_mm
+        ),
     ]
 
 

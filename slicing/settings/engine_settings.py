@@ -42,6 +42,7 @@ _KEYS = {
     "speed_wall_0_mm_s": "speed_wall_0",
     "speed_wall_x_mm_s": "speed_wall_x",
     "speed_infill_mm_s": "speed_infill",
+    "infill_line_width_mm": "infill_line_width",
     "speed_topbottom_mm_s": "speed_topbottom",
     "speed_support_mm_s": "speed_support",
     "speed_layer_0_mm_s": "speed_layer_0",
@@ -72,6 +73,7 @@ class EngineSettings:
     speed_wall_0_mm_s: float
     speed_wall_x_mm_s: float
     speed_infill_mm_s: float
+    infill_line_width_mm: float
     speed_topbottom_mm_s: float
     speed_support_mm_s: float
     speed_layer_0_mm_s: float
@@ -90,9 +92,18 @@ class EngineSettings:
     # Rule by which the layers are fitted to the height of a part; None to leave them as they are.
     layer_fit: LayerFit | None = None
 
-    def compute_hidden_wall_speed_mm_s(self, speed_mm_s: float) -> float:
-        """Compute the speed of a wall on hidden sides from its usual speed: at most that of infill."""
-        return max(speed_mm_s, min(self.hidden_wall_ratio * speed_mm_s, self.speed_infill_mm_s))
+    def compute_hidden_wall_speed_mm_s(self, speed_mm_s: float, line_width_mm: float) -> float:
+        """Compute the speed of a wall on hidden sides: its flow is at most that of infill.
+
+        Parameters
+        ----------
+        speed_mm_s
+            Usual speed of the wall.
+        line_width_mm
+            Width of its lines.
+        """
+        max_mm_s = self.speed_infill_mm_s * self.infill_line_width_mm / line_width_mm
+        return max(speed_mm_s, min(self.hidden_wall_ratio * speed_mm_s, max_mm_s))
 
     @property
     def filament_mm2(self) -> float:

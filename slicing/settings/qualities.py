@@ -20,9 +20,9 @@ _BRIM_SETTINGS = {
     ),
 }
 # Values of Cura's own profiles, below the changes of a quality and the user's settings.
-_CURA_SKIN_SPEED, _CURA_ROOF_SPEED = (
+_CURA_WALL_SPEED, _CURA_SKIN_SPEED, _CURA_ROOF_SPEED = (
     f"extruderValueFromContainer(0, '{key}', {int(ProfileIndex.QUALITY)})"
-    for key in ("speed_topbottom", "speed_roofing")
+    for key in ("speed_wall_x", "speed_topbottom", "speed_roofing")
 )
 # Fewer and wider lines with the same plastic, at most 1.1 times as wide as the nozzle. The flow is that of
 # the infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of
@@ -62,7 +62,7 @@ class Quality:
     compensates_shrinkage: bool = False  # parts are printed larger by the shrinkage of their material
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
     hidden_layers: HiddenLayers | None = None  # None if they have as many as visible faces
-    # Walls on hidden sides are printed at the speed of infill, at most this multiple of their own.
+    # Walls on hidden sides are printed with the flow of infill, at most this multiple of their own speed.
     hidden_wall_ratio: float = 1.0
     # Hidden sides have one wall; not if the user sets the number of walls or their thickness.
     has_single_hidden_walls: bool = False
@@ -102,8 +102,11 @@ _GLUE = Quality(
         "gradual_infill_step_height": 2.0,
         "support_angle": 50.0,
         "top_layers": Formula("max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"),
+        # [assumed] Inner walls may have the speed of infill, whose lines are wider; at most a quarter more
+        # than Cura's own, because some materials need slow walls.
+        "speed_wall_x": Formula(f"max({_CURA_WALL_SPEED}, min(speed_infill, 1.25 * {_CURA_WALL_SPEED}))"),
         # [assumed] Only the uppermost layer of a visible top needs Cura's slow speed of skins. The
-        # others are printed like inner walls, with less flow than infill has.
+        # others are printed like inner walls.
         "speed_topbottom": Formula(
             f"max({_CURA_SKIN_SPEED}, min(speed_wall_x, speed_infill, 2 * {_CURA_SKIN_SPEED}))"
         ),
@@ -117,7 +120,7 @@ _GLUE = Quality(
     # infill; three close a top over light infill well enough for glue.
     hidden_layers=HiddenLayers(2, 3),
     # [assumed] Walls with the flow of infill are good enough on hidden sides.
-    hidden_wall_ratio=1.5,
+    hidden_wall_ratio=2.0,
     # [assumed] A glued face needs one wall: the infill ends at it, and carries the load through the part.
     has_single_hidden_walls=True,
 )

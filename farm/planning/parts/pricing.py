@@ -156,7 +156,9 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         outer_wall_mm_s=settings.speed_wall_0_mm_s,
         inner_wall_mm_s=settings.speed_wall_x_mm_s,
         infill_mm_s=settings.speed_infill_mm_s,
-        hidden_outer_wall_mm_s=settings.compute_hidden_wall_speed_mm_s(settings.speed_wall_0_mm_s),
+        hidden_outer_wall_mm_s=settings.compute_hidden_wall_speed_mm_s(
+            settings.speed_wall_0_mm_s, settings.line_width_0_mm
+        ),
         hidden_inner_wall_mm_s=_find_hidden_inner_wall_mm_s(settings),
         skin_line_width_mm=float(extruder["skin_line_width"]),
         skin_mm_s=settings.speed_topbottom_mm_s,
@@ -181,7 +183,7 @@ def _find_hidden_inner_wall_mm_s(settings: EngineSettings) -> float:
     """Return the length of the inner wall of a hidden side per second that the head needs for it."""
     if removes_inner_walls(settings):
         return settings.speed_travel_mm_s / REMAINING_TRAVEL_SHARE
-    return settings.compute_hidden_wall_speed_mm_s(settings.speed_wall_x_mm_s)
+    return settings.compute_hidden_wall_speed_mm_s(settings.speed_wall_x_mm_s, settings.line_width_mm)
 
 
 def _compute_retraction_s(extruder: Mapping[str, str]) -> float:

@@ -107,15 +107,16 @@ def test_hidden_faces_get_fewer_solid_layers(resources, make_settings, quality, 
 @pytest.mark.parametrize(
     ("request_changes", "skin_mm_s", "roof_mm_s"),
     [
-        ({}, 50.0, 30.0),
+        ({}, 60.0, 30.0),
         ({"quality": "paper"}, 30.0, 30.0),
         ({"nozzle_mm": 0.8}, 40.0, 20.0),  # infill is slower than inner walls
         ({"material": "generic_abs"}, 60.0, 30.0),  # twice Cura's speed, less than that of inner walls
-        ({"material": "generic_tpu"}, 35.0, 35.0),
+        ({"material": "generic_tpu"}, 40.0, 35.0),
         ({"printer": PRINTERS["ultimaker2"]}, 60.0, 30.0),
-        ({"printer": PRINTERS["creality_ender3"], "material": "generic_pla_175"}, 25.0, 25.0),
+        ({"printer": PRINTERS["creality_ender3"], "material": "generic_pla_175"}, 31.25, 25.0),
         ({"overrides": {"speed_topbottom": "20"}}, 20.0, 20.0),
-        ({"overrides": {"speed_roofing": "25"}}, 50.0, 25.0),
+        ({"overrides": {"speed_roofing": "25"}}, 60.0, 25.0),
+        ({"overrides": {"speed_wall_x": "50"}}, 50.0, 30.0),
     ],
 )
 def test_skins_are_as_fast_as_inner_walls_and_roofs_keep_the_speed_of_cura(

@@ -113,8 +113,8 @@ def test_only_the_uppermost_layer_of_a_visible_top_is_printed_slowly(make_task, 
     *lower_layers, top_layer = slice_part(task).gcode.read_text().split(";LAYER:")[1:]
     lower_mm_s = [read_skin_speeds_mm_s(layer) for layer in lower_layers]
     assert lower_mm_s[0] == {30.0}  # the first layer
-    assert lower_mm_s[2] == lower_mm_s[-1] == {50.0}  # the speed of inner walls
-    assert max(read_skin_speeds_mm_s(top_layer)) == 50.0
+    assert lower_mm_s[2] == lower_mm_s[-1] == {60.0}  # the speed of inner walls
+    assert max(read_skin_speeds_mm_s(top_layer)) == 60.0
     assert (30.0 in read_skin_speeds_mm_s(top_layer)) == (not tops_hidden)
 
 
@@ -150,7 +150,7 @@ def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(make_task, i
 
     plain_s = measure_sliced_s()
     length_mm = float(np.abs(side[::-1]) @ size_mm) - RUN_OUT_MM
-    nominal_s = 27 * length_mm * (1.0 / 40.0 - 1.0 / 60.0 + 1.0 / 50.0 - 1.0 / 60.0)
+    nominal_s = 27 * length_mm * (1.0 / 40.0 + 1.0 / 60.0 - 2.0 / 75.4)
     assert plain_s - measure_sliced_s((*side, offset_mm)) == pytest.approx(nominal_s, rel=0.1)
     assert measure_sliced_s((*side, offset_mm - 1.0)) == plain_s
 
