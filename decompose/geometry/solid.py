@@ -34,7 +34,7 @@ def _check_status(manifold: Any, operation: str) -> Any:
     return manifold
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class Solid:
     """A closed, oriented 2-manifold in mm, with the operations that cutting needs."""
 

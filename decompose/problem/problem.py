@@ -8,6 +8,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -24,8 +25,8 @@ from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
 T = TypeVar("T")
-# A solid, and the build volumes to fit.
-PoseKey = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]
+# Build volumes of each of several printers.
+BuildVolumes = tuple[tuple[tuple[float, float, float], ...], ...]
 
 MAX_PARTS = 200  # maximum number of printers, or rounds, that a message suggests for a model
 
@@ -90,7 +91,10 @@ class Problem:
     best_known_s: float = math.inf
     is_thorough: bool = False
     frame: Floats = field(default_factory=lambda: np.eye(3))
-    _poses: dict[PoseKey, Pose | None] = field(default_factory=dict, init=False, repr=False)
+    # Poses by build volumes, of each solid that is still in use.
+    _poses: WeakKeyDictionary[Solid, dict[BuildVolumes, Pose | None]] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
 
     @cached_property
     def distinct_printers(self) -> tuple[TargetPrinter, ...]:
@@ -270,19 +274,21 @@ class Problem:
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """Find the best pose of each piece, in parallel if there is an executor; poses are cached."""
-        unposed_keys = {
-            self._make_pose_key(piece): piece
-            for piece in pieces
-            if self._make_pose_key(piece) not in self._poses
+        volumes = [tuple(printer.boxes for printer in self.list_piece_printers(piece)) for piece in pieces]
+        unposed_pieces = {
+            (piece.solid, piece_volumes): piece
+            for piece, piece_volumes in zip(pieces, volumes, strict=True)
+            if piece_volumes not in self._poses.get(piece.solid, {})
         }
-        self.effort.record(Work.PIECE_POSED, len(unposed_keys))
-        self.effort.record(Work.FACE_POSED, sum(piece.solid.face_count for piece in unposed_keys.values()))
-        self._poses.update(zip(unposed_keys, self.map(self.find_pose, unposed_keys.values()), strict=True))
-        return [self._poses[self._make_pose_key(piece)] for piece in pieces]
-
-    def _make_pose_key(self, piece: Piece) -> PoseKey:
-        """Make the key of a piece's pose in the cache."""
-        return piece.solid, tuple(printer.boxes for printer in self.list_piece_printers(piece))
+        self.effort.record(Work.PIECE_POSED, len(unposed_pieces))
+        self.effort.record(Work.FACE_POSED, sum(piece.solid.face_count for piece in unposed_pieces.values()))
+        new_poses = self.map(self.find_pose, unposed_pieces.values())
+        for (solid, piece_volumes), pose in zip(unposed_pieces, new_poses, strict=True):
+            self._poses.setdefault(solid, {})[piece_volumes] = pose
+        return [
+            self._poses[piece.solid][piece_volumes]
+            for piece, piece_volumes in zip(pieces, volumes, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

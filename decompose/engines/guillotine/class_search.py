@@ -167,7 +167,7 @@ class _ClassSearch(ExactSearch):
 
     def _assign_printers_by_tables(self, boxes: Sequence[Box]) -> PiecesByBox:
         """Assign printers to the pieces of boxes, by the times of the tables."""
-        pieces_by_box = {box: self.pieces_by_box[box] for box in boxes}
+        pieces_by_box = {box: self.cut_box(box) for box in boxes}
         assigned_printers = solve_bottleneck_assignment(self._look_up_seconds(boxes))
         assert assigned_printers is not None  # the search has found an assignment
         printers = [printer for printer_class in self.classes for printer in printer_class.printers]

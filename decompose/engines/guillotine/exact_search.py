@@ -36,6 +36,7 @@ LATE_GROWTH_SHARE = 0.02
 # Limits of looser partitions, between the minimum makespan with all printers (0) and with one fewer (1).
 LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
 MAX_LIMIT_RATIO = 1.06  # maximum ratio of a limit to the minimum makespan if one printer fewer is not enough
+MAX_KEPT_FACES = 300_000  # maximum number of faces of the pieces that are kept for later rounds
 CLOSE_RATIO = 1.03  # a result is improved only if it is below this multiple of the makespan to beat
 
 
@@ -133,7 +134,9 @@ class ExactSearch:
                 best, best_s = boxes, longest_s
             if longest_s <= RETRY_RATIO * makespan_s or rounds == MAX_ROUNDS:
                 break
-        return {box: self.pieces_by_box[box] for box in self._improve_partition(best)}
+        best = self._improve_partition(best)
+        self._drop_pieces(best)
+        return {box: self.cut_box(box) for box in best}
 
     def list_looser_partitions(self, best_partition: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
         """Yield partitions with less work than the best one; their slowest box may take a little longer.
@@ -172,7 +175,7 @@ class ExactSearch:
             )
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
-                yield {box: self.pieces_by_box[box] for box in boxes}
+                yield {box: self.cut_box(box) for box in boxes}
 
     def _find_partition_within_limit(self, limit_s: float) -> list[Box]:
         """Find a partition whose true times meet a limit, with about the least work; [] if there is none."""
@@ -221,22 +224,37 @@ class ExactSearch:
                 partition = boxes
         return partition
 
+    def cut_box(self, box: Box) -> list[Piece]:
+        """Cut out the pieces in a box, unless they are kept from an earlier round."""
+        if box not in self.pieces_by_box:
+            self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.face_count)
+            self.pieces_by_box[box] = cut_cells(self.problem.model.solid, self.grid, box)
+        return self.pieces_by_box[box]
+
+    def _drop_pieces(self, boxes: Sequence[Box]) -> None:
+        """Drop the oldest pieces that are not in given boxes, while all have more than `MAX_KEPT_FACES`."""
+        counts = {box: sum(p.solid.face_count for p in pieces) for box, pieces in self.pieces_by_box.items()}
+        excess = sum(counts.values()) - MAX_KEPT_FACES
+        for box, count in counts.items():
+            if excess <= 0:
+                break
+            if box not in boxes:
+                excess -= count
+                del self.pieces_by_box[box]
+
     def _correct_piece_counts(self, boxes: list[Box]) -> bool:
         """Record the true counts of pieces in the table; return whether a box has more pieces than before."""
         has_more = False
         for box in boxes:
-            if box not in self.pieces_by_box:
-                self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.face_count)
-                self.pieces_by_box[box] = cut_cells(self.problem.model.solid, self.grid, box)
-            index = index_box(box, self.tables.shape)
-            has_more = has_more or len(self.pieces_by_box[box]) > int(self.tables.piece_counts[index])
-            self.tables.piece_counts[index] = len(self.pieces_by_box[box])
+            count, index = len(self.cut_box(box)), index_box(box, self.tables.shape)
+            has_more = has_more or count > int(self.tables.piece_counts[index])
+            self.tables.piece_counts[index] = count
         return has_more
 
     def _forbid_faulty_boxes(self, boxes: list[Box]) -> bool:
         """Exclude boxes with a piece that cannot be glued well; return whether there was one."""
-        owners = [box for box in boxes for _ in self.pieces_by_box[box]]
-        pieces = [piece for box in boxes for piece in self.pieces_by_box[box]]
+        owners = [box for box in boxes for _ in self.cut_box(box)]
+        pieces = [piece for box in boxes for piece in self.cut_box(box)]
         faults = find_faults(pieces, self.problem.options.min_glue_mm2)
         for fault in faults:
             self._forbid_box(index_box(owners[fault.piece_number], self.tables.shape))
@@ -250,7 +268,7 @@ class ExactSearch:
     def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
         """Compute the true makespan of boxes in seconds, and raise their prices in the table to true ones."""
         new_pieces = [
-            (box, piece) for box in boxes if box not in self.true_times_s for piece in self.pieces_by_box[box]
+            (box, piece) for box in boxes if box not in self.true_times_s for piece in self.cut_box(box)
         ]
         poses = self.problem.find_poses([piece for _, piece in new_pieces])
         for (box, _), pose in zip(new_pieces, poses, strict=True):
@@ -259,6 +277,7 @@ class ExactSearch:
         for box in boxes:
             index = index_box(box, self.tables.shape)
             self.tables.seconds[index] = max(float(self.tables.seconds[index]), self.true_times_s[box])
+        self._drop_pieces(boxes)
         return max(self.true_times_s[box] for box in boxes)
 
     def _make_no_fit_error(self) -> NoFit:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from gc import collect
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -59,6 +61,23 @@ def test_longest_piece_goes_to_the_quickest_printer(cost: CostModel) -> None:
     assert make_problem(cost, make_fleet(1.5)).compute_makespan_s([make_block(30.0)]) == pytest.approx(
         1.5 * short_s
     )
+
+
+def test_pose_is_found_once_while_its_solid_is_in_use(
+    cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, calls = make_problem(cost, make_fleet(1.0)), []
+    find_pose = Problem.find_pose
+    monkeypatch.setattr(
+        Problem, "find_pose", lambda self, piece: calls.append(piece.boxes_mm) or find_pose(self, piece)
+    )
+    piece = make_block(30.0)
+    assert problem.find_poses([piece, piece]) == 2 * problem.find_poses([piece])
+    assert len(calls) == 1
+    solid = ref(piece.solid)
+    del piece
+    collect()
+    assert solid() is None  # the cache does not keep it
 
 
 def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:

@@ -96,6 +96,20 @@ def test_partitions_far_above_the_best_are_not_improved(
     )
 
 
+def test_pieces_of_earlier_rounds_are_dropped_without_another_result(
+    task: Problem, search_result: tuple[ExactSearch, list[Box]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search, partition = search_result
+    assert len(search.pieces_by_box) > len(partition)
+    monkeypatch.setattr(exact_search, "MAX_KEPT_FACES", 0)
+    grid = task.build_grid(task.model)
+    frugal_search = ExactSearch(task, grid, task.price_boxes(grid), 0.0)
+    pieces_by_box = frugal_search.run()
+    assert list(pieces_by_box) == partition
+    assert set(frugal_search.pieces_by_box) == set(partition)
+    assert sum(len(pieces) for pieces in pieces_by_box.values()) <= len(PRINTERS)
+
+
 @pytest.mark.parametrize("budget_s", [np.inf, 0.0])
 def test_corrected_piece_counts_need_few_solves(
     budget_s: float, task: Problem, monkeypatch: pytest.MonkeyPatch
