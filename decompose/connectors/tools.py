@@ -80,9 +80,7 @@ def make_hole(
     width_mm, depth_mm = size_mm
     inner_mm = width_mm / 2.0
     upwards, across = _choose_cross_axes(inward_normal, up_direction)
-    ring = (upwards * np.sin(_HEXAGON_RAD)[:, None] + across * np.cos(_HEXAGON_RAD)[:, None]) * (
-        inner_mm / math.cos(math.pi / 6.0)
-    )
+    ring = _make_hexagon(upwards, across, inner_mm)
     ring = np.concatenate([ring + stretch_mm, ring - stretch_mm]) if stretch_mm.any() else ring
     for roof, tip in _CEILINGS:
         section = np.vstack([ring, roof * inner_mm * upwards]) if roof else ring
@@ -160,6 +158,12 @@ def _choose_cross_axes(inward_normal: Floats, up_direction: Floats) -> tuple[Flo
         upwards = np.cross(np.eye(3)[int(np.abs(inward_normal).argmin())], inward_normal)
     upwards = upwards / np.linalg.norm(upwards)
     return upwards, np.cross(inward_normal, upwards)
+
+
+def _make_hexagon(upwards: Floats, across: Floats, inner_mm: float) -> Floats:
+    """Make the corners (6, 3) of a hexagon around the origin by its inner radius; one points upwards."""
+    directions = upwards * np.sin(_HEXAGON_RAD)[:, None] + across * np.cos(_HEXAGON_RAD)[:, None]
+    return np.asarray(directions * (inner_mm / math.cos(math.pi / 6.0)))
 
 
 def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up_direction: Floats) -> float:

@@ -107,10 +107,8 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
 
     Parameters
     ----------
-    triangles
-        (m, 3, 3) float64 in mm.
-    normals
-        (m, 3) float64 unit normals of the triangles.
+    triangles, normals
+        (m, 3, 3) float64 in mm, and their (m, 3) float64 unit normals.
     rays
         Vertical rays.
     """
@@ -128,9 +126,7 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
             t = crossed[k]
             if normals[t, 2] == 0.0:
                 continue
-            left_x, right_x, low_y, high_y = _find_extents(triangles, t)
-            first, last = _find_ray_range(left_x, right_x, x0, step_mm, nx)
-            begin, end = _find_ray_range(low_y, high_y, y0, step_mm, ny)
+            (first, last), (begin, end) = _find_ray_rectangle(triangles, t, rays)
             if first >= last or begin >= end:  # most triangles of a fine mesh are between the rays
                 continue
             crossed[crossed_count] = t
@@ -169,8 +165,8 @@ def _allocate_crossings(counts: Ints) -> Crossings:
 
 
 @jit_inline
-def _find_extents(triangles: Floats, t: int) -> tuple[float, float, float, float]:
-    """Find the least and the greatest x, and the least and the greatest y, of a triangle in mm.
+def _find_ray_rectangle(triangles: Floats, t: int, rays: Rays) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Find the half-open ranges, along x and along y, of the rays in the rectangle around a triangle.
 
     Parameters
     ----------
@@ -178,12 +174,16 @@ def _find_extents(triangles: Floats, t: int) -> tuple[float, float, float, float
         (m, 3, 3) float64 in mm.
     t
         Index of the triangle.
+    rays
+        Vertical rays.
     """
+    left_x = min(triangles[t, 0, 0], triangles[t, 1, 0], triangles[t, 2, 0])
+    right_x = max(triangles[t, 0, 0], triangles[t, 1, 0], triangles[t, 2, 0])
+    low_y = min(triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1])
+    high_y = max(triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1])
     return (
-        min(triangles[t, 0, 0], triangles[t, 1, 0], triangles[t, 2, 0]),
-        max(triangles[t, 0, 0], triangles[t, 1, 0], triangles[t, 2, 0]),
-        min(triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1]),
-        max(triangles[t, 0, 1], triangles[t, 1, 1], triangles[t, 2, 1]),
+        _find_ray_range(left_x, right_x, rays.origin_mm[0], rays.step_mm, rays.shape[0]),
+        _find_ray_range(low_y, high_y, rays.origin_mm[1], rays.step_mm, rays.shape[1]),
     )
 
 

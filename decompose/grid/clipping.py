@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Floats, Ints
-from decompose.jit import jit
+from decompose.jit import jit, jit_inline
 
 # Columns of `Grid.sums`, each a sum over a cell. The pose indices are those of `print_time.pose_prices`.
 VOLUME = 0
@@ -42,6 +42,20 @@ class CellContents(NamedTuple):
     flux: Floats
     sums: Floats
     extents: Floats
+
+
+@jit
+def _allocate_contents(shape: tuple[int, int, int]) -> CellContents:
+    """Allocate the contents of a grid of empty cells.
+
+    Parameters
+    ----------
+    shape
+        Shape of the grid, in cells.
+    """
+    extents = np.full((*shape, 6), np.inf)
+    extents[:, :, :, 3:] = -np.inf
+    return CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUM_COUNT)), extents)
 
 
 @jit
@@ -125,6 +139,33 @@ def _clip_polygon(
     return count
 
 
+@jit_inline
+def _clip_to_slab(
+    polygon: Floats, axis: int, slab_mm: tuple[float, float], half_polygon: Floats, clipped_polygon: Floats
+) -> int:
+    """Clip a polygon to the slab between two planes.
+
+    Parameters
+    ----------
+    polygon
+        (k, 3) float64 corners in mm.
+    axis, slab_mm
+        Axis across the planes, and their coordinates.
+    half_polygon
+        (12, 3) float64 buffer; it is overwritten.
+    clipped_polygon
+        (12, 3) float64, filled in with the corners in the slab.
+
+    Returns
+    -------
+    int
+        Number of corners.
+    """
+    near_mm, far_mm = slab_mm
+    corner_count = _clip_polygon(polygon, axis, near_mm, True, half_polygon)
+    return _clip_polygon(half_polygon[:corner_count], axis, far_mm, False, clipped_polygon)
+
+
 @jit
 def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
     """Measure the area of a plane polygon in mm2, by a fan of triangles.
@@ -170,10 +211,8 @@ def _add_fragment(
         Sums of all cells, updated in place.
     cell
         (3,) int64 index of the cell.
-    polygon
-        (k, 3) float64 corners of the fragment in mm.
-    normal
-        (3,) float64 unit normal.
+    polygon, normal
+        (k, 3) float64 corners of the fragment in mm, and its (3,) float64 unit normal.
     near_side_mm
         x of the near side of the cell.
     cosines
@@ -221,9 +260,7 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
         Component of a normal along an axis above which a face has skin, or counts as an overhang.
     """
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
-    extents = np.full((*shape, 6), np.inf)
-    extents[:, :, :, 3:] = -np.inf
-    contents = CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUM_COUNT)), extents)
+    contents = _allocate_contents(shape)
     polygons = np.zeros((4, 12, 3))  # the triangle after clipping along 0, 1, 2, 3 axes
     half_polygon = np.zeros((12, 3))
     count, last, cell = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
@@ -245,10 +282,8 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
                 if axis >= 0:
                     cell[axis] += 1
                 continue
-            corner_count = _clip_polygon(polygon, axis, planes[axis][cell[axis]], True, half_polygon)
-            corner_count = _clip_polygon(
-                half_polygon[:corner_count], axis, planes[axis][cell[axis] + 1], False, polygons[axis + 1]
-            )
+            slab_mm = planes[axis][cell[axis]], planes[axis][cell[axis] + 1]
+            corner_count = _clip_to_slab(polygon, axis, slab_mm, half_polygon, polygons[axis + 1])
             count[axis + 1] = corner_count
             if corner_count >= 3 and axis < 2:
                 axis += 1

@@ -141,7 +141,6 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright_axis: int, wi
         (3,) float64 sums for `bare_mm2`, `gap_mm2` and `full_mm2` of `ThinWalls`.
     """
     sums = np.zeros(3)
-    line_mm, outer_walls_mm, walls_mm = widths
     for ray in range(len(crossings.start) - 1):
         depth, entry = 0, 0
         for k in range(crossings.start[ray], crossings.start[ray + 1]):
@@ -160,17 +159,35 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright_axis: int, wi
                 if along < across:
                     continue
                 level_cos = np.sqrt(along * along + across * across)
-                thickness_mm, area_share = chord_mm * along / level_cos, level_cos / along
-                if thickness_mm < outer_walls_mm + line_mm:
-                    sums[0] += area_share
-                if (
-                    outer_walls_mm + MIN_GAP_MM < thickness_mm < outer_walls_mm + line_mm
-                    or walls_mm + MIN_GAP_MM < thickness_mm < walls_mm + line_mm
-                ):
-                    sums[1] += area_share
-                if thickness_mm < walls_mm + line_mm:
-                    sums[2] += area_share
+                _add_wall(sums, chord_mm * along / level_cos, level_cos / along, widths)
     return sums
+
+
+@jit
+def _add_wall(sums: Floats, thickness_mm: float, area_share: float, widths: WallWidths) -> None:
+    """Add the area of one side of a wall to the sums, if the wall is thin.
+
+    Parameters
+    ----------
+    sums
+        (3,) float64 as in `_sum_thin_walls`, updated in place.
+    thickness_mm
+        Thickness of the wall.
+    area_share
+        Area of the side, as a multiple of the area that a ray stands for.
+    widths
+        Widths of the walls.
+    """
+    line_mm, outer_walls_mm, walls_mm = widths
+    if thickness_mm < outer_walls_mm + line_mm:
+        sums[0] += area_share
+    if (
+        outer_walls_mm + MIN_GAP_MM < thickness_mm < outer_walls_mm + line_mm
+        or walls_mm + MIN_GAP_MM < thickness_mm < walls_mm + line_mm
+    ):
+        sums[1] += area_share
+    if thickness_mm < walls_mm + line_mm:
+        sums[2] += area_share
 
 
 @jit

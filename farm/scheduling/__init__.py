@@ -23,7 +23,7 @@ from farm.scheduling.assignment import (
     find_holds,
     select_possible_assignments,
 )
-from farm.scheduling.forecast import Slot, compute_printing_s, forecast_prints, make_idle_printer
+from farm.scheduling.forecast import Forecast, Slot, compute_printing_s, forecast_prints, make_idle_printer
 from farm.scheduling.forecast_cache import ForecastCache
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
@@ -64,6 +64,7 @@ __all__ = [
     "Capabilities",
     "Demand",
     "FleetPrinter",
+    "Forecast",
     "ForecastCache",
     "HoldJob",
     "Hours",

@@ -177,9 +177,8 @@ def build_engine_settings(
         layer_fit=None,
         **{name: values.read_number(key) for name, key in _KEYS.items()},
     )
-    retracted_mm = values.read_number("retraction_amount") if values.read_flag("retraction_enable") else 0.0
     global_["machine_start_gcode"] = _build_start_code(settings, values.read_number("machine_nozzle_size"))
-    global_["machine_end_gcode"] = printer.code.build_end_code(retracted_mm)
+    global_["machine_end_gcode"] = _build_end_code(printer, values)
     return settings
 
 
@@ -187,6 +186,12 @@ def _build_start_code(settings: EngineSettings, nozzle_mm: float) -> str:
     """Write the start code, and the nozzle, which the engine's Marlin header does not name."""
     code = settings.printer.code.build_start_code(settings.nozzle_c, settings.bed_c, settings.filament_mm2)
     return f";NOZZLE_DIAMETER:{nozzle_mm:g}\n{code}"
+
+
+def _build_end_code(printer: PrinterModel, values: _ExtruderValues) -> str:
+    """Write the end code, which retracts the filament as far as the settings do."""
+    retracted_mm = values.read_number("retraction_amount") if values.read_flag("retraction_enable") else 0.0
+    return printer.code.build_end_code(retracted_mm)
 
 
 @dataclass(frozen=True, slots=True)

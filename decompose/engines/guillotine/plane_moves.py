@@ -308,22 +308,8 @@ def solve_plane_shifts(
     tuple
         (groups,) shifts in mm, and makespan in s; 0 and inf if the linear programme has no solution.
     """
-    count, n = len(limits.min_shift_mm), len(seconds)
-    parts, sides, axes = np.nonzero(groups >= 0)
-    faces = groups[parts, sides, axes]
-    time_coefficients, length_coefficients = np.zeros((n, count)), np.zeros((n * 3, count))
-    np.add.at(time_coefficients, (parts, faces), slopes[parts, sides, axes])
-    np.add.at(length_coefficients, (parts * 3 + axes, faces), 2.0 * sides - 1.0)
-    identity, zeros = np.eye(count), np.zeros((n * 3, count))
-    rows = np.block(  # columns: the moves, their lengths, and the makespan
-        [
-            [time_coefficients, np.zeros((n, count)), -np.ones((n, 1))],
-            [length_coefficients, zeros, np.zeros((n * 3, 1))],
-            [-length_coefficients, zeros, np.zeros((n * 3, 1))],
-            [identity, -identity, np.zeros((count, 1))],
-            [-identity, -identity, np.zeros((count, 1))],
-        ]
-    )
+    count = len(limits.min_shift_mm)
+    rows = _build_constraints(slopes, groups, count)
     length_limits_mm = limits.max_growth_mm.ravel(), limits.max_shrinkage_mm.ravel()
     right_sides = np.concatenate([-seconds, *length_limits_mm, np.zeros(2 * count)])
     is_limited = np.isfinite(right_sides)
@@ -341,6 +327,40 @@ def solve_plane_shifts(
     if solution.status != 0:
         return np.zeros(count), math.inf
     return np.asarray(solution.x[:count]), float(solution.x[-1])
+
+
+def _build_constraints(slopes: Floats, groups: Ints, count: int) -> Floats:
+    """Build the left sides of the constraints on the shifts, their lengths, and the makespan.
+
+    Parameters
+    ----------
+    slopes, groups
+        As in `solve_plane_shifts`.
+    count
+        Number of groups.
+
+    Returns
+    -------
+    ndarray
+        (7 n + 2 groups, 2 groups + 1): rows for the time, the growth and the shrinkage of each part, then for
+        the lengths of the shifts; columns for the shifts, their lengths, and the makespan.
+    """
+    n = len(slopes)
+    parts, sides, axes = np.nonzero(groups >= 0)
+    faces = groups[parts, sides, axes]
+    time_coefficients, length_coefficients = np.zeros((n, count)), np.zeros((n * 3, count))
+    np.add.at(time_coefficients, (parts, faces), slopes[parts, sides, axes])
+    np.add.at(length_coefficients, (parts * 3 + axes, faces), 2.0 * sides - 1.0)
+    identity, zeros = np.eye(count), np.zeros((n * 3, count))
+    return np.block(
+        [
+            [time_coefficients, np.zeros((n, count)), -np.ones((n, 1))],
+            [length_coefficients, zeros, np.zeros((n * 3, 1))],
+            [-length_coefficients, zeros, np.zeros((n * 3, 1))],
+            [identity, -identity, np.zeros((count, 1))],
+            [-identity, -identity, np.zeros((count, 1))],
+        ]
+    )
 
 
 def update_slopes(slopes: Floats, moves_mm: Floats, change_s: float) -> None:

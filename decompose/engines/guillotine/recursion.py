@@ -53,8 +53,8 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
 
     All shorter boxes must have been processed first; boxes of the same length do not depend on each other.
     Boxes of one length along an axis are adjacent in the tables, so boxes of one size are added for all their
-    positions at once. Along z this is done after a transposition that puts z before y. A box that is larger
-    than its needed cells needs no special case: cuts split off the empty regions, whose value is 0.
+    positions at once. A box that is larger than its needed cells needs no special case: cuts split off the
+    empty regions, whose value is 0.
 
     Parameters
     ----------
@@ -92,17 +92,36 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
                 _transpose_table(
                     value[source : source + block], transposed_value[target : target + block], rows, tz
                 )
-            for dz in range(2, nz + 1):
-                positions = (nz - dz + 1) * rows
-                column = index_interval(0, dz, nz) * rows
-                for cut in range(1, dz):
-                    a, b = index_interval(0, cut, nz) * rows, index_interval(cut, dz, nz) * rows
-                    _lower_values(transposed_value, block, (column, a, b), positions, sums)
+            _lower_along_z(transposed_value, sums, nz, rows)
             for state in range(states):
                 source, target = state * block, state * size + row
                 _transpose_table(
                     transposed_value[source : source + block], value[target : target + block], tz, rows
                 )
+
+
+@jit
+def _lower_along_z(value: Table, sums: Ints, nz: int, rows: int) -> None:
+    """Lower the values of boxes of one length along x and y, in place, to those of cuts across z.
+
+    Parameters
+    ----------
+    value
+        (states * boxes,) int16 counts or int64 keys, state after state; in a transposed table, in which boxes
+        of one length along z are adjacent.
+    sums
+        As in `lower_box_values`.
+    nz
+        Number of cells of the grid along z.
+    rows
+        Number of positions of the boxes along y.
+    """
+    size = nz * (nz + 1) // 2 * rows
+    for dz in range(2, nz + 1):
+        start = index_interval(0, dz, nz) * rows
+        for cut in range(1, dz):
+            a, b = index_interval(0, cut, nz) * rows, index_interval(cut, dz, nz) * rows
+            _lower_values(value, size, (start, a, b), (nz - dz + 1) * rows, sums)
 
 
 @jit

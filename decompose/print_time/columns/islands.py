@@ -36,10 +36,6 @@ def sum_islands_mm(
 ) -> tuple[float, float, float, float, float]:
     """Count the islands, the bodies of solid and the holes of each layer, and sum them over the height.
 
-    The mean distance between islands is estimated by the side of a square whose area is the layer's rectangle
-    divided by the number of islands. For holes, the area is that of the solid divided by the number of bodies
-    and holes.
-
     Parameters
     ----------
     runs
@@ -64,19 +60,16 @@ def sum_islands_mm(
     parent = np.zeros(rows * row_length, np.int64)
     for level in range(ISLAND_LEVEL_COUNT):
         kind = kinds[level]
-        rectangle = _count_rectangle_cells(kind, rows, row_length)
         islands, bodies, cells = _count_islands(kind, parent, rows, row_length)
         if islands > 1:
+            rectangle = _count_rectangle_cells(kind, rows, row_length)
             other_islands += islands - 1
-            island_paths += (islands - 1) * ISLAND_STRIDE * step_mm * np.sqrt(rectangle / islands)
+            island_paths += _estimate_paths_mm(islands - 1, islands, rectangle, step_mm)
         other_bodies += max(0, bodies - 1)
         hole_count = max(0, bodies - _compute_euler_number(kind, rows, row_length))
-        holes += hole_count
-        hole_paths += (
-            hole_count * ISLAND_STRIDE * step_mm * np.sqrt(cells / (bodies + hole_count))
-            if hole_count
-            else 0.0
-        )
+        if hole_count > 0:
+            holes += hole_count
+            hole_paths += _estimate_paths_mm(hole_count, bodies + hole_count, cells, step_mm)
     level_mm = height_mm / ISLAND_LEVEL_COUNT
     return (
         other_islands * level_mm,
@@ -85,6 +78,28 @@ def sum_islands_mm(
         island_paths * level_mm,
         hole_paths * level_mm,
     )
+
+
+@jit
+def _estimate_paths_mm(count: int, total: int, cells: int, step_mm: float) -> float:
+    """Estimate the travel to the islands or the holes of a layer: their number times their mean distance.
+
+    The mean distance is estimated by the side of a square. Its area is that of the rectangle around all
+    islands, divided by their number, or that of the solid, divided by the number of bodies and holes.
+
+    Parameters
+    ----------
+    count
+        Number of islands but one, or of holes.
+    total
+        Number by which the area is divided.
+    cells
+        Area in cells of the raster.
+    step_mm
+        Distance between columns in mm.
+    """
+    path_mm: float = count * ISLAND_STRIDE * step_mm * np.sqrt(cells / total)
+    return path_mm
 
 
 @jit

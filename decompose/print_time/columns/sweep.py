@@ -107,10 +107,8 @@ def _follow_ray(
 
     Parameters
     ----------
-    crossings
-        Crossings of all rays with the faces.
-    ray
-        Index of the ray.
+    crossings, ray
+        Crossings of all rays with the faces, and index of the ray.
     normals
         (m, 3) float64 unit normals of the faces.
     is_marked, overhang_cos
@@ -126,8 +124,7 @@ def _follow_ray(
     """
     first = crossings.start[ray]
     count, support_mm, touched_count, is_bed_support = 0, 0.0, 0.0, False
-    # Start of a possible support, and the mark of the face there.
-    support_start_mm, mark_at_start = 0.0, 0.0
+    support_start_mm, mark_at_start = 0.0, 0.0  # start of a possible support, and mark of the face there
     depth, bottom_mm, air_mm, run_support_mm, lean_tan = 0, 0.0, 0.0, 0.0, 0.0
     for k in range(first, crossings.start[ray + 1]):
         z, t = crossings.z_mm[k], crossings.face[k]
@@ -149,13 +146,8 @@ def _follow_ray(
             continue
         support_start_mm, mark_at_start = z, is_marked[t]
         run = first + count
-        ends[run, 0], ends[run, 1], ends[run, 2], ends[run, 3], ends[run, 4] = (
-            bottom_mm,
-            z,
-            air_mm,
-            run_support_mm,
-            lean_tan,
-        )
+        ends[run, 0], ends[run, 1] = bottom_mm, z
+        ends[run, 2], ends[run, 3], ends[run, 4] = air_mm, run_support_mm, lean_tan
         count += 1
     return count, support_mm, touched_count, is_bed_support
 
@@ -237,37 +229,66 @@ def _sum_towers_mm(
     tuple
         Height of all towers in mm, and sides of all strips in mm2.
     """
-    start, counts, ends = runs.start, runs.counts, runs.ends
     towers_mm, sides_mm2 = 0.0, 0.0
-    nx, ny = supports_mm.shape
-    for column in range(nx * ny):
-        for k in range(start[column], start[column] + counts[column]):
-            bottom_mm, air_mm = ends[k, 0], ends[k, 2]
-            # A leaning thin wall is carried by a neighbour that is lower by its slope between two columns.
-            carrier_top_mm = bottom_mm - ends[k, 4] * step_mm
+    for column in range(supports_mm.size):
+        for k in range(runs.start[column], runs.start[column] + runs.counts[column]):
+            air_mm = runs.ends[k, 2]
             if air_mm <= MIN_GAP_MM:
                 continue
-            is_tower, is_edge = True, False
-            for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):
-                for j in range(max(0, column % ny - 1), min(ny, column % ny + 2)):
-                    neighbour = i * ny + j
-                    if supports_mm[i, j] > 0.0:
-                        is_tower = False
-                    for m in range(start[neighbour], start[neighbour] + counts[neighbour]):
-                        if ends[m, 1] < carrier_top_mm:
-                            continue
-                        is_diagonal = abs(i - column // ny) + abs(j - column % ny) == 2
-                        drop_mm = bottom_mm - ends[m, 0]
-                        min_drop_mm = min_carrier_drop_mm * (1.4142135623730951 if is_diagonal else 1.0)
-                        if drop_mm > min_drop_mm:
-                            is_tower = False
-                        elif drop_mm > SAME_HEIGHT_MM or (drop_mm > -SAME_HEIGHT_MM and neighbour < column):
-                            is_edge = True
+            is_tower, is_edge = _search_carriers(runs, supports_mm, column, k, min_carrier_drop_mm, step_mm)
             if is_tower and is_edge:
                 sides_mm2 += 2.0 * step_mm * air_mm
             elif is_tower:
                 towers_mm += air_mm
     return towers_mm, sides_mm2
+
+
+@jit_inline
+def _search_carriers(
+    runs: Runs,
+    supports_mm: Floats,
+    column: int,
+    run: int,
+    min_carrier_drop_mm: float,
+    step_mm: float,
+) -> tuple[bool, bool]:
+    """Search the columns around a run for runs and supports that carry it.
+
+    Parameters
+    ----------
+    runs, supports_mm, min_carrier_drop_mm, step_mm
+        As in `_sum_towers_mm`.
+    column, run
+        Index of the run's column, and of the run.
+
+    Returns
+    -------
+    tuple
+        Whether nothing carries the run, and whether a run next to it begins slightly lower, or at about the
+        same height in an earlier column.
+    """
+    start, counts, ends = runs.start, runs.counts, runs.ends
+    nx, ny = supports_mm.shape
+    bottom_mm = ends[run, 0]
+    # A leaning thin wall is carried by a neighbour that is lower by its slope between two columns.
+    carrier_top_mm = bottom_mm - ends[run, 4] * step_mm
+    is_tower, is_edge = True, False
+    for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):
+        for j in range(max(0, column % ny - 1), min(ny, column % ny + 2)):
+            neighbour = i * ny + j
+            if supports_mm[i, j] > 0.0:
+                is_tower = False
+            for m in range(start[neighbour], start[neighbour] + counts[neighbour]):
+                if ends[m, 1] < carrier_top_mm:
+                    continue
+                is_diagonal = abs(i - column // ny) + abs(j - column % ny) == 2
+                drop_mm = bottom_mm - ends[m, 0]
+                min_drop_mm = min_carrier_drop_mm * (1.4142135623730951 if is_diagonal else 1.0)
+                if drop_mm > min_drop_mm:
+                    is_tower = False
+                elif drop_mm > SAME_HEIGHT_MM or (drop_mm > -SAME_HEIGHT_MM and neighbour < column):
+                    is_edge = True
+    return is_tower, is_edge
 
 
 @jit

@@ -12,7 +12,7 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.contours import measure_contours
 from decompose.print_time.cost import CostModel
-from decompose.print_time.hidden_faces import find_hidden_faces, sum_side_ends_mm
+from decompose.print_time.hidden_faces import HiddenFaces, find_hidden_faces, sum_side_ends_mm
 from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import (
     LATERAL_INDEX,
@@ -21,7 +21,7 @@ from decompose.print_time.pose_prices import (
     sum_pose_features,
 )
 from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
-from decompose.print_time.thin_walls import SheetLimits, WallWidths, measure_thin_walls
+from decompose.print_time.thin_walls import SheetLimits, ThinWalls, WallWidths, measure_thin_walls
 from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
 COLUMN_INDEX = ADDITIVE_FEATURES.index("column_mm3")
@@ -162,51 +162,35 @@ def measure_pose_from_features(
     ----------
     mesh
         Closed mesh of the part, facing outward.
-    rotation
-        (3, 3), whose rows are the bed's x, y and z in the model's frame.
+    rotation, cost, fit_first_layer
+        As in `measure_pose`.
     features
         (5,) `ADDITIVE_FEATURES` in this pose.
-    cost
-        Cost model of the print time.
-    fit_first_layer
-        Whether the brim and the first layer's expansion are chosen too.
     """
-    rotated_vertices = mesh.vertices @ rotation.T
-    lo, hi = rotated_vertices.min(axis=0), rotated_vertices.max(axis=0)
-    origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
-    triangles = (rotated_vertices - origin)[mesh.faces]
-    width_mm, depth_mm, height_mm = (hi - lo).tolist()
+    vertices_mm, extents_mm, origin_mm = _place_on_bed(mesh.vertices, rotation)
+    triangles = vertices_mm[mesh.faces]
+    width_mm, depth_mm, height_mm = extents_mm.tolist()
     cost = cost.fit_layers(height_mm)
-    to_model = np.eye(4)
-    to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
     up = np.ascontiguousarray(rotation[2])
-    hidden_faces = find_hidden_faces(mesh.surfaces, mesh.is_cut, up, float(lo[2]), cost.skin_cos)
-    saved_mm = hidden_faces.compute_saved_height_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
-    sheets = SheetLimits(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
+    hidden_faces = find_hidden_faces(mesh.surfaces, mesh.is_cut, up, float(origin_mm[2]), cost.skin_cos)
     columns = measure_columns(triangles, mesh.is_cut, cost.overhang_cos)
-    thin_walls = measure_thin_walls(
-        triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets
-    )
+    thin_walls = _measure_thin_walls(triangles, hidden_faces, cost)
     footing = Footing.from_mesh(triangles, columns.bed_support_border_mm)
     margins_mm = [footing.measure_margin_mm(centre[None, :2]) for centre in columns.centres_mm]
     brim_width_mm: float | None = None
     expansion_mm: float | None = None
     if fit_first_layer:
         brim_width_mm = footing.choose_brim_width_mm(height_mm, margins_mm[-1], cost.brim_mm, cost.shrinkage)
-        is_joined = bool(
-            (triangles[mesh.is_cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any()
-        )
-        expansion_mm = footing.choose_expansion_mm(is_joined)
+        expansion_mm = footing.choose_expansion_mm(_touches_first_layer(triangles[mesh.is_cut]))
     contours = measure_contours(mesh, up, cost.skin_cos, cost.ring_cos)
-    side_ends_mm = sum_side_ends_mm(mesh, up) if hidden_faces.cut_side_mm2 else 0.0
     pose_cost = cost if brim_width_mm is None else replace(cost, brim_mm=brim_width_mm)
     return Pose(
-        to_model=to_model,
+        to_model=_build_motion(rotation, origin_mm),
         size_mm=(width_mm, depth_mm, height_mm),
-        price_s=_price_pose_s(features, hi - lo, columns, pose_cost)
+        price_s=_price_pose_s(features, extents_mm, columns, pose_cost)
         + cost.price_thin_walls_s(thin_walls)
         + cost.price_contours_s(contours, float(features[SKIN_INDEX]))
-        + cost.price_side_ends_s(hidden_faces.cut_side_mm2, side_ends_mm)
+        + _price_side_ends_s(mesh, up, hidden_faces.cut_side_mm2, cost)
         + price_short_layers_s(triangles, cost),
         footing=footing,
         tilt_ratio=_compute_tilt_ratio(footing, columns, height_mm, margins_mm),
@@ -221,6 +205,40 @@ def measure_pose_from_features(
     )
 
 
+def _place_on_bed(vertices: Floats, rotation: Floats) -> tuple[Floats, Floats, Floats]:
+    """Rotate vertices (n, 3), and move them to the middle of the bed.
+
+    Returns
+    -------
+    tuple
+        (n, 3) vertices on the bed, their (3,) extents, and (3,) the rotated point at the middle of the bed.
+    """
+    rotated_vertices = vertices @ rotation.T
+    lo, hi = rotated_vertices.min(axis=0), rotated_vertices.max(axis=0)
+    origin_mm = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
+    return rotated_vertices - origin_mm, hi - lo, origin_mm
+
+
+def _build_motion(rotation: Floats, origin_mm: Floats) -> Floats:
+    """Build the motion (4, 4) from the bed to the model's frame, the reverse of `_place_on_bed`."""
+    to_model = np.eye(4)
+    to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin_mm
+    return to_model
+
+
+def _measure_thin_walls(triangles: Floats, hidden_faces: HiddenFaces, cost: CostModel) -> ThinWalls:
+    """Measure the thin walls and sheets of a part on the bed; hidden skins of sheets are thinner."""
+    saved_mm = hidden_faces.compute_saved_height_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
+    sheets = SheetLimits(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
+    widths = WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm)
+    return measure_thin_walls(triangles, widths, sheets)
+
+
+def _touches_first_layer(cut_triangles: Floats) -> bool:
+    """Check whether a cut face, given as triangles (k, 3, 3), reaches into the first layer."""
+    return bool((cut_triangles[:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
+
+
 def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: CostModel) -> float:
     """Price a pose by its `ADDITIVE_FEATURES` (5,) and extents (3,), corrected by the part's columns."""
     bodies_mm = columns.bodies_mm - HOLE_INSET_SHARE * columns.holes_mm
@@ -233,6 +251,11 @@ def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: 
             columns.support_mm3, columns.support_side_mm2, columns.towers_mm, columns.islands_mm
         )
     )
+
+
+def _price_side_ends_s(mesh: PartMesh, up: Floats, cut_side_mm2: float, cost: CostModel) -> float:
+    """Price the ends of hidden sides of an area; they are only measured if there are such sides."""
+    return cost.price_side_ends_s(cut_side_mm2, sum_side_ends_mm(mesh, up) if cut_side_mm2 else 0.0)
 
 
 def _compute_tilt_ratio(

@@ -194,14 +194,8 @@ class Planner:
             if not length_mm:
                 return
         inverse_duration_per_s = feedrate_mm_s / length_mm
-        queue_length = len(self._blocks)
-        if (
-            self._slows_short_moves
-            and 1 < queue_length < CAPACITY // 2
-            and inverse_duration_per_s > 1.0 / SHORT_MOVE_S
-        ):
-            duration_s = 1.0 / inverse_duration_per_s
-            inverse_duration_per_s = 1.0 / (duration_s + 2.0 * (SHORT_MOVE_S - duration_s) / queue_length)
+        if self._slows_short_moves:
+            inverse_duration_per_s = self._slow_short_move(inverse_duration_per_s)
         if dz or feedrate_mm_s > 200.0 or abs(de) > length_mm * 0.1:
             for d, max_mm_s in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
                 if abs(d) * inverse_duration_per_s > max_mm_s:
@@ -232,6 +226,14 @@ class Planner:
         if head_steps > MIN_STEPS:
             return length_mm
         return abs(de) if abs(de) * per_mm[3] > MIN_STEPS else 0.0
+
+    def _slow_short_move(self, inverse_duration_per_s: float) -> float:
+        """Lower the inverse duration of a short move while the queue is less than half full."""
+        queue_length = len(self._blocks)
+        if 1 < queue_length < CAPACITY // 2 and inverse_duration_per_s > 1.0 / SHORT_MOVE_S:
+            duration_s = 1.0 / inverse_duration_per_s
+            return 1.0 / (duration_s + 2.0 * (SHORT_MOVE_S - duration_s) / queue_length)
+        return inverse_duration_per_s
 
     def compute_position(self, now_s: float) -> Point:
         """Compute the position of head and feeder; the queue must be advanced to `now_s`."""

@@ -41,6 +41,7 @@ from slicing.cache import trim_cache
 from slicing.settings import (
     DEFAULT_QUALITY,
     FARM_QUALITIES,
+    EngineSettings,
     SettingsRequest,
     find_resources,
     resolve_settings,
@@ -130,9 +131,7 @@ def decompose_to_folder(
         scale, longest_side_mm = request.scale, request.longest_side_mm
         memory_bytes = read_process_memory_bytes()
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm, memory_bytes=memory_bytes)
-        cost = CostModel.from_settings(
-            replace(build_print_time_settings(settings, overhead_s=0.0), brim_mm=request.brim_mm)
-        )
+        cost = _build_cost_model(settings, request.brim_mm)
         decomposition = _decompose(
             model, list_model_sizes(usable_volumes, settings), request, options, cost, executor
         )
@@ -156,6 +155,13 @@ def _choose_profile(height_mm: float) -> Profile:
     Among equal ones this is the 2+, whose clips are larger.
     """
     return max(PROFILES.values(), key=lambda p: (p.height_mm >= height_mm, -p.height_mm))
+
+
+def _build_cost_model(settings: EngineSettings, brim_mm: float) -> CostModel:
+    """Build the cost model of the settings, with another width of the brim."""
+    return CostModel.from_settings(
+        replace(build_print_time_settings(settings, overhead_s=0.0), brim_mm=brim_mm)
+    )
 
 
 def _decompose(

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 
 from farm import api
 from farm.errors import RefusedError
-from farm.model import Plate
-from farm.scheduling import Situation, Slot, describe_plates, forecast_prints
+from farm.model import Job, Plate
+from farm.scheduling import Forecast, Situation, Slot, describe_plates, forecast_prints
 from farm.state import Books, PlateState
 from farm.views.context import ViewContext
 from farm.views.jobs.description import sum_prices
@@ -40,13 +40,7 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     if not job.plates:
         raise RefusedError(f"job {number} has no plan yet: it is {job.state}")
     plates = {plate.id: plate for plate in books.list_plates(job)}
-    waiting_plates = (p for p in plates.values() if books.find_plate_state(p) is PlateState.WAITING)
-    own_plates = tuple(describe_plates(waiting_plates, books))
-    other_plates = tuple(plate for plate in situation.waiting_plates if plate.job != number)
-    forecast = forecast_prints(
-        situation.with_waiting_plates((*other_plates, *own_plates)), include_bound=False
-    )
-    bound_s = forecast_prints(situation.with_waiting_plates(own_plates)).lower_bound_s
+    forecast, bound_s = _forecast_job(job, plates.values(), situation, books)
     expected_slots = [slot for slot in forecast.slots if slot.plate in plates]
     slots = [*_list_started_slots(plates.values(), books), *expected_slots]
     slots.sort(key=lambda slot: (slot.start_s, slot.printer))
@@ -65,6 +59,19 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
         price=sum_prices(plates.values()),
         currency=context.fleet.fleet.currency,
     )
+
+
+def _forecast_job(
+    job: Job, plates: Iterable[Plate], situation: Situation, books: Books
+) -> tuple[Forecast, float]:
+    """Forecast the prints of all jobs; return also the lower bound of the end of this job alone."""
+    waiting_plates = (plate for plate in plates if books.find_plate_state(plate) is PlateState.WAITING)
+    own_plates = tuple(describe_plates(waiting_plates, books))
+    other_plates = tuple(plate for plate in situation.waiting_plates if plate.job != job.id)
+    forecast = forecast_prints(
+        situation.with_waiting_plates((*other_plates, *own_plates)), include_bound=False
+    )
+    return forecast, forecast_prints(situation.with_waiting_plates(own_plates)).lower_bound_s
 
 
 def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]:
