@@ -27,7 +27,7 @@ from slicing.checks import (
     read_wall_layout,
     remove_reset_times,
 )
-from slicing.engine import EngineLimits, ProgressCallback, check_versions, run_engine
+from slicing.engine import EngineLimits, EngineOutput, ProgressCallback, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.hidden_walls import (
     HiddenSide,
@@ -35,6 +35,7 @@ from slicing.hidden_walls import (
     reorder_inner_walls,
     speed_up_hidden_walls,
 )
+from slicing.layer_scale import LayerScale
 from slicing.mesh import Floats, add_waves, read_triangles, write_triangles
 from slicing.settings import EngineSettings
 from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
@@ -194,9 +195,7 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: ProgressCallba
     height_mm = float(corners[..., 2].max())
     layers = math.ceil(height_mm / settings.layer_height_mm) + 1
     limits = EngineLimits(layers, request.timeout_s)
-    engine_output = run_engine(
-        request.engine, request.stl, settings.global_, settings.extruder, limits, progress
-    )
+    engine_output = _run_engine(request, limits, progress)
     output.check_log(engine_output.log)
     motion_limits = MotionLimits.from_settings(settings.global_)
     gcode = remove_reset_times(engine_output.gcode, read_toolpath(engine_output.gcode), motion_limits)
@@ -227,12 +226,30 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: ProgressCallba
         )
     return CheckedSlice(
         output.replace_header(
-            add_times(gcode, toolpath), engine_output.log, facts.sliced_s, facts.filament_mm
+            add_times(gcode, toolpath),
+            engine_output.log,
+            facts.sliced_s,
+            filament_mm=facts.filament_mm,
+            height_mm=facts.max_mm[2],
         ),
         facts,
         unprinted_walls,
         measure_feature_times(toolpath, motion_limits),
     )
+
+
+def _run_engine(
+    request: PlateRequest, limits: EngineLimits, progress: ProgressCallback | None
+) -> EngineOutput:
+    """Run the engine, in its scale of heights if it has to round the layers."""
+    settings, scale = request.settings, LayerScale.from_settings(request.settings)
+    if scale is None:
+        return run_engine(request.engine, request.stl, settings.global_, settings.extruder, limits, progress)
+    with tempfile.TemporaryDirectory(prefix="farm-scaled-") as folder:
+        stl = Path(folder) / request.stl.name
+        stl.write_bytes(write_triangles(scale.scale_model(read_triangles(request.stl.read_bytes()))))
+        engine_output = run_engine(request.engine, stl, settings.global_, settings.extruder, limits, progress)
+    return replace(engine_output, gcode=scale.restore_heights(engine_output.gcode))
 
 
 def _change_hidden_walls(gcode: bytes, path: Toolpath, request: PlateRequest) -> tuple[bytes, Toolpath]:

@@ -15,7 +15,6 @@ from drivers.printers import SLICING_PROFILES
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.settings import FARM_QUALITIES, SettingsRequest, find_resources, resolve_settings
 from slicing.settings.layer_heights import (
-    FIRST_LAYER_CHANGES,
     MAX_HEIGHT_ERROR_MM,
     LayerHeights,
     compute_printed_height_mm,
@@ -24,7 +23,7 @@ from slicing.settings.layer_heights import (
 from slicing.settings.limits import MAX_LAYER_SHARE
 
 PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
-CASES = ("first layer within 4 %", "first layer within 25 %", "missed")
+CASES = ("first layer unchanged", "first layer changed", "missed")
 
 
 def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
@@ -33,11 +32,8 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
     for hundredth in hundredths:
         height_mm = hundredth / 100.0
         heights = fit_heights(height_mm, nominal, max_first_layer_mm=MAX_LAYER_SHARE * nozzle_mm)
-        change = abs(heights.first_layer_mm / nominal.first_layer_mm - 1.0)
         is_exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
-        case = next(
-            (i for i, max_change in enumerate(FIRST_LAYER_CHANGES) if change <= max_change + 1e-9), -1
-        )
+        case = int(heights.first_layer_mm != nominal.first_layer_mm)
         counts[case if is_exact else -1] += 1
         layers_mm += heights.other_layers_mm
     shares = {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}

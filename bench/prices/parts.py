@@ -54,6 +54,7 @@ _DATASET_OVERRIDES: Mapping[str, Any] = {
     "roofing_layer_count": 0,
     "infill_line_width": 0.35,
     "skin_line_width": 0.35,
+    "layer_height": 0.2,  # the mean of the fitted layers
     "speed_topbottom": 30,
     "speed_wall_x": 50,
 }
@@ -79,6 +80,7 @@ SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
         {
             **_DATASET_OVERRIDES,
             "infill_line_width": 0.53,
+            "layer_height": 0.3,
             "skin_line_width": 0.53,
             "speed_topbottom": 20,
             "speed_wall_x": 40,

@@ -269,9 +269,17 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
 _HEADER_END = "End of gcode header."
 _HEADER_TIME = re.compile(r"(?m)^;TIME:.*$")
 _HEADER_FILAMENT = re.compile(r"(?m)^;Filament used: .*$")
+_HEADER_HEIGHT = re.compile(r"(?m)^;MAXZ:.*$")
 
 
-def replace_header(gcode: bytes, log: str, sliced_s: float, filament_mm: float | None = None) -> bytes:
+def replace_header(
+    gcode: bytes,
+    log: str,
+    sliced_s: float,
+    *,
+    filament_mm: float | None = None,
+    height_mm: float | None = None,
+) -> bytes:
     """Replace the placeholder header with the one in the log (bounds, layer height).
 
     Parameters
@@ -284,6 +292,8 @@ def replace_header(gcode: bytes, log: str, sliced_s: float, filament_mm: float |
         Time of the layers, in place of the one in the log.
     filament_mm
         Filament, in place of that in the log if given.
+    height_mm
+        Greatest height, in place of that in the log if given.
     """
     _, separator, rest = log.rpartition("Gcode header after slicing:")
     header, header_end, _ = rest.partition(_HEADER_END)
@@ -293,6 +303,8 @@ def replace_header(gcode: bytes, log: str, sliced_s: float, filament_mm: float |
     header = _HEADER_TIME.sub(f";TIME:{int(sliced_s)}", header)
     if filament_mm is not None:
         header = _HEADER_FILAMENT.sub(f";Filament used: {filament_mm / 1000.0:.6g}m", header)
+    if height_mm is not None:
+        header = _HEADER_HEIGHT.sub(f";MAXZ:{round(height_mm, 3):g}", header)
     return header.strip().encode() + b"\n\n" + generator_mark + body
 
 

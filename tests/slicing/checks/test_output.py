@@ -150,11 +150,11 @@ def test_warnings_of_an_incomplete_mesh_refuse_the_slice(line):
 
 def test_header_from_the_log_replaces_the_placeholder():
     log = (
-        "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\n;Filament used: 0.9m\n"
+        "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\n;Filament used: 0.9m\n;MAXZ:12.4\n"
         "End of gcode header.\nPrint time (s): 21\n"
     )
-    gcode = replace_header(VALID_GCODE, log, 19.9, 812.5)
-    assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:19\n;Filament used: 0.8125m\n\n;Generated with Cura")
+    gcode = replace_header(VALID_GCODE, log, 19.9, filament_mm=812.5, height_mm=12.3456)
+    assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:19\n;Filament used: 0.8125m\n;MAXZ:12.346\n\n;Generated")
     assert gcode.partition(b"M82")[2] == VALID_GCODE.partition(b"M82")[2]
     assert replace_header(VALID_GCODE, "no header here", 19.9) == VALID_GCODE
 
