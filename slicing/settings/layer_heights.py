@@ -20,7 +20,7 @@ MAX_FIRST_LAYER_CHANGE = 0.25
 """Maximum change of the first layer, as a share of its height. It changes only where the other layers are too
 few to reach the height. It levels out the bed anyway."""
 _SAMPLED_HEIGHTS_MM = tuple(20.0 + 1.37 * i for i in range(100))  # heights of usual parts
-_DIGITS_MM = 6  # decimal places of a layer height, so that errors of hundreds of layers stay below 1 um
+_DIGITS_MM = 7  # decimal places of a layer height, so that thousands of layers have no error
 
 
 @dataclass(frozen=True, slots=True)

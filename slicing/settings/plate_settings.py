@@ -69,6 +69,8 @@ class PartSettings:
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are hidden once the parts are glued. Hidden faces get
         the layers of `Quality.hidden_layers`, and hidden tops get no slow uppermost layer.
+    support_angle_deg
+        Angle from the vertical above which its faces get support.
     """
 
     height_mm: float | None = None
@@ -76,6 +78,7 @@ class PartSettings:
     layer_0_expansion_mm: float | None = None
     bed_face_hidden: bool = False
     tops_hidden: bool = False
+    support_angle_deg: float | None = None
 
 
 DEFAULT_PART = PartSettings()
@@ -274,6 +277,8 @@ def _build_part_values(part: PartSettings, heights: LayerHeights | None) -> Prof
     if part.brim_width_mm is not None:
         values["adhesion_type"] = "brim" if part.brim_width_mm > 0 else "none"
         values["brim_width"] = part.brim_width_mm
+    if part.support_angle_deg is not None:
+        values["support_angle"] = part.support_angle_deg
     if part.layer_0_expansion_mm is not None:
         values["xy_offset_layer_0"] = Formula(f"xy_offset + ({part.layer_0_expansion_mm!r})")
     return values

@@ -64,6 +64,8 @@ class Quality:
     hidden_layers: HiddenLayers | None = None  # None if they have as many as visible faces
     # Walls on hidden sides are printed with the flow of infill, at most this multiple of their own speed.
     hidden_wall_ratio: float = 1.0
+    # Faces up to this angle from the vertical get no support if they are small; None to support all of them.
+    small_overhang_deg: float | None = None
     # Hidden sides have one wall; not if the user sets the number of walls or their thickness.
     has_single_hidden_walls: bool = False
 
@@ -119,6 +121,8 @@ _GLUE = Quality(
     # [assumed] Two crossing layers on the bed carry the load of a glued joint to the walls and the
     # infill; three close a top over light infill well enough for glue.
     hidden_layers=HiddenLayers(2, 3),
+    # [assumed] A strip of an overhang is printed well up to this angle; support would be a thin tower.
+    small_overhang_deg=55.0,
     # [assumed] Walls with the flow of infill are good enough on hidden sides.
     hidden_wall_ratio=2.0,
     # [assumed] A glued face needs one wall: the infill ends at it, and carries the load through the part.

@@ -161,8 +161,10 @@ def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: StepL
     model.mesh.export(task.stl)
     on_step(f"slicing {task.part_name}")
     result = slice_part(task, lambda share: on_step(f"slicing {task.part_name}, {share:.0%}"))
+    mesh = model.mesh
+    mesh.apply_scale((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
     with translate_errors():
-        settings = resolve_slice_settings(task, _compute_printed_size_mm(model, task.settings)[2])
+        settings = resolve_slice_settings(task, mesh)
     return _build_report(model, result, settings, profile)
 
 

@@ -17,7 +17,10 @@ from farm.planning.part_records import SliceTask
 from slicing.errors import OutsideBed
 from slicing.hidden_walls import HiddenSide, SideGroove
 from slicing.plate import PlateRequest, PlateResult, slice_plate
-from slicing.settings import EngineSettings, PartSettings, resolve_settings
+from slicing.settings import FARM_QUALITIES, EngineSettings, PartSettings, resolve_settings
+
+SMALL_OVERHANG_MM2 = 40.0
+"""[assumed] Area below which faces a little above the support angle are printed without support."""
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
@@ -44,7 +47,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         for r in (box.rect.expand(task.settings.brim_width_mm),)
     )
     with translate_errors():
-        settings = resolve_slice_settings(task, z_mm)
+        settings = resolve_slice_settings(task, mesh)
         request = PlateRequest(
             stl=task.out.with_suffix(".placed.stl"),
             settings=settings,
@@ -69,16 +72,38 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         return slice_plate(replace(request, hidden_sides=sides), progress)
 
 
-def resolve_slice_settings(task: SliceTask, height_mm: float) -> EngineSettings:
-    """Resolve the settings of a part with a printed height. Raises the errors of `resolve_settings`."""
+def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSettings:
+    """Resolve the settings of a part with its mesh as printed. Raises the errors of `resolve_settings`."""
     part_settings = PartSettings(
-        height_mm=height_mm,
+        height_mm=float(mesh.extents[2]),
         brim_width_mm=task.print_options.brim_width_mm,
         layer_0_expansion_mm=task.print_options.layer_0_expansion_mm,
         bed_face_hidden=task.print_options.bed_face_hidden,
         tops_hidden=task.print_options.tops_hidden,
+        support_angle_deg=find_support_angle_deg(mesh, task.settings, task.request.quality),
     )
     return resolve_settings(task.request, task.resources, part_settings)
+
+
+def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings, quality: str) -> float | None:
+    """Find the support angle of a part whose faces above the usual angle are small; None to keep that one.
+
+    CuraEngine builds a tower from the bed even below a strip of a face that is only a few layers high.
+
+    Parameters
+    ----------
+    mesh
+        Part in its printing pose.
+    settings, quality
+        Settings of the job, and the name of its quality.
+    """
+    farm_quality = FARM_QUALITIES.get(quality)
+    if farm_quality is None or farm_quality.small_overhang_deg is None:
+        return None
+    max_deg = farm_quality.small_overhang_deg
+    overhangs_deg = np.degrees(np.arcsin(np.clip(-mesh.face_normals[:, 2], -1.0, 1.0)))
+    is_between = (overhangs_deg > settings.support_angle_deg) & (overhangs_deg <= max_deg)
+    return max_deg if 0.0 < mesh.area_faces[is_between].sum() < SMALL_OVERHANG_MM2 else None
 
 
 def _find_placement(task: SliceTask, extents_mm: tuple[float, float, float]) -> Placement:

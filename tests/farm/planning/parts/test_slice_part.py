@@ -199,3 +199,32 @@ def test_hidden_faces_are_printed_with_fewer_solid_layers(make_task):
         [*range(layer_count - 3, layer_count)],
     )
     assert len(hidden_layers) == len(plain_layers) - 3
+
+
+def build_overhang(angle_deg, slope_mm):
+    """Build a block with a 10 mm wide overhang at its side, of an angle and a length along its slope."""
+    angle = np.radians(angle_deg)
+    x_mm, z_mm = slope_mm * np.sin(angle), slope_mm * np.cos(angle)
+    outline_mm = [(0, 0), (60, 0), (60, 40 - z_mm), (60 + x_mm, 40), (0, 40)]
+    mesh = trimesh.creation.extrude_polygon(shapely.Polygon(outline_mm), 10.0)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
+    return mesh
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "slope_mm", "overrides", "is_supported"),
+    [
+        (53.0, 3.5, {}, False),  # 35 mm2
+        (53.0, 4.5, {}, True),
+        (58.0, 3.5, {}, True),
+        (53.0, 3.5, {"support_angle": "50"}, True),
+        (45.0, 20.0, {}, False),
+    ],
+)
+def test_strip_of_an_overhang_gets_no_tower_of_support(
+    make_task, angle_deg, slope_mm, overrides, is_supported
+):
+    task = make_task(build_overhang(angle_deg, slope_mm), brim_width_mm=0.0)
+    task = replace(task, request=replace(task.request, overrides=overrides))
+    gcode = slice_part(task).gcode.read_text()
+    assert (";TYPE:SUPPORT\n" in gcode) == is_supported
