@@ -21,6 +21,7 @@ from decompose.arrays import Floats
 from decompose.jit import jit
 from decompose.print_time.contours import Contours
 from decompose.print_time.hidden_faces import SIDE_END_MM
+from decompose.print_time.surfaces import Surfaces
 from decompose.print_time.thin_walls import ThinWalls
 from decompose.print_time.time_settings import (
     FACTORS,
@@ -64,6 +65,8 @@ class CostModel:
     min_s_mm: float  # minimum time of the layers in a mm of height
     brim_mm: float
     supported_deg: float = 45.0  # faces at a larger angle from the vertical get support
+    small_supported_deg: float = 0.0  # the same angle if the faces between both angles are small
+    small_overhang_mm2: float = 0.0  # area below which they are
     skin_cos: float = 0.7  # faces with a larger |n| get skin
     inset_s_mm: float = 0.0
     skin_rim_s_mm: float = 0.0
@@ -101,6 +104,24 @@ class CostModel:
         """Downward component of a face's unit normal above which it gets support."""
         return math.sin(math.radians(self.supported_deg))
 
+    def find_overhang_cos(self, surfaces: Surfaces, up: Floats) -> float:
+        """Find the downward component of a part's normals above which its faces get support in a pose.
+
+        Parameters
+        ----------
+        surfaces
+            Faces of the part.
+        up
+            (3,) unit vector up in the pose.
+        """
+        small_cos = math.sin(math.radians(self.small_supported_deg))
+        if small_cos <= self.overhang_cos:
+            return self.overhang_cos
+        down = -surfaces.normals @ up
+        is_between = (down > self.overhang_cos) & (down <= small_cos)
+        is_small = float(surfaces.areas_mm2[is_between].sum()) < self.small_overhang_mm2
+        return small_cos if is_small else self.overhang_cos
+
     @classmethod
     def from_settings(cls, settings: PrintTimeSettings, factors: Mapping[str, float] = FACTORS) -> CostModel:
         """Build the cost model for print settings: each of their terms, multiplied by its factor.
@@ -128,6 +149,8 @@ class CostModel:
             min_s_mm=settings.min_layer_s / settings.layer_height_mm,
             brim_mm=settings.brim_mm,
             supported_deg=settings.supported_deg,
+            small_supported_deg=settings.small_supported_deg,
+            small_overhang_mm2=settings.small_overhang_mm2,
             shrinkage=settings.shrinkage,
             fit_layer_mm=settings.fit_layer_mm,
             skin_cos=settings.skin_cos,

@@ -132,6 +132,8 @@ class PrintTimeSettings:
     roof_mm_s: float = 30.0
     support_mm_s: float = 40.0
     support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
+    small_overhang_deg: float = 0.0  # faces up to this angle get no support if their area is small
+    small_overhang_mm2: float = 0.0  # area below which it is small
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # of the first layer
     slow_layers: int = 2  # number of layers over which the speed rises to that of the other layers
@@ -239,9 +241,16 @@ class PrintTimeSettings:
     @property
     def supported_deg(self) -> float:
         """Angle from the vertical beyond which faces count as supported: slightly less than the setting."""
-        overhang_mm = (
-            self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MARGIN_MM
-        )
+        return self._compute_supported_deg(self.support_angle_deg)
+
+    @property
+    def small_supported_deg(self) -> float:
+        """The same angle if the faces up to `small_overhang_deg` are small; 0 if there is no such rule."""
+        return self._compute_supported_deg(self.small_overhang_deg)
+
+    def _compute_supported_deg(self, support_angle_deg: float) -> float:
+        """Compute the angle beyond which faces count as supported from the slicer's setting."""
+        overhang_mm = self.layer_height_mm * math.tan(math.radians(support_angle_deg)) - OUTLINE_MARGIN_MM
         return math.degrees(math.atan2(max(0.0, overhang_mm), self.layer_height_mm))
 
     @property

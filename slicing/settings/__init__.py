@@ -3,7 +3,7 @@
 from slicing.settings.engine_settings import EngineSettings
 from slicing.settings.layer_heights import LayerFit
 from slicing.settings.plate_settings import DEFAULT_PART, PartSettings, SettingsRequest, resolve_settings
-from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES
+from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SMALL_OVERHANG_MM2
 from slicing.settings.resources import (
     INSTALLATION_FOLDER,
     OWN_MATERIALS_VARIABLE,
@@ -18,6 +18,7 @@ __all__ = [
     "FARM_QUALITIES",
     "INSTALLATION_FOLDER",
     "OWN_MATERIALS_VARIABLE",
+    "SMALL_OVERHANG_MM2",
     "EngineSettings",
     "LayerFit",
     "PartSettings",

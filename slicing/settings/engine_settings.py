@@ -89,6 +89,8 @@ class EngineSettings:
     hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
     # Whether inner walls are left out along hidden sides, where infill is next to these sides.
     has_single_hidden_walls: bool = False
+    # Angle from the vertical up to which faces get no support if they are small; 0 to support all of them.
+    small_overhang_deg: float = 0.0
     # Rule by which the layers are fitted to the height of a part; None to leave them as they are.
     layer_fit: LayerFit | None = None
 

@@ -187,6 +187,7 @@ def _resolve_settings(
         settings,
         hidden_wall_ratio=quality.hidden_wall_ratio,
         has_single_hidden_walls=quality.has_single_hidden_walls and _WALL_KEYS.isdisjoint(user_keys),
+        small_overhang_deg=0.0 if "support_angle" in user_keys else quality.small_overhang_deg,
     )
     return _reduce_hidden_layers(settings, quality.hidden_layers, part)
 

@@ -28,6 +28,7 @@ _CURA_WALL_SPEED, _CURA_SKIN_SPEED, _CURA_ROOF_SPEED = (
 # the infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of
 # 0.4 mm), and 4 % more in the highest layers that are fitted to a part.
 _MAX_FLOW_MM3_S = 5.5
+SMALL_OVERHANG_MM2 = 40.0  # [assumed] area of the small overhangs of `EngineSettings.small_overhang_deg`
 _INFILL_LINE_WIDTH, _SKIN_LINE_WIDTH = (
     "max(line_width, min(1.1 * machine_nozzle_size,"
     f" {_MAX_FLOW_MM3_S} / (resolveOrValue('layer_height') * {speed})))"
@@ -64,8 +65,7 @@ class Quality:
     hidden_layers: HiddenLayers | None = None  # None if they have as many as visible faces
     # Walls on hidden sides are printed with the flow of infill, at most this multiple of their own speed.
     hidden_wall_ratio: float = 1.0
-    # Faces up to this angle from the vertical get no support if they are small; None to support all of them.
-    small_overhang_deg: float | None = None
+    small_overhang_deg: float = 0.0  # see `EngineSettings`
     # Hidden sides have one wall; not if the user sets the number of walls or their thickness.
     has_single_hidden_walls: bool = False
 

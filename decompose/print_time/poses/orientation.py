@@ -76,7 +76,7 @@ def find_best_pose(
         if best is not None and best.rank[:3] == (0, 0.0, 0.0):
             if min_s[i] >= best.price_s or measured_count >= MAX_MEASURED_POSES:
                 continue
-            support_s = _estimate_support_s(vertices, faces, hull.points, rotations[i], cost)
+            support_s = _estimate_support_s(mesh, hull.points, rotations[i], cost)
             if min_s[i] + CERTAIN_SUPPORT_SHARE * support_s >= best.price_s:
                 continue
         pose = measure_pose_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
@@ -122,13 +122,12 @@ def _list_rotations(directions: Floats, hull: Hull, printers: Sequence[TargetPri
     return np.array([rotation for rotation in rotations if rotation is not None]).reshape(-1, 3, 3)
 
 
-def _estimate_support_s(
-    vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel
-) -> float:
+def _estimate_support_s(mesh: PartMesh, hull: Floats, rotation: Floats, cost: CostModel) -> float:
     """Estimate the time of the support in a pose from a few columns, without the travel to its islands."""
-    triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
+    triangles = (mesh.vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[mesh.faces]
+    overhang_cos = cost.find_overhang_cos(mesh.surfaces, rotation[2])
     columns = measure_columns(
-        triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, ESTIMATE_COLUMN_COUNT
+        triangles, np.zeros(len(mesh.faces), np.bool_), overhang_cos, ESTIMATE_COLUMN_COUNT
     )
     return cost.price_support_s(columns.support_mm3, columns.support_side_mm2, columns.towers_mm)
 

@@ -173,7 +173,7 @@ def measure_pose_from_features(
     cost = cost.fit_layers(height_mm)
     up = np.ascontiguousarray(rotation[2])
     hidden_faces = find_hidden_faces(mesh.surfaces, mesh.is_cut, up, float(origin_mm[2]), cost.skin_cos)
-    columns = measure_columns(triangles, mesh.is_cut, cost.overhang_cos)
+    columns = measure_columns(triangles, mesh.is_cut, cost.find_overhang_cos(mesh.surfaces, up))
     thin_walls = _measure_thin_walls(triangles, hidden_faces, cost)
     footing = Footing.from_mesh(triangles, columns.bed_support_border_mm)
     margins_mm = [footing.measure_margin_mm(centre[None, :2]) for centre in columns.centres_mm]

@@ -14,7 +14,7 @@ from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Shares, TimeFactors
 from farm.planning.plate_times import compute_overhead_s
 from farm.planning.printer_settings import find_usable_volumes, list_model_sizes, resolve_printer_settings
 from slicing.hidden_walls import removes_inner_walls
-from slicing.settings import FARM_QUALITIES, EngineSettings, LayerFit, Resources
+from slicing.settings import FARM_QUALITIES, SMALL_OVERHANG_MM2, EngineSettings, LayerFit, Resources
 
 REMAINING_TRAVEL_SHARE = 0.25
 """Travel where the inner wall of a hidden side is removed, as a share of the length of that wall; the order
@@ -167,6 +167,8 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         roof_mm_s=float(extruder["speed_roofing"]),
         support_mm_s=settings.speed_support_mm_s,
         support_angle_deg=settings.support_angle_deg,
+        small_overhang_deg=settings.small_overhang_deg,
+        small_overhang_mm2=SMALL_OVERHANG_MM2,
         brim_mm=settings.brim_width_mm if global_settings["adhesion_type"] == "brim" else 0.0,
         brim_mm_s=settings.speed_layer_0_mm_s,
         slow_layers=int(float(global_settings["speed_slowdown_layers"])),

@@ -17,10 +17,9 @@ from farm.planning.part_records import SliceTask
 from slicing.errors import OutsideBed
 from slicing.hidden_walls import HiddenSide, SideGroove
 from slicing.plate import PlateRequest, PlateResult, slice_plate
-from slicing.settings import FARM_QUALITIES, EngineSettings, PartSettings, resolve_settings
+from slicing.settings import SMALL_OVERHANG_MM2, EngineSettings, PartSettings, resolve_settings
 
-SMALL_OVERHANG_MM2 = 40.0
-"""[assumed] Area below which faces a little above the support angle are printed without support."""
+SUPPORT_TOLERANCE_DEG = 0.5  # CuraEngine supports some faces below the support angle, because it rounds
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
@@ -80,12 +79,12 @@ def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSett
         layer_0_expansion_mm=task.print_options.layer_0_expansion_mm,
         bed_face_hidden=task.print_options.bed_face_hidden,
         tops_hidden=task.print_options.tops_hidden,
-        support_angle_deg=find_support_angle_deg(mesh, task.settings, task.request.quality),
+        support_angle_deg=find_support_angle_deg(mesh, task.settings),
     )
     return resolve_settings(task.request, task.resources, part_settings)
 
 
-def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings, quality: str) -> float | None:
+def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> float | None:
     """Find the support angle of a part whose faces above the usual angle are small; None to keep that one.
 
     CuraEngine builds a tower from the bed even below a strip of a face that is only a few layers high.
@@ -94,15 +93,14 @@ def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings, qual
     ----------
     mesh
         Part in its printing pose.
-    settings, quality
-        Settings of the job, and the name of its quality.
+    settings
+        Settings of the job.
     """
-    farm_quality = FARM_QUALITIES.get(quality)
-    if farm_quality is None or farm_quality.small_overhang_deg is None:
-        return None
-    max_deg = farm_quality.small_overhang_deg
+    max_deg = settings.small_overhang_deg
     overhangs_deg = np.degrees(np.arcsin(np.clip(-mesh.face_normals[:, 2], -1.0, 1.0)))
-    is_between = (overhangs_deg > settings.support_angle_deg) & (overhangs_deg <= max_deg)
+    is_between = (overhangs_deg > settings.support_angle_deg - SUPPORT_TOLERANCE_DEG) & (
+        overhangs_deg <= max_deg
+    )
     return max_deg if 0.0 < mesh.area_faces[is_between].sum() < SMALL_OVERHANG_MM2 else None
 
 

@@ -221,3 +221,34 @@ def test_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: 
     assert mesh.area_faces[is_on_bed].sum() == pytest.approx(np.prod(mesh.extents[:2]), rel=1e-4)
     model_mesh = mesh.apply_transform(part.to_model)
     assert model_mesh.bounds == pytest.approx(model.solid.bounds_mm, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "slope_mm", "is_supported"),
+    [(53.0, 3.5, False), (53.0, 4.5, True), (58.0, 3.5, True), (45.0, 20.0, False)],
+)
+def test_small_overhang_has_no_price(angle_deg: float, slope_mm: float, is_supported: bool) -> None:
+    """Pose a block 10 mm wide with an overhang at its side, of an angle and a length along its slope."""
+    x_mm, z_mm = slope_mm * np.sin(np.radians(angle_deg)), slope_mm * np.cos(np.radians(angle_deg))
+    outline_mm = np.array([(0, 0), (60, 0), (60, 40 - z_mm), (60 + x_mm, 40), (0, 40)])
+    corners = [(x, y, z) for y in (0.0, 10.0) for x, z in outline_mm]
+    sides = [(i, (i + 1) % 5, (i + 1) % 5 + 5, i + 5) for i in range(5)]
+    faces = [(0, 2, 1), (0, 3, 2), (0, 4, 3), (5, 6, 7), (5, 7, 8), (5, 8, 9)]
+    faces += [triangle for a, b, c, d in sides for triangle in ((a, b, c), (a, c, d))]
+    mesh = trimesh.Trimesh(corners, faces)
+    assert mesh.is_watertight
+    mesh.fix_normals()
+    vertices, face_array = mesh.vertices.astype(float), mesh.faces.astype(np.int64)
+    time_settings = PrintTimeSettings(
+        support_angle_deg=50.0, small_overhang_deg=55.0, small_overhang_mm2=40.0
+    )
+    cost, plain_cost = map(
+        CostModel.from_settings, (time_settings, PrintTimeSettings(support_angle_deg=50.0))
+    )
+    no_cuts = np.zeros(len(face_array), np.bool_)
+    pose, plain_pose = (
+        measure_pose(vertices, face_array, no_cuts, np.eye(3), model) for model in (cost, plain_cost)
+    )
+    assert (pose.support_mm3 > 0.0) == is_supported
+    assert (plain_pose.support_mm3 > 0.0) == (angle_deg > 50.0)
+    assert (pose.price_s < plain_pose.price_s) == (angle_deg > 50.0 and not is_supported)
