@@ -19,11 +19,11 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.engines.guillotine.box_part import (
     BoxPart,
-    compute_slowest_piece_s,
     find_longest_time_s,
     find_spare_length_mm,
     sort_times_s,
 )
+from decompose.engines.guillotine.part_cutter import PartCutter
 from decompose.engines.guillotine.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
@@ -36,14 +36,12 @@ from decompose.engines.guillotine.plane_moves import (
     update_slopes,
 )
 from decompose.grid import PLANE_CLEARANCE_MM, Box, Cell, Grid, NeededCells, find_flat_coordinates
-from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces, find_faults
-from decompose.print_time import Pose, measure_pose
+from decompose.pieces import SLIVER_MM, Piece, find_faults
 from decompose.printers import TargetPrinter
 from decompose.problem import WORK_NS, Problem, Work
 
 Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
 
-PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
 MAX_MOVE_SHARE = 0.9  # maximum total move of a plane, as a share of a cell
 FIRST_STEP_SHARE = 0.5  # length of the first step, as a share of `MAX_MOVE_SHARE`
 TRIAL_MM = 0.4  # length of the trial move that a group must be free to make
@@ -53,6 +51,8 @@ MIN_GAIN = 0.0015  # minimum gain that a step has to promise, as a share of the 
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one starts from its result
 PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
+MAX_JUMP = 0.005  # maximum error of a linear time, as a share of the makespan; more is a jump of the time
+MAX_REDUCTIONS = 12  # maximum number of times that the steps of one solution are reduced
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
 MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a part, for slopes and after moves
 
@@ -158,29 +158,35 @@ class _PlaneShift:
         self.reach_mm = (MAX_MOVE_SHARE * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flats_mm = [find_flat_coordinates(vertices[faces], axis) for axis in range(3)]
-        self.nearby_solids = [  # solids in boxes that contain all moves of the faces
-            problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_boxes_mm
-        ]
+        self.cutter = PartCutter(problem, self.start_parts, cell_mm)
 
     def pose_start_parts(self) -> list[BoxPart]:
         """Pose the parts of the given partition."""
-        return self._pose_parts(self.start_parts)
+        return self.cutter.pose_parts(self.start_parts)
 
     def improve_parts(self, best_parts: list[BoxPart]) -> list[BoxPart]:
         """Search for a better partition, starting from parts in their poses."""
         if not (self.is_free.any() and math.isfinite(find_longest_time_s(best_parts))):
             return best_parts
-        self._record_effort([i for i in range(len(best_parts)) for _ in range(6)])
-        slopes = np.array(list(self.problem.map(self._measure_slopes, range(len(best_parts)), best_parts)))
+        self.cutter.record_effort([i for i in range(len(best_parts)) for _ in range(6)])
+        slopes = np.array(
+            list(
+                self.problem.map(
+                    self.cutter.measure_slopes, range(len(best_parts)), best_parts, self.groups < 0
+                )
+            )
+        )
         for rounds in range(MAX_ROUNDS):
             if rounds and self.problem.effort.is_spent():
                 break
             moved_parts = self._take_steps(best_parts, slopes)
             if moved_parts is best_parts:
                 break
-            new_parts = self._pose_parts(moved_parts, best_parts)
+            new_parts = self.cutter.pose_parts(moved_parts, best_parts)
             if sort_times_s(new_parts) >= sort_times_s(best_parts):
-                if not self._stop_faces(best_parts, new_parts, find_longest_time_s(best_parts)):
+                limit_s = find_longest_time_s(best_parts)
+                slow_numbers = [i for i, part in enumerate(new_parts) if part.seconds >= limit_s]
+                if not self._stop_faces(best_parts, new_parts, slow_numbers):
                     break
             elif self._has_faults(new_parts):
                 self.reach_mm = self.reach_mm / 2.0
@@ -190,11 +196,6 @@ class _PlaneShift:
                 if gain < MIN_GAIN:
                     break
         return best_parts
-
-    def _record_effort(self, parts: Sequence[int]) -> None:
-        """Record the work of cutting parts, by number, and of pricing them in their poses."""
-        self.problem.effort.record(Work.PIECE_MEASURED, len(parts))
-        self.problem.effort.record(Work.FACE_MEASURED, sum(self.nearby_solids[i].face_count for i in parts))
 
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
         """Check whether any piece cannot be glued well."""
@@ -206,28 +207,37 @@ class _PlaneShift:
         """Take steps in which each part keeps its pose; return the same parts if no step gains enough."""
         step_mm = FIRST_STEP_SHARE * self.reach_mm
         for _ in range(STEPS_PER_ROUND):
-            boxes_mm, expected_s = self._solve_step(parts, slopes, step_mm)
+            boxes_mm, expected_s = self._solve_valid_step(parts, slopes, step_mm)
             if expected_s > (1.0 - MIN_GAIN) * find_longest_time_s(parts):
                 break
-            if not self.cells.is_partition(boxes_mm):
-                step_mm *= STEP_REDUCTION
-                continue
-            new_parts = self._cut_moved_parts(parts, boxes_mm)
+            new_parts = self.cutter.cut_moved_parts(parts, boxes_mm)
+            longest_s, jumps = find_longest_time_s(parts), []
             for i, (old, part) in enumerate(zip(parts, new_parts, strict=True)):
-                update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
+                move_mm = part.box_mm - old.box_mm
+                linear_s = old.seconds + float((slopes[i] * move_mm).sum())
+                if part.seconds >= longest_s and part.seconds - linear_s > MAX_JUMP * longest_s:
+                    jumps.append(i)
+                update_slopes(slopes[i], move_mm, part.seconds - old.seconds)
             if sort_times_s(new_parts) < sort_times_s(parts):
                 parts = new_parts
-            elif not self._stop_faces(parts, new_parts):
+            elif not self._stop_faces(parts, new_parts, jumps):
                 step_mm *= STEP_REDUCTION
         return parts
 
     def _stop_faces(
-        self, parts: Sequence[BoxPart], new_parts: Sequence[BoxPart], limit_s: float = math.inf
+        self, parts: Sequence[BoxPart], new_parts: Sequence[BoxPart], numbers: Sequence[int]
     ) -> bool:
-        """Stop faces whose moves make parts break, exceed a build volume, or take as long as a limit.
+        """Stop faces whose moves make parts break, exceed a build volume, or take too long.
 
         When supports begin to touch a cut face, or the brim becomes too narrow, another pose becomes the best
-        one, and it may be much slower.
+        one, and it may be much slower. When a face begins to overhang too far, the part gets a support.
+
+        Parameters
+        ----------
+        parts, new_parts
+            Parts before and after the moves.
+        numbers
+            Numbers of the parts with too long a time.
 
         Returns
         -------
@@ -235,30 +245,55 @@ class _PlaneShift:
             Whether any of these faces was free; if so, the next step differs.
         """
         was_free = self.is_free.copy()
-        for i, (old, part) in enumerate(zip(parts, new_parts, strict=True)):
-            if part.seconds < limit_s:
-                continue
-            move_mm = part.box_mm - old.box_mm
+        limit_s = find_longest_time_s(parts)
+        for i in numbers:
+            move_mm = new_parts[i].box_mm - parts[i].box_mm
             faces = [face for face in np.ndindex(2, 3) if move_mm[face] != 0.0]
-            breaking_faces = (
-                [] if part.has_similar_pieces(old) else self._find_breaking_faces(i, old, faces, move_mm)
-            )
-            for face in breaking_faces or faces:
+            for face in self._find_slow_faces(i, parts[i], faces, move_mm, limit_s) or faces:
                 self.is_free[self.groups[(i, *face)], int(move_mm[face] > 0.0)] = False
         return bool((self.is_free != was_free).any())
 
-    def _find_breaking_faces(
-        self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats
+    def _find_slow_faces(
+        self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, limit_s: float
     ) -> list[Face]:
-        """Find the faces that break a part into pieces or make it too thin even if they move alone."""
-        self.problem.effort.record(Work.FACE_CUT, len(faces) * self.nearby_solids[i].face_count)
-        breaking_faces = []
+        """Find the faces that break a part, or make it take as long as a limit, even if they move alone."""
+        self.cutter.record_effort([i] * len(faces))
+        slow_faces = []
         for face in faces:
             box = part.box_mm.copy()
             box[face] += move_mm[face]
-            if not self._cut_part(i, box).has_similar_pieces(part):
-                breaking_faces.append(face)
-        return breaking_faces
+            new_part, poses = self.cutter.cut_in_old_poses(i, part, box)
+            known_poses = [pose for pose in poses if pose is not None]
+            if len(known_poses) < len(part.pieces) or new_part.with_poses(known_poses).seconds >= limit_s:
+                slow_faces.append(face)
+        return slow_faces
+
+    def _solve_valid_step(
+        self, parts: list[BoxPart], slopes: Floats, step_mm: Floats
+    ) -> tuple[Floats, float]:
+        """Compute the best boxes as `_solve_step` does, with steps at which they are still a partition.
+
+        The step of each group that passes an edge of another box is reduced, in place; if only several groups
+        together do so, the steps of all.
+
+        Returns
+        -------
+        tuple
+            (n, 2, 3) boxes in mm and their makespan in s; inf if no step was found.
+        """
+        start_boxes_mm = np.array([part.box_mm for part in parts])
+        start_mm = self._find_positions_mm(start_boxes_mm)
+        for _ in range(MAX_REDUCTIONS):
+            boxes_mm, expected_s = self._solve_step(parts, slopes, step_mm)
+            if self.cells.is_partition(boxes_mm):
+                return boxes_mm, expected_s
+            is_invalid = np.zeros(len(step_mm), np.bool_)
+            for group in np.flatnonzero(self._find_positions_mm(boxes_mm) != start_mm):
+                is_invalid[group] = not self.cells.is_partition(
+                    np.where(self.groups == group, boxes_mm, start_boxes_mm)
+                )
+            step_mm[is_invalid | ~is_invalid.any()] *= STEP_REDUCTION
+        return start_boxes_mm, math.inf
 
     def _solve_step(self, parts: list[BoxPart], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
         """Compute the best boxes (n, 2, 3) in mm, and their makespan in s, as if the slopes were exact.
@@ -315,84 +350,3 @@ class _PlaneShift:
     def _list_printers(self, part: BoxPart) -> list[TargetPrinter]:
         """List the printers that the pieces of a part have to fit."""
         return [printer for piece in part.pieces for printer in self.problem.list_piece_printers(piece)]
-
-    def _cut_part(self, i: int, box_mm: Floats) -> BoxPart:
-        """Cut a part with another box; its pieces keep their printers if there are as many."""
-        pieces = cut_box(self.nearby_solids[i], *box_mm)
-        start_pieces = self.start_parts[i].pieces
-        if len(pieces) == len(start_pieces):
-            pieces = [
-                replace(piece, printer=start_piece.printer, time_ratio=start_piece.time_ratio)
-                for piece, start_piece in zip(pieces, start_pieces, strict=True)
-            ]
-        return BoxPart(box_mm, tuple(pieces), (), math.inf)
-
-    def _pose_parts(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
-        """Find the best poses of parts; parts that have not moved since `previous_parts` keep their poses."""
-        posed_parts = {
-            i: part for i, part in enumerate(previous_parts) if (part.box_mm == parts[i].box_mm).all()
-        }
-        moved_numbers = [i for i in range(len(parts)) if i not in posed_parts]
-        poses = iter(self.problem.find_poses([piece for i in moved_numbers for piece in parts[i].pieces]))
-        for i in moved_numbers:
-            posed_parts[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
-        return [posed_parts[i] for i in range(len(parts))]
-
-    def _cut_moved_parts(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
-        """Cut the parts whose boxes have moved, and find new poses where the old ones do not fit."""
-        moved_numbers = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
-        self._record_effort(moved_numbers)
-        arguments = moved_numbers, [parts[i] for i in moved_numbers], boxes_mm[moved_numbers]
-        recut_parts = list(self.problem.map(self._recut_in_old_poses, *arguments))
-        unposed_pieces = [
-            piece
-            for part, poses in recut_parts
-            for piece, pose in zip(part.pieces, poses, strict=False)
-            if pose is None
-        ]
-        new_poses = iter(self.problem.find_poses(unposed_pieces))
-        new_parts = list(parts)
-        for i, (part, poses) in zip(moved_numbers, recut_parts, strict=True):
-            all_poses = [next(new_poses) if pose is None else pose for pose in poses]
-            new_parts[i] = part.with_poses(all_poses) if all_poses else part
-        return new_parts
-
-    def _recut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
-        """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
-
-        The list is empty if the part breaks into pieces.
-        """
-        new_part = self._cut_part(i, box_mm)
-        if not new_part.has_similar_pieces(part):
-            return new_part, []
-        poses: list[Pose | None] = []
-        for piece, old in zip(new_part.pieces, part.poses, strict=True):
-            pose = self._measure_piece(piece, old)
-            fits = all(printer.fits(*pose.size_mm) for printer in self.problem.list_piece_printers(piece))
-            is_dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
-            poses.append(pose if fits and not is_dirtier and pose.rank[:2] <= old.rank[:2] else None)
-        return new_part, poses
-
-    def _measure_piece(self, piece: Piece, pose: Pose) -> Pose:
-        """Price a piece in the rotation of a pose."""
-        vertices, faces = piece.solid.arrays()
-        cut = find_cut_faces(vertices, faces, piece.planes)
-        rotation, options = pose.to_model[:3, :3].T, self.problem.options
-        return measure_pose(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
-
-    def _measure_slopes(self, i: int, part: BoxPart) -> Floats:
-        """Measure the change (2, 3) of a part's time in s/mm as each of its faces moves up its axis."""
-        slopes = np.zeros((2, 3))
-        for side, axis in np.ndindex(2, 3):
-            if self.groups[i, side, axis] < 0 or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:
-                continue
-            box = part.box_mm.copy()
-            box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
-            trimmed_part = self._cut_part(i, box)
-            if len(trimmed_part.pieces) == len(part.pieces):
-                poses = [
-                    self._measure_piece(*pair) for pair in zip(trimmed_part.pieces, part.poses, strict=True)
-                ]
-                trimmed_s = compute_slowest_piece_s(trimmed_part.pieces, poses)
-                slopes[side, axis] = (trimmed_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
-        return slopes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.engines.guillotine import plane_shift
-from decompose.engines.guillotine.box_part import BoxPart
+from decompose.engines.guillotine.box_part import BoxPart, find_longest_time_s
+from decompose.engines.guillotine.part_cutter import PartCutter
 from decompose.engines.guillotine.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
 from decompose.grid import PLANE_CLEARANCE_MM, Box, NeededCells, find_flat_coordinates
 from decompose.options import Engine, Interior, Options
-from decompose.pieces import Piece, cut_cells
+from decompose.pieces import Piece, cut_box, cut_cells
 from decompose.print_time import CostModel, Pose
 from decompose.printers import TargetPrinter
 from decompose.problem import Effort, Problem, Work
@@ -181,34 +183,64 @@ def test_fixed_longest_part_does_not_stop_other_faces(
     assert shifts == [2]
 
 
-def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostModel) -> None:
+def test_only_the_face_that_slows_a_part_is_stopped(cone: Solid, cost: CostModel) -> None:
     task = make_problem(cone, cost, 2, cells=2)
     search, parts = start_shift(task)
+    (group,) = np.unique(search.groups[search.groups >= 0])
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower_part = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
-    assert search._stop_faces(parts, [slower_part, parts[1]], parts[0].seconds)
-    assert task.effort.done_units[Work.FACE_CUT] == 0
+    assert search._stop_faces(parts, [slower_part, parts[1]], [0])
+    assert search.is_free.tolist() == [[True, False]] * (group + 1)
+    assert task.effort.done_units[Work.FACE_MEASURED] > 0
+    assert not search._stop_faces(parts, [slower_part, parts[1]], [0])  # its face is already stopped
     search.is_free[:] = True
-    broken_part = replace(slower_part, pieces=slower_part.pieces * 2, seconds=np.inf)
-    assert search._stop_faces(parts, [broken_part, parts[1]])
-    assert task.effort.done_units[Work.FACE_CUT] == search.nearby_solids[0].face_count
-    assert not search._stop_faces(parts, [broken_part, parts[1]])  # its face is already barred
+    assert not search._stop_faces(parts, [slower_part, parts[1]], [])
+    assert search.is_free.all()
+
+
+def test_time_that_jumps_stops_its_face_and_the_other_parts_still_improve(
+    monkeypatch: pytest.MonkeyPatch, cost: CostModel
+) -> None:
+    """Cut a bar for three printers, of which one part takes twice its time if a face moves at all."""
+    bar = Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0))
+    task = make_problem(bar, cost, 3, cells=6)
+    grid = task.build_grid(task.model)
+    ends_mm = [grid.planes[0][0], 90.0, 220.0, grid.planes[0][-1]]
+    low_mm, high_mm = grid.find_bounds_mm((0, 0, 0, *grid.shape))
+    boxes_mm = np.array(
+        [[[a, *low_mm[1:]], [b, *high_mm[1:]]] for a, b in pairwise(ends_mm)], dtype=np.float64
+    )
+    pieces = [cut_box(bar, *box) for box in boxes_mm]
+    search = _PlaneShift(task, NeededCells(grid.planes, grid.is_needed), np.full(3, 50.0), boxes_mm, pieces)
+    parts = search.pose_start_parts()
+    cut = PartCutter.cut_in_old_poses
+
+    def cut_with_jump(self: PartCutter, i: int, part: BoxPart, box_mm: np.ndarray) -> Any:
+        new_part, poses = cut(self, i, part, box_mm)
+        if i == 0 and box_mm[1, 0] != boxes_mm[0, 1, 0]:
+            poses = [replace(pose, price_s=2.0 * pose.price_s) for pose in poses if pose is not None]
+        return new_part, poses
+
+    monkeypatch.setattr(PartCutter, "cut_in_old_poses", cut_with_jump)
+    new_parts = search.improve_parts(parts)
+    assert (new_parts[0].box_mm == parts[0].box_mm).all()
+    assert find_longest_time_s(new_parts) < 0.9 * find_longest_time_s(parts)
 
 
 def test_new_pose_is_computed_once_and_recorded(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Give every part a new pose after its first move."""
-    measure_piece, find_pose, posed_parts = _PlaneShift._measure_piece, Problem.find_pose, []
+    measure_piece, find_pose, posed_parts = PartCutter._measure_piece, Problem.find_pose, []
 
-    def make_tall(self: _PlaneShift, piece: Piece, old_pose: Pose) -> Pose:
+    def make_tall(self: PartCutter, piece: Piece, old_pose: Pose) -> Pose:
         return replace(measure_piece(self, piece, old_pose), size_mm=(1e4, 1e4, 1e4))
 
     def record_piece(self: Problem, piece: Piece) -> Pose | None:
         posed_parts.append(piece.solid)
         return find_pose(self, piece)
 
-    monkeypatch.setattr(_PlaneShift, "_measure_piece", make_tall)
+    monkeypatch.setattr(PartCutter, "_measure_piece", make_tall)
     monkeypatch.setattr(Problem, "find_pose", record_piece)
     task = make_problem(cone, cost, 2, cells=2)
     old_pieces, new_pieces = shift_boxes(task, make_halves(task))

@@ -1,0 +1,135 @@
+"""Parts that are cut again as the faces of their boxes move, and priced in their old or best poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from decompose.arrays import Bools, Floats
+from decompose.engines.guillotine.box_part import BoxPart, compute_slowest_piece_s
+from decompose.pieces import Piece, cut_box, find_cut_faces
+from decompose.print_time import Pose, measure_pose
+from decompose.problem import Problem, Work
+
+PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
+
+
+class PartCutter:
+    """Cuts parts by number, with other boxes, from the solids near them.
+
+    Parameters
+    ----------
+    problem
+        Problem with the model.
+    start_parts
+        Parts before any move.
+    reach_mm
+        (3,) maximum move of a face along each axis.
+    """
+
+    def __init__(self, problem: Problem, start_parts: Sequence[BoxPart], reach_mm: Floats) -> None:
+        self._problem = problem
+        self._start_parts = start_parts
+        self._nearby_solids = [
+            problem.model.solid.clip(part.box_mm[0] - reach_mm, part.box_mm[1] + reach_mm)
+            for part in start_parts
+        ]
+
+    def record_effort(self, parts: Sequence[int]) -> None:
+        """Record the work of cutting parts, by number, and of pricing them in their poses."""
+        self._problem.effort.record(Work.PIECE_MEASURED, len(parts))
+        self._problem.effort.record(Work.FACE_MEASURED, sum(self._nearby_solids[i].face_count for i in parts))
+
+    def cut_part(self, i: int, box_mm: Floats) -> BoxPart:
+        """Cut a part with another box; its pieces keep their printers if there are as many."""
+        pieces = cut_box(self._nearby_solids[i], *box_mm)
+        start_pieces = self._start_parts[i].pieces
+        if len(pieces) == len(start_pieces):
+            pieces = [
+                replace(piece, printer=start_piece.printer, time_ratio=start_piece.time_ratio)
+                for piece, start_piece in zip(pieces, start_pieces, strict=True)
+            ]
+        return BoxPart(box_mm, tuple(pieces), (), math.inf)
+
+    def pose_parts(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
+        """Find the best poses of parts; parts that have not moved since `previous_parts` keep their poses."""
+        posed_parts = {
+            i: part for i, part in enumerate(previous_parts) if (part.box_mm == parts[i].box_mm).all()
+        }
+        moved_numbers = [i for i in range(len(parts)) if i not in posed_parts]
+        poses = iter(self._problem.find_poses([piece for i in moved_numbers for piece in parts[i].pieces]))
+        for i in moved_numbers:
+            posed_parts[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
+        return [posed_parts[i] for i in range(len(parts))]
+
+    def cut_moved_parts(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
+        """Cut the parts whose boxes have moved, and find new poses where the old ones do not fit."""
+        moved_numbers = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
+        self.record_effort(moved_numbers)
+        arguments = moved_numbers, [parts[i] for i in moved_numbers], boxes_mm[moved_numbers]
+        recut_parts = list(self._problem.map(self.cut_in_old_poses, *arguments))
+        unposed_pieces = [
+            piece
+            for part, poses in recut_parts
+            for piece, pose in zip(part.pieces, poses, strict=False)
+            if pose is None
+        ]
+        new_poses = iter(self._problem.find_poses(unposed_pieces))
+        new_parts = list(parts)
+        for i, (part, poses) in zip(moved_numbers, recut_parts, strict=True):
+            all_poses = [next(new_poses) if pose is None else pose for pose in poses]
+            new_parts[i] = part.with_poses(all_poses) if all_poses else part
+        return new_parts
+
+    def cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
+        """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
+
+        The list is empty if the part breaks into pieces.
+        """
+        new_part = self.cut_part(i, box_mm)
+        if not new_part.has_similar_pieces(part):
+            return new_part, []
+        poses: list[Pose | None] = []
+        for piece, old in zip(new_part.pieces, part.poses, strict=True):
+            pose = self._measure_piece(piece, old)
+            fits = all(printer.fits(*pose.size_mm) for printer in self._problem.list_piece_printers(piece))
+            is_dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
+            poses.append(pose if fits and not is_dirtier and pose.rank[:2] <= old.rank[:2] else None)
+        return new_part, poses
+
+    def _measure_piece(self, piece: Piece, pose: Pose) -> Pose:
+        """Price a piece in the rotation of a pose."""
+        vertices, faces = piece.solid.arrays()
+        cut = find_cut_faces(vertices, faces, piece.planes)
+        rotation, options = pose.to_model[:3, :3].T, self._problem.options
+        return measure_pose(vertices, faces, cut, rotation, self._problem.cost, options.fit_first_layer)
+
+    def measure_slopes(self, i: int, part: BoxPart, is_fixed: Bools) -> Floats:
+        """Measure the change (2, 3) of a part's time in s/mm as each of its faces moves up its axis.
+
+        Parameters
+        ----------
+        i
+            Number of the part.
+        part
+            Part in its poses.
+        is_fixed
+            (2, 3) bool, true for faces that cannot move, whose slopes stay 0.
+        """
+        slopes = np.zeros((2, 3))
+        for side, axis in np.ndindex(2, 3):
+            if is_fixed[side, axis] or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:
+                continue
+            box = part.box_mm.copy()
+            box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
+            trimmed_part = self.cut_part(i, box)
+            if len(trimmed_part.pieces) == len(part.pieces):
+                poses = [
+                    self._measure_piece(*pair) for pair in zip(trimmed_part.pieces, part.poses, strict=True)
+                ]
+                trimmed_s = compute_slowest_piece_s(trimmed_part.pieces, poses)
+                slopes[side, axis] = (trimmed_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
+        return slopes
