@@ -104,7 +104,7 @@ class JobStatus(View):
 
 
 class SubmitResponse(View):
-    """Response to a submission; `again` is True if a job with the same request id existed."""
+    """Response to a submission; `again` is True if a job with the same request id already exists."""
 
     job: int
     again: bool

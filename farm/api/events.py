@@ -9,7 +9,7 @@ from farm.model import JobState
 
 
 class EventView(View):
-    """Event of the log; fields that it does not have are null."""
+    """Entry of the event log; fields that do not apply to the event are null."""
 
     number: int
     at: str

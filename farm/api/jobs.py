@@ -94,8 +94,8 @@ class JobFigures(View):
     pruned: str | None = None  # time at which its files were pruned; figures and pictures stay
     waits_for_person: bool
     assembly_s: float | None = None  # time for gluing the parts: reported, or expected
-    assembled: str | None = None  # time at which they are glued: reported, or expected from current data
-    glued: bool = False  # whether a person has reported that they are glued
+    assembled: str | None = None  # time at which the parts are glued: reported, or expected from current data
+    glued: bool = False  # whether a person has reported that the parts are glued
     submitted_to_assembled_s: float | None = None  # time from submission to `assembled`
 
 

@@ -56,7 +56,7 @@ class NameResponse(View):
 
 
 class LoadRequest(View):
-    """Request to record a new reel or nozzle; fields that are None do not change."""
+    """Request to record a new reel or nozzle; a field that is None leaves its value unchanged."""
 
     material: str | None = Field(default=None, max_length=100)
     colour: Line | None = Field(default=None, max_length=40)

@@ -146,7 +146,7 @@ class Cameras:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _begin_fetch(self, camera: _Camera) -> asyncio.Task[Image] | None:
-        """Begin to fetch a still; None if the last request was too recent."""
+        """Begin to fetch a still; return None if the last request was too recent."""
         now_s = self._monotonic()
         if now_s < camera.state.next_attempt_s:
             return None

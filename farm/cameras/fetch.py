@@ -51,9 +51,9 @@ async def fetch_still(url: str) -> Image:
         raise CameraError(str(error)) from None
     except httpx.ConnectError as error:
         text = str(error) if "certificate" in str(error).lower() else "its connection was refused"
-        raise CameraError(f"it does not result ({text})") from None
+        raise CameraError(f"it does not respond ({text})") from None
     except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError, OSError) as error:
-        raise CameraError(f"it does not result like a web server ({type(error).__name__})") from None
+        raise CameraError(f"it does not respond like a web server ({type(error).__name__})") from None
 
 
 async def _fetch_image(url: httpx.URL) -> Image:
@@ -62,7 +62,7 @@ async def _fetch_image(url: httpx.URL) -> Image:
     authentication: httpx.Auth | None = None
     url = url.copy_with(username=None, password=None)
     addresses = await _look_up_addresses(url)
-    async with httpx.AsyncClient(trust_env=False, timeout=None, verify=_load_authorities()) as client:
+    async with httpx.AsyncClient(trust_env=False, timeout=None, verify=_make_tls_context()) as client:
         for _ in range(_MAX_REDIRECTS + 2):
             response = await _send_request(client, url, addresses, authentication)
             try:
@@ -145,8 +145,8 @@ async def _read_response(response: httpx.Response) -> Image:
 
 
 @cache
-def _load_authorities() -> ssl.SSLContext:
-    """Load the certificates that this host trusts; an administrator may add the certificate of a camera."""
+def _make_tls_context() -> ssl.SSLContext:
+    """Return a TLS context with the certificates that this host trusts, which may include a camera's."""
     return ssl.create_default_context()
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 MAX_IMAGE_BYTES = 5_000_000
 MAX_PIXELS = 50_000_000
-"""Limit on width times height, because a viewer decodes all pixels, and a small file can have very many."""
+"""Limit on width times height, because a viewer decodes all pixels, and even a small file may have many."""
 _PNG_MAGIC, _JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _PNG_SIZE = struct.Struct(">II")  # PNG: width, height, in the first chunk (IHDR)
 _PNG_SIZE_OFFSET = 16

@@ -17,7 +17,7 @@ MAX_INTERVAL_S = 60.0
 MAX_STILL_AGE_S = MIN_INTERVAL_S
 """Age in wall seconds up to which a viewer gets the last still instead of a new one."""
 END_STILL_TIMEOUT_S = 60.0
-"""Wall seconds after the end of a print in which its last still is fetched; later the bed may be clear."""
+"""Wall seconds from the end of a print within which its last still is fetched; later the bed may be clear."""
 _FIRST_LAYERS_DIVISOR = 10
 """Divisor of the layer count: the first layer is visible during the first tenth of the layers."""
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from farm.api import Names
 
 _TIMEOUT_S = 1.0  # the user is waiting at the prompt
-Completions = list[tuple[str, str]]  # each with its description
+Completions = list[tuple[str, str]]  # words, each with its description
 CompletionFunction = Callable[[typer.Context, str], Completions]
 
 

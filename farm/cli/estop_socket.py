@@ -35,7 +35,7 @@ class StopReport(_Line):
     """Progress or outcome of one printer's stop."""
 
     printer: str
-    seen_off: bool | None = None  # null until it is known
+    seen_off: bool | None = None  # whether the heaters are confirmed off; null until that is known
     still: bool | None = None  # true if the printer is confirmed to stand still
     reset_after_s: float | None = None
     text: str
@@ -54,7 +54,7 @@ _RESPONSE_LINE: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | Sto
 
 
 def find_estop_socket(paths: FarmPaths) -> Path | None:
-    """Find the socket of a farm that belongs to another user; None if it belongs to the caller.
+    """Find the socket of a farm that belongs to another user; return None if it belongs to the caller.
 
     Root uses the socket too, unless it has named an existing state folder.
 
@@ -91,7 +91,7 @@ def request_stop(path: Path, printers: list[str], report: ReportCallback) -> Non
     FarmError
         If there is no response, or the stop fails.
     """
-    message = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
+    message = f"{path}: the stop failed ({{}}); switch the printers off by hand"
     try:
         with socket.socket(socket.AF_UNIX) as connection:
             connection.settimeout(_SILENCE_TIMEOUT_S)
@@ -109,7 +109,7 @@ def request_stop(path: Path, printers: list[str], report: ReportCallback) -> Non
         raise FarmError(message.format("only members of its group may use it")) from error
     except (OSError, ValueError) as error:  # ValueError: a line of the response is not valid
         raise FarmError(message.format(error)) from error
-    raise FarmError(message.format("it ended before it reported the result"))
+    raise FarmError(message.format("the response ended before the result"))
 
 
 def serve_request(

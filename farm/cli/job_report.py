@@ -72,7 +72,7 @@ def render_report(client: Client, number: int, find_file: FileFinder) -> Report:
 
 
 def _load_picture(part: api.PartView, find_file: FileFinder) -> bytes | None:
-    """Draw a part, or read its stored picture; None if neither file can be read."""
+    """Draw a part, or read its stored picture; return None if neither file can be read."""
     if part.file is not None:
         model = find_file(part.file)
         return None if model is None else draw_part(model)

@@ -47,7 +47,7 @@ _IGNORED_URL_REASONS = {
     "discover": "it lists the ports of this host",
     "estop": "it resets the boards by their cables, even if the daemon hangs",
 }
-"""Commands that ignore `FARM_URL`; for example, the variable must never make an emergency stop fail."""
+"""Commands that ignore `FARM_URL`, each with the reason why they refuse `--url`."""
 LOCAL_COMMANDS = {**_LOCAL_REASONS, **_IGNORED_URL_REASONS}
 """Commands that work only on the farm's own host, each with the reason."""
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
@@ -115,7 +115,7 @@ def with_farm(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P,
 def _add_options(
     command: Callable[Concatenate[FarmPaths, P], None], path_options: Sequence[tuple[str, object]]
 ) -> Callable[P, None]:
-    """Add options that locate a farm to a command, after the command's own options."""
+    """Add to a command the options that locate a farm, after the command's own options."""
     signature = inspect.signature(command, eval_str=True)
     options = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
@@ -198,7 +198,7 @@ def parse_printer_count(text: str) -> int | None:
 
 
 def parse_scheduler(text: str) -> str:
-    """Check the address of a scheduler. Raises typer.BadParameter."""
+    """Return the address of a scheduler if it is valid. Raises typer.BadParameter otherwise."""
     from farm.config import check_scheduler  # slow to load
 
     try:

@@ -18,7 +18,7 @@ MIN_FREE_BYTES = 64 * 1024**2
 RECOMMENDED_FREE_BYTES = 2 * 1024**3
 """Free bytes that suffice for the plans, slices and backups of a large job."""
 MIN_SHARED_MEMORY_BYTES = 16 * 1024**2
-_FIRST_YEAR = 2024  # a host without a real-time clock starts in 1970
+_MIN_PLAUSIBLE_YEAR = 2024  # a host without a real-time clock starts in 1970
 _MAX_SHOWN_PROBLEMS = 5
 
 
@@ -141,10 +141,10 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
             yield make_problem(
                 "agents", f"{name}: its agent's folder cannot be used: {agent.folder_error}", action
             )
-        elif not agent.alive and facts.daemon_error is None:
+        elif not agent.is_alive and facts.daemon_error is None:
             text = f"{name}: its agent is not running, though the daemon is up"
             yield make_problem("agents", text, f"read the end of agents/{name}/agent.log in the state folder")
-        elif not agent.alive:
+        elif not agent.is_alive:
             yield make_success("agents", f"{name}: no agent, because the daemon is down")
         elif agent.protocol is None:
             text = f"{name}: its agent is running but does not answer"
@@ -163,7 +163,7 @@ def check_ports(facts: Facts) -> Iterator[Finding]:
         if not port.exists:
             action = "switch the printer on and plug it in; `farm discover` lists the existing ports"
             yield make_problem("ports", f"{port_name} does not exist", action)
-        elif not port.usable:
+        elif not port.is_usable:
             group = port.group or "dialout"
             action = f"`sudo usermod -aG {group} {facts.user.name}`, then log in again"
             if group in facts.user.groups:
@@ -193,7 +193,7 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
 
 
 def _describe_missing_file(error: str) -> Finding:
-    """Return the problem that an error describes; its text ends with the action."""
+    """Return the problem of a missing file; the part of the error after the last colon is the action."""
     text, _, action = error.rpartition(": ")
     return make_problem("cura", text, action)
 
@@ -203,9 +203,9 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
     clock = facts.clock
     now = datetime.fromtimestamp(clock.now_s, UTC)
     action = "`sudo timedatectl set-ntp true`; hours and nights follow this clock"
-    if now.year < _FIRST_YEAR:
+    if now.year < _MIN_PLAUSIBLE_YEAR:
         yield make_problem("clock", f"the host's clock shows {now:%Y-%m-%d}: it is not set", action)
-    elif clock.synchronised is False:
+    elif clock.is_synchronised is False:
         yield make_warning(
             "clock", "the host's clock is not synchronised (no NTP): it may be set in a step", action
         )
@@ -214,12 +214,13 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
     if facts.fleet is None:
         return
     scale, zone = facts.fleet.fleet.time_scale, facts.fleet.fleet.timezone
-    if clock.anchor is not None and clock.anchor[0] != scale:
-        text = f"the state folder was used with time_scale {clock.anchor[0]:g}, but fleet.yaml says {scale:g}"
+    if clock.scale_and_anchor is not None and clock.scale_and_anchor[0] != scale:
+        old_scale = clock.scale_and_anchor[0]
+        text = f"the state folder was used with time_scale {old_scale:g}, but fleet.yaml says {scale:g}"
         yield make_problem(
             "clock", text, "restore that value in fleet.yaml, or name another folder with --state"
         )
-    elif clock.anchor is not None and clock.anchor[1] > clock.now_s:
+    elif clock.scale_and_anchor is not None and clock.scale_and_anchor[1] > clock.now_s:
         text = "the start of the farm's clock is in the future: the host's clock was set back"
         yield make_warning("clock", text, action)
     if clock.host_zone is not None and clock.host_zone != zone:
@@ -266,8 +267,8 @@ def check_code(facts: Facts) -> Iterator[Finding]:
         return
     if code.folder is None:
         text = f"neither {code.installed_folder} nor {facts.user.name}'s cache can be written"
-        yield make_warning("code", f"{text}: each worker compiles for minutes", "make ~/.cache writable")
-    elif not code.compiled:
+        yield make_warning("code", f"{text}: each worker spends minutes compiling", "make ~/.cache writable")
+    elif not code.is_compiled:
         yield make_warning(
             "code", "the planning code is not compiled: the first plan takes minutes", "`farm setup`"
         )

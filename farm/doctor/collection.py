@@ -1,4 +1,4 @@
-"""Collection of the facts about an installation: files, processes, devices, clocks. It changes nothing."""
+"""Collection of the facts about an installation: files, processes, devices, clocks. Nothing is changed."""
 
 from __future__ import annotations
 
@@ -139,12 +139,12 @@ def _list_job_files(books: Books, job: Job) -> Iterator[tuple[str, str]]:
 def _query_agent_facts(printer: str, folder: Path) -> AgentFacts:
     try:
         if folder.exists() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
-            return AgentFacts(printer, alive=False, folder_error=f"{folder} is not accessible to you")
+            return AgentFacts(printer, is_alive=False, folder_error=f"{folder} is not accessible to you")
         if not is_alive(folder):
-            return AgentFacts(printer, alive=False)
+            return AgentFacts(printer, is_alive=False)
     except OSError as error:
-        return AgentFacts(printer, alive=False, folder_error=str(error))
-    return AgentFacts(printer, alive=True, protocol=asyncio.run(_query_protocol(folder)))
+        return AgentFacts(printer, is_alive=False, folder_error=str(error))
+    return AgentFacts(printer, is_alive=True, protocol=asyncio.run(_query_protocol(folder)))
 
 
 async def _query_protocol(folder: Path) -> int | None:
@@ -171,7 +171,7 @@ def _collect_port_facts(section: PrinterSection) -> PortFacts:
     with suppress(KeyError):
         group = grp.getgrgid(status.st_gid).gr_name
     is_usable = os.access(path, os.R_OK | os.W_OK)
-    return PortFacts(section.name, section.port, exists=True, usable=is_usable, group=group)
+    return PortFacts(section.name, section.port, exists=True, is_usable=is_usable, group=group)
 
 
 def _read_cura_facts() -> CuraFacts:
@@ -219,13 +219,13 @@ def _read_code_facts() -> CodeFacts:
 def _read_clock_facts(state: StateFolder) -> ClockFacts:
     return ClockFacts(
         now_s=time.time(),
-        synchronised=_is_synchronised(),
-        anchor=read_anchor(state.clock),
+        is_synchronised=_is_clock_synchronised(),
+        scale_and_anchor=read_anchor(state.clock),
         host_zone=_read_host_zone(),
     )
 
 
-def _is_synchronised() -> bool | None:
+def _is_clock_synchronised() -> bool | None:
     """Return whether NTP synchronises the kernel's clock; adjtimex(2) without a mode only reads the state."""
     timex = ctypes.create_string_buffer(512)  # larger than struct timex, whose first word is the mode
     try:

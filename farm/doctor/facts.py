@@ -59,7 +59,7 @@ class AgentFacts:
     ----------
     printer
         Its printer.
-    alive
+    is_alive
         True if its process is running.
     protocol
         Version of its protocol; None if it did not answer.
@@ -68,7 +68,7 @@ class AgentFacts:
     """
 
     printer: str
-    alive: bool
+    is_alive: bool
     protocol: int | None = None
     folder_error: str | None = None
 
@@ -81,7 +81,7 @@ class PortFacts:
     ----------
     printer, path
         The printer, and its port in `fleet.yaml`.
-    exists, usable
+    exists, is_usable
         Whether the device exists, and whether this user may read and write it.
     group
         The device's group.
@@ -90,7 +90,7 @@ class PortFacts:
     printer: str
     path: str
     exists: bool
-    usable: bool = False
+    is_usable: bool = False
     group: str | None = None
 
 
@@ -116,13 +116,13 @@ class CodeFacts:
         Folder beside the sources.
     folder
         Folder that this user's processes use; None if none can be written.
-    compiled
+    is_compiled
         True if all functions are compiled.
     """
 
     installed_folder: str
     folder: str | None
-    compiled: bool
+    is_compiled: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,17 +133,17 @@ class ClockFacts:
     ----------
     now_s
         The host's clock, in seconds since the epoch.
-    synchronised
+    is_synchronised
         True if NTP synchronises it; None if the kernel does not report that.
-    anchor
+    scale_and_anchor
         Scale and anchor of the farm's clock in the state folder; None if there is none yet.
     host_zone
         The host's time zone; None if it has no name.
     """
 
     now_s: float
-    synchronised: bool | None = None
-    anchor: tuple[float, float] | None = None
+    is_synchronised: bool | None = None
+    scale_and_anchor: tuple[float, float] | None = None
     host_zone: str | None = None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from farm.http.app import UPLOAD_PATH, add_routes, make_app, make_problem
+from farm.http.app import UPLOAD_PATH, add_routes, make_app, make_problem_response
 from farm.http.body_limit import BodyLimit
 from farm.http.callers import (
     CallerName,
@@ -23,7 +23,7 @@ from farm.http.connections import (
     stop_on_signals,
 )
 from farm.http.event_streams import EventStreams
-from farm.http.routes.files import find_stored_file, name_stored_files
+from farm.http.routes.files import find_stored_file, map_stored_files
 from farm.http.routes.status import describe_farm
 from farm.http.services import NetworkState, Services
 from farm.http.stream_limit import StreamLimit, StreamResponse
@@ -56,8 +56,8 @@ __all__ = [
     "is_operator",
     "listen",
     "make_app",
-    "make_problem",
-    "name_stored_files",
+    "make_problem_response",
+    "map_stored_files",
     "read_descriptor_limit",
     "stop_on_signals",
 ]

@@ -1,4 +1,4 @@
-"""HTTP application of the daemon: all routes, and errors as JSON. Contains no decisions."""
+"""HTTP application of the daemon: all routes, and errors as JSON."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
 
 
 def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str = "") -> None:
-    """Add the routes of the farm, jobs and printers to an application, and errors as JSON."""
+    """Add the routes of the farm, jobs and printers to an application, with handlers of their errors."""
     app.state.controller = services.controller
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)
@@ -76,40 +76,48 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
 def _add_error_handlers(app: FastAPI, services: Services) -> None:
     @app.exception_handler(FarmError)
     async def handle_farm_error(_: Request, error: FarmError) -> Response:
-        return make_problem(str(error), error.code, error.exit_code, _STATUS_CODES.get(error.code, 400))
+        return make_problem_response(
+            str(error), error.code, error.exit_code, _STATUS_CODES.get(error.code, 400)
+        )
 
     @app.exception_handler(RequestValidationError)
     async def handle_invalid_request(_: Request, error: RequestValidationError) -> Response:
-        return make_problem(describe_first_error(error.errors()), ErrorCode.SETTINGS, ExitCode.USAGE, 400)
+        return make_problem_response(
+            describe_first_error(error.errors()), ErrorCode.SETTINGS, ExitCode.USAGE, 400
+        )
 
     @app.exception_handler(OSError)
     async def handle_disk_error(_: Request, error: OSError) -> Response:
         root = services.state.root
         text = f"the state folder {root} cannot be used ({error.strerror or error}): check its disk space"
         failure = FarmError(text)
-        return make_problem(text, failure.code, failure.exit_code, _STATUS_CODES.get(failure.code, 400))
+        return make_problem_response(
+            text, failure.code, failure.exit_code, _STATUS_CODES.get(failure.code, 400)
+        )
 
     @app.exception_handler(Exception)
     async def handle_unexpected_error(_: Request, error: Exception) -> Response:
         text = f"the daemon failed: {type(error).__name__}: {error}; see its log"
-        return make_problem(text, ErrorCode.FAILED, ExitCode.FAILED, 500)
+        return make_problem_response(text, ErrorCode.FAILED, ExitCode.FAILED, 500)
 
     @app.exception_handler(TOO_LARGE_STATUS)
     async def handle_large_body(request: Request, _: Exception) -> Response:
         error = RefusedError(f"the request to {request.url.path} is longer than {MAX_BODY_BYTES // 1024} KiB")
-        return make_problem(str(error), error.code, error.exit_code, TOO_LARGE_STATUS)
+        return make_problem_response(str(error), error.code, error.exit_code, TOO_LARGE_STATUS)
 
     @app.exception_handler(HTTPException)
     async def handle_other_http_error(_: Request, error: HTTPException) -> Response:
-        return make_problem(str(error.detail), ErrorCode.REFUSED, ExitCode.REFUSED, error.status_code)
+        return make_problem_response(
+            str(error.detail), ErrorCode.REFUSED, ExitCode.REFUSED, error.status_code
+        )
 
     @app.exception_handler(404)
     async def handle_not_found(request: Request, _: Exception) -> Response:
         error = NotFoundError(f"there is nothing at {request.url.path}")
-        return make_problem(str(error), error.code, error.exit_code, 404)
+        return make_problem_response(str(error), error.code, error.exit_code, 404)
 
 
-def make_problem(text: str, code: ErrorCode, exit_code: ExitCode, status: int) -> Response:
+def make_problem_response(text: str, code: ErrorCode, exit_code: ExitCode, status: int) -> Response:
     """Make the response to a request that failed."""
     problem = api.Problem(error=text, code=code, exit_code=int(exit_code))
     return JSONResponse(problem.model_dump(), status_code=status)

@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 MAX_BODY_BYTES = 64 * 1024
 """Limit on a JSON body; an upload is written to the disk chunk by chunk, and has its own limits."""
 TOO_LARGE_STATUS = 413
-_FIRST_ERROR_STATUS = 400  # lowest status code of an error
+_MIN_ERROR_STATUS = 400  # lowest status code of an error
 
 
 class BodyLimit:
@@ -47,7 +47,7 @@ class BodyLimit:
         async def send_with_close_header(message: Message) -> None:
             if (
                 message["type"] == "http.response.start"
-                and message["status"] >= _FIRST_ERROR_STATUS
+                and message["status"] >= _MIN_ERROR_STATUS
                 and not is_complete
             ):
                 MutableHeaders(scope=message)["connection"] = "close"  # otherwise the server reads the rest

@@ -61,7 +61,7 @@ class Person:
         return group is None or self.uid in (0, os.getuid()) or self.belongs_to(group)
 
     def belongs_to(self, group: str) -> bool:
-        """Return whether a group has the person as a member, or is the group of the person's process."""
+        """Return whether the person is a member of a group, or the person's process runs with that group."""
         gid = _find_gid(group)
         try:
             return gid in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
@@ -128,7 +128,7 @@ class PeerProtocol(H11Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Time at which it began to wait for its client, on the loop's clock; None if it does not wait."""
+        """Time at which the wait for the client began, on the loop's clock; None if there is no wait."""
         if self.flow.write_paused:
             return self._unread_since_s
         is_waiting = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused

@@ -42,7 +42,7 @@ class WaitingConnection(Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Time at which it began to wait, on the event loop's clock; None if it does not wait."""
+        """Time at which the connection began to wait, on the event loop's clock; None if it does not wait."""
 
 
 def compute_connection_limit(descriptor_limit: int, printer_count: int, worker_count: int) -> int:
@@ -147,7 +147,7 @@ class BoundedServer(uvicorn.Server):
         """Do nothing: `stop_on_signals` handles signals.
 
         Once its server has ended, uvicorn raises the signal again, which would end the process before it has
-        closed its agents, workers and database. Besides, this process has several servers.
+        ended its workers and closed its database. Besides, this process has several servers.
         """
         yield
 

@@ -17,7 +17,7 @@ _HEADERS = {"x-accel-buffering": "no"}  # tells a proxy not to buffer events
 
 
 class StreamLimit:
-    """Counter of open streams; closing it ends all of them.
+    """Counter of open streams, which ends all of them when it is closed.
 
     Parameters
     ----------

@@ -38,19 +38,19 @@ def clean_name(name: str) -> str:
     return plain_name[-_MAX_NAME_LENGTH:] or "model"
 
 
-def parse_options(options: str) -> JobOptions:
+def parse_options(text: str) -> JobOptions:
     """Parse the options of a submission. Raises FarmError if they are invalid."""
     try:
-        return JobOptions.model_validate_json(options)
+        return JobOptions.model_validate_json(text)
     except ValidationError as error:
-        raise FarmError(f"bad options: {error.errors()[0]['msg']}", ErrorCode.SETTINGS) from error
+        raise FarmError(f"invalid options: {error.errors()[0]['msg']}", ErrorCode.SETTINGS) from error
 
 
 def check_quota(
     quota: UploadsSection,
     name: str,
     size_bytes: int,
-    missing_bytes: Sequence[int],
+    missing_byte_counts: Sequence[int],
     free_bytes: int,
     open_job_count: int,
 ) -> None:
@@ -62,8 +62,8 @@ def check_quota(
         The limits.
     name, size_bytes
         Name of the upload, and its announced size.
-    missing_bytes
-        Bytes of each open upload that have not arrived yet.
+    missing_byte_counts
+        Number of bytes of each open upload that have not arrived yet.
     free_bytes
         Free space on the disk of the state folder.
     open_job_count
@@ -76,20 +76,20 @@ def check_quota(
     """
     if size_bytes > quota.model_gb * _GB:
         raise RefusedError(
-            f"{name} has {size_bytes / _GB:.1f} GB; the largest model may have {quota.model_gb:g} GB: "
+            f"{name} is {size_bytes / _GB:.1f} GB; a model may be at most {quota.model_gb:g} GB: "
             "simplify its mesh, or raise `fleet.uploads.model_gb` in fleet.yaml"
         )
-    if len(missing_bytes) >= quota.at_once:
+    if len(missing_byte_counts) >= quota.at_once:
         raise RefusedError(
-            f"already receiving and checking {format_count(len(missing_bytes), 'model')}: submit {name} "
-            "again in a moment, or raise `fleet.uploads.at_once` in fleet.yaml"
+            f"already receiving and checking {format_count(len(missing_byte_counts), 'model')}: submit "
+            f"{name} again in a moment, or raise `fleet.uploads.at_once` in fleet.yaml"
         )
     if open_job_count >= quota.open_jobs:
         raise RefusedError(
             f"{format_count(open_job_count, 'open job')} already: cancel some with `farm cancel JOB`, or "
             "raise `fleet.uploads.open_jobs` in fleet.yaml"
         )
-    remaining_bytes = free_bytes - sum(missing_bytes) - size_bytes
+    remaining_bytes = free_bytes - sum(missing_byte_counts) - size_bytes
     if quota.free_gb and remaining_bytes < quota.free_gb * _GB:
         raise RefusedError(
             f"{name} would leave {max(0.0, remaining_bytes / _GB):.1f} GB free on the disk of the state "
@@ -163,7 +163,7 @@ class Uploads:
     Parameters
     ----------
     controller
-        The farm, with its limits.
+        Controller of the farm, with the limits on uploads.
     state
         The state folder, in which the uploads are stored.
     workers

@@ -1,4 +1,4 @@
-"""Measurement of the state folder: files of jobs, and free space on its disk. No decisions."""
+"""Measurement of the state folder: files of jobs, and free space on its disk."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _DAY_S = 86400.0
 
 
 def measure_disk(state: StateFolder, books: Books, farm_now_s: float, time_scale: float) -> DiskUse:
-    """Measure the files of jobs and the free space. May run in a thread.
+    """Measure the files of jobs and the free space; safe to call in a thread.
 
     Parameters
     ----------
     state
         The state folder, which exists.
     books
-        The books, for the files that a prune may delete.
+        The books, from which the files that a prune may delete are derived.
     farm_now_s
         Farm time, in seconds.
     time_scale

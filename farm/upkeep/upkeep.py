@@ -83,7 +83,7 @@ class Upkeep:
     # -- background -------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Finish the deletions of an earlier daemon, in the background."""
+        """Begin to finish the deletions of an earlier daemon, in the background."""
         self._start_task(self._finish_deletions())
 
     def clean_up(self, backup: Path) -> None:
@@ -102,7 +102,7 @@ class Upkeep:
         controller.warn("disk", describe_shortage(str(self._state.root), use, self._keep_gb, reserve_gb))
 
     def stop(self) -> None:
-        """Stop the deletions; the next start finishes them."""
+        """Stop the deletions; the next daemon finishes them."""
         for task in self._tasks:
             task.cancel()
 
@@ -148,7 +148,7 @@ class Upkeep:
             return await self._run_upkeep(backup, caller_name)
 
     async def _preview_prune(self, now_s: float) -> api.PruneResponse:
-        """List the files that a run would delete now."""
+        """Compute the response to a prune without deleting anything."""
         books = self._controller.books
         files = await asyncio.to_thread(list_files, self._state.files)
         numbers = self._select_jobs(files, books, now_s)
@@ -176,7 +176,7 @@ class Upkeep:
     async def _run_upkeep(self, backup: Path, caller_name: str) -> api.PruneResponse:
         """Delete expired files and events after a verified backup."""
         started_s = time.monotonic()
-        events = await self._compact_events(backup)
+        events = await self._delete_old_events(backup)
         jobs = await self._prune_jobs(parse_backup_time_s(backup), caller_name)
         freed_bytes = await self._finish_deletions()
         files = await asyncio.to_thread(list_files, self._state.files)
@@ -191,7 +191,7 @@ class Upkeep:
             dry_run=False, jobs=jobs, freed_bytes=freed_bytes, stored_bytes=stored_bytes, events=events
         )
 
-    async def _compact_events(self, backup: Path) -> int:
+    async def _delete_old_events(self, backup: Path) -> int:
         """Delete expired events in batches; return the number of deleted events."""
         now_s = self._controller.clock.now()
         last = self._store.find_last_deletable_number(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
@@ -206,7 +206,7 @@ class Upkeep:
         return deleted_count
 
     async def _prune_jobs(self, backup_s: float, caller_name: str) -> list[api.PrunedJob]:
-        """Record the jobs whose files will be deleted, one by one, with pictures of their parts."""
+        """Record the expired jobs as pruned, one by one, with pictures of their parts; return these jobs."""
         controller = self._controller
         files = await asyncio.to_thread(list_files, self._state.files)
         pruned_jobs = []
@@ -254,10 +254,10 @@ class Upkeep:
     def _list_deletions(
         self, files: dict[str, StoredFile], books: Books
     ) -> list[tuple[frozenset[str], float]]:
-        """List the files to delete, with the age in wall seconds from which they may be deleted.
+        """List sets of files to delete, each with the wall seconds for which its files must be kept.
 
-        Files that no job names are kept for `days`, because they may belong to a database that a person
-        restores.
+        Files that no job names are kept for `fleet.keep.days`, because they may belong to a database that a
+        person restores.
         """
         deletable = list_deletable_files(books)
         unknown = files.keys() - deletable - list_named_files(books)

@@ -10,7 +10,7 @@ from farm.state import Books, PlateState
 
 _PRINTED_STATES = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
-"""Length of the last night in seconds: it ends now, and in the morning it reaches back to the afternoon."""
+"""Length of the last night in seconds. It ends now, so in the morning it begins the previous afternoon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def summarise_job(books: Books, job: Job) -> JobTotals:
 
 
 def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightTotals | None:
-    """Count the prints of the last night; None if no print ended during that night.
+    """Count the prints of the last night; return None if no print ended during that night.
 
     Parameters
     ----------

@@ -25,9 +25,9 @@ class ViewContext:
     state: StateFolder
     now_s: float
     ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
-    forecast_s: float = -math.inf  # time at which the forecast was computed
+    forecast_computed_s: float = -math.inf
     awaits_forecast: bool = False  # whether the first forecast of a large queue is not ready yet
-    is_started: bool = True  # whether the farm has been running long enough for printers to connect
+    is_startup_over: bool = True  # whether the farm has been running long enough for printers to connect
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # by job, while it is being planned
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
     plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # current holds of waiting plates
@@ -52,7 +52,7 @@ class ViewContext:
     @property
     def forecast_at(self) -> str | None:
         """Time of the forecast as ISO 8601; None before the first forecast."""
-        return self.format_time(self.forecast_s) if math.isfinite(self.forecast_s) else None
+        return self.format_time(self.forecast_computed_s) if math.isfinite(self.forecast_computed_s) else None
 
     def find_snapshot(self, printer: str) -> AgentSnapshot:
         """Return the latest snapshot of a printer's agent."""

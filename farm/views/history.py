@@ -30,7 +30,7 @@ def select_shown_jobs(books: Books) -> list[Job]:
 
 
 def describe_night(context: ViewContext) -> api.NightView | None:
-    """Describe the last night; None if no print ended in it."""
+    """Describe the last night; return None if no print ended in it."""
     night = summarise_night(context.books, context.books.prints.values(), context.now_s)
     if night is None:
         return None
@@ -56,7 +56,7 @@ def list_history(
         if attempt.state.ended and job in (None, attempt.job) and printer in (None, attempt.printer)
     ]
     ended_prints.sort(key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))
-    return [describe_ended_print(context, attempt) for attempt in ended_prints[-max_count:]]
+    return [make_history_row(context, attempt) for attempt in ended_prints[-max_count:]]
 
 
 def list_prints(
@@ -75,7 +75,7 @@ def list_prints(
 
 
 def _make_print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
-    row = api.PrintRow(**dict(describe_ended_print(context, attempt)), id=attempt.id, plate=attempt.plate)
+    row = api.PrintRow(**dict(make_history_row(context, attempt)), id=attempt.id, plate=attempt.plate)
     if not attempt.state.ended and attempt.started_s is not None:
         row.took_s = max(0.0, context.now_s - attempt.started_s)
     return row
@@ -108,8 +108,8 @@ def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:
     )
 
 
-def describe_ended_print(context: ViewContext, attempt: Print) -> api.HistoryRow:
-    """Describe a print with its time and filament, which are final once it has ended."""
+def make_history_row(context: ViewContext, attempt: Print) -> api.HistoryRow:
+    """Make the history row of a print, whose time and filament are final once the print has ended."""
     plate, job = context.books.plates[attempt.plate], context.books.jobs[attempt.job]
     return api.HistoryRow(
         **dict(describe_print(context, attempt)),

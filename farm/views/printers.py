@@ -57,7 +57,7 @@ def describe_printer(
 
 
 def describe_feature_factors(entry: Printer) -> api.FeatureFactorsView | None:
-    """Describe the time factors of a printer by feature; None before enough prints have ended."""
+    """Describe the time factors of a printer by feature; return None before enough prints have ended."""
     factors = entry.feature_factors
     return None if factors is None else api.FeatureFactorsView(**dict(factors))
 

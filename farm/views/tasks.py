@@ -80,7 +80,7 @@ def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
         yield api.Todo(code="farm", printers=[], text=text)
     for number, progress in context.progress.items():
         if progress.step is PlanStep.NO_ROOM:
-            text = f"free space on the disk of {context.state.root}: job {number} waits for it"
+            text = f"free some space on the disk of {context.state.root}: job {number} waits for it"
             yield api.Todo(code="farm", printers=[], text=text, jobs=[number])
 
 
@@ -99,7 +99,7 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
         "then `farm resume`"
     )
     text += "".join(_format_good_command(context, name) for name in outage.printers)
-    good = {name: part for name in outage.printers if (part := _find_whole_part(context, name))}
+    good = {name: part for name in outage.printers if (part := _find_possibly_good_part(context, name))}
     return api.Todo(code="outage", printers=list(outage.printers), text=text, good=good)
 
 
@@ -155,7 +155,7 @@ def _describe_inspection(context: ViewContext, printer: Printer, reason: str) ->
         since = TextTime(text=format_recent_moment(moment, now), at=moment.isoformat("T", "seconds"))
         since_text, times = f" ({since.text})", [since]
     text = f"inspect {name}: {reason}; then `farm cleared {name}`{question}"
-    whole = _find_whole_part(context, name)
+    whole = _find_possibly_good_part(context, name)
     brief = f"{name}: {reason}{since_text}{question}"
     good = {} if whole is None else {name: whole}
     return api.Todo(code="look", printers=[name], text=text, brief=brief, good=good, times=times)
@@ -163,7 +163,7 @@ def _describe_inspection(context: ViewContext, printer: Printer, reason: str) ->
 
 def _is_absent(context: ViewContext, snapshot: AgentSnapshot) -> bool:
     is_connecting = snapshot.link in (Link.STARTING, Link.CONNECTING)
-    return snapshot.link is Link.ABSENT or (is_connecting and context.is_started)
+    return snapshot.link is Link.ABSENT or (is_connecting and context.is_startup_over)
 
 
 def _needs_clearing(context: ViewContext, printer: str) -> bool:
@@ -172,14 +172,14 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
     return is_available and entry.bed is not Bed.CLEAR
 
 
-def _find_whole_part(context: ViewContext, printer: str) -> str | None:
+def _find_possibly_good_part(context: ViewContext, printer: str) -> str | None:
     """Return the name of the part that a failed print left on a bed; None if the part cannot be good."""
     attempt = find_possibly_complete_print(context.books, printer)
     return None if attempt is None else find_part_name(context.books, attempt)
 
 
 def _sort_by_gluing_order(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
-    """Sort printers by the gluing order of their parts; return them, and their names with the parts."""
+    """Return printers in the gluing order of their parts, and their names, each with the part."""
     part_by_printer = {name: _find_part_on_bed(context.books, name) for name in printers}
     unknown_rank = (math.inf, 0, 0)
 
@@ -199,8 +199,8 @@ def _find_part_on_bed(books: Books, printer: str) -> Part | None:
 
 
 def _format_good_command(context: ViewContext, printer: str) -> str:
-    """Format the command that reports the part of a failed print as good; empty if it cannot be good."""
-    part = _find_whole_part(context, printer)
+    """Format the command that reports the part of a failed print as good; return no text if it cannot be."""
+    part = _find_possibly_good_part(context, printer)
     return (
         ""
         if part is None

@@ -14,7 +14,7 @@ from farm.http import BoundedServer, WaitingConnection, find_longest_waiting_con
 
 _SHARE_DIVISOR = 4  # one address may have a quarter of all connections
 _MIN_CONNECTIONS = 4
-_SITE_BITS = 64  # length of an IPv6 prefix; one client may have all addresses with the same prefix
+_IPV6_PREFIX_BITS = 64  # one client may have all addresses with the same prefix
 
 
 def find_client_network(host: str) -> str | None:
@@ -40,7 +40,7 @@ def find_client_network(host: str) -> str | None:
         return None
     if isinstance(address, ipaddress.IPv4Address):
         return str(address)
-    return str(ipaddress.ip_network((address, _SITE_BITS), strict=False))
+    return str(ipaddress.ip_network((address, _IPV6_PREFIX_BITS), strict=False))
 
 
 class AddressLimitedServer(BoundedServer):
@@ -62,7 +62,7 @@ class AddressLimitedServer(BoundedServer):
         self._address_limit = max(_MIN_CONNECTIONS, limit // _SHARE_DIVISOR)
 
     async def make_room(self, connection: socket.socket) -> None:
-        """Wait until the limit of the address, then the total limit, allows a new connection.
+        """Make room for a new connection within the limit of its address, then within the total limit.
 
         Raises
         ------

@@ -27,7 +27,7 @@ from farm.http import (
     add_routes,
     describe_farm,
     identify_caller,
-    make_problem,
+    make_problem_response,
 )
 from farm.views.report import load_templates as load_report_templates
 from farm.web.access import LIVENESS_PATH, METRICS_PATH, SCHEMA_PAGE_PATH, SCHEMA_PATH, find_role, is_public
@@ -122,10 +122,10 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
         return HTMLResponse(page, headers={"content-security-policy": POLICY})
 
     cookie = SessionCookie.for_section(services.controller.fleet.web)
-    callers = CallerFinder(services, cookie)
-    app.include_router(make_login_routes(services, cookie, callers))
+    caller_finder = CallerFinder(services, cookie)
+    app.include_router(make_login_routes(services, cookie, caller_finder))
     _add_page_routes(app, services, dry_runs)
-    return Guard(app, services, names, cookie, callers)
+    return Guard(app, services, names, cookie, caller_finder)
 
 
 def _add_page_routes(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
@@ -167,7 +167,7 @@ class Guard:
         Names of this host in lower case.
     cookie
         Cookie of the sessions.
-    callers
+    caller_finder
         Finder of the caller of a request.
     """
 
@@ -177,11 +177,11 @@ class Guard:
         services: Services,
         names: Collection[str],
         cookie: SessionCookie,
-        callers: CallerFinder,
+        caller_finder: CallerFinder,
     ) -> None:
         self._app, self._names, self._cookie = app, names, cookie
         self._controller, self._uses_s = services.controller, services.key_uses_s
-        self._callers = callers
+        self._caller_finder = caller_finder
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":  # the farm has no web sockets
@@ -211,7 +211,7 @@ class Guard:
         if is_slicer_path(path):
             return make_text_response(refusal.text, refusal.status)
         if "text/html" not in headers.get("accept", ""):
-            return make_problem(refusal.text, ErrorCode.REFUSED, ExitCode.REFUSED, refusal.status)
+            return make_problem_response(refusal.text, ErrorCode.REFUSED, ExitCode.REFUSED, refusal.status)
         lacks_session = refusal.status == 401
         text = "You are not logged in, or your session has ended." if lacks_session else refusal.text
         page = render_message(self._controller.fleet.fleet.name, text, lacks_session)
@@ -221,13 +221,13 @@ class Guard:
         return response
 
     def _is_valid(self, caller: KeyHolder | Visitor) -> bool:
-        """Return whether a caller's key or session is valid with the same role; if not, its streams end."""
+        """Return whether a caller's key or session is still valid with the same role; if not, streams end."""
         if isinstance(caller, Visitor):
             return True
         key = self._controller.books.keys.get(caller.key.id)
         if key is None or not key.is_valid(self._controller.clock.now()):
             return False
-        return self._callers.find_role(key) is caller.role
+        return self._caller_finder.find_role(key) is caller.role
 
     def _check_request(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
         """Identify the caller and check its role; return the caller or a refusal."""
@@ -247,7 +247,7 @@ class Guard:
             # slicers are not browsers
             refusal = None if is_slicer_path(path) else check_session_origin(method, *site)
             return refusal or Visitor(address)
-        holder = self._callers.find(headers, address)
+        holder = self._caller_finder.find(headers, address)
         if isinstance(holder, Refusal):
             return holder
         needed_role = find_role(method, path)
@@ -260,6 +260,6 @@ class Guard:
             refusal = check_session_origin(method, *site)
             if refusal is not None:
                 return refusal
-            self._callers.extend_session(key)
+            self._caller_finder.extend_session(key)
         self._uses_s[key.id] = self._controller.clock.now()
         return holder

@@ -74,7 +74,7 @@ def check_origin(method: str, host: str | None, origin: str | None, fetch_site: 
 
 
 def check_session_origin(method: str, origin: str | None, fetch_site: str | None) -> Refusal | None:
-    """Check that a request with an unsafe method and a session names its site, as those of browsers do.
+    """Check that a request with an unsafe method and a session states its origin, as browsers do.
 
     `check_origin` has compared the site. Without this check, a form from another site would be accepted
     from a browser that sends neither header.

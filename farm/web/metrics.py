@@ -74,7 +74,7 @@ def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
     )
     yield _make_gauge(
         "farm_plates_waiting",
-        "Waiting plates by the reason, `none` for a plate that is about to start.",
+        "Waiting plates by reason; `none` for plates that are about to start.",
         ("code",),
         (((code,), number) for code, number in holds.items()),
     )
@@ -154,7 +154,7 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
     )
     yield _make_printer_gauge(
         "farm_printer_time_factor",
-        "Ratio of the actual to the expected time of its layers.",
+        "Ratio of the actual to the expected time of a printer's layers.",
         printers,
         lambda printer: printer.time_factor,
     )

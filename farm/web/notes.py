@@ -30,7 +30,7 @@ class Reader:
 
     @classmethod
     def for_holder(cls, holder: KeyHolder) -> Reader:
-        """Make the reader who has a key or a session."""
+        """Return the reader for the holder of a key or a session."""
         return cls(holder.name, holder.role, holder.has_session)
 
     def has_role(self, role: str) -> bool:

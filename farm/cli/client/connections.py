@@ -49,7 +49,7 @@ Address = Path | NetworkAddress
 class SocketConnection(HTTPConnection):
     """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if the response is incomplete.
 
-    It uses the HTTP client of the standard library, because its import is fast.
+    It uses the HTTP client of the standard library, which is fast to import.
     """
 
     def __init__(self, path: Path, connect_timeout_s: float, response_timeout_s: float) -> None:

@@ -27,7 +27,7 @@ from farm.text import describe_first_error
 View = TypeVar("View", bound=BaseModel)
 CONNECT_TIMEOUT_S, RESPONSE_TIMEOUT_S = 5.0, 60.0
 SUBMISSION_TIMEOUT_S = 86400.0
-"""Seconds to wait for the response to a submission, before which a large broken model is repaired.
+"""Seconds to wait for the response to a submission, because the repair of a large model may take hours.
 
 The client polls the progress while it waits."""
 _POLL_INTERVAL_S = 0.5
@@ -320,7 +320,7 @@ def _make_advice(address: Address) -> str:
 
 def _make_version_error(problem: object) -> FarmError:
     return FarmError(
-        f"the daemon has another version than this command ({problem}): end it with SIGTERM, which ends "
+        f"the daemon has a different version from this command ({problem}): end it with SIGTERM, which ends "
         "no print, and start it again with `farm up`"
     )
 

@@ -41,11 +41,11 @@ def estop(
         list[str] | None,
         typer.Argument(help="The printers to stop; default: all.", autocompletion=completion.printers),
     ] = None,
-    asked: Annotated[bool, typer.Option("--asked", hidden=True)] = False,
+    serves_request: Annotated[bool, typer.Option("--asked", hidden=True)] = False,
     json: Json = False,
 ) -> None:
     """Stop printers at once by resetting their boards, even if the daemon and the agents hang."""
-    if asked:
+    if serves_request:
         serve_request(sys.stdin, sys.stdout, partial(stop_all, paths))
         return
     outcomes: list[StopReport] = []
@@ -86,7 +86,7 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: ReportCallback) 
         raise fleet_error
     names = list(printers)
     used_targets = {name: targets[name] for name in names or targets if name in targets}
-    report = serialise_reports(report)
+    report = synchronise_reports(report)
     hot_printers, moving_printers = [], []
     for result in _run_stops(used_targets, report):
         report(_describe_outcome(result, start_s))
@@ -163,8 +163,8 @@ def print_report(line: StopReport) -> None:
     sys.stdout.flush()
 
 
-def serialise_reports(report: ReportCallback) -> ReportCallback:
-    """Return `report` with a lock, for calls from several threads."""
+def synchronise_reports(report: ReportCallback) -> ReportCallback:
+    """Return a function that calls `report` under a lock, so that several threads may call it."""
     lock = Lock()
 
     def report_with_lock(line: StopReport) -> None:

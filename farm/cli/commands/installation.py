@@ -36,7 +36,7 @@ def discover(
     """List the plugged-in serial ports and their printers, without opening any of them."""
     sections = _load_printers(paths)
     if commission is not None:
-        _commission(paths, sections, commission, yes)
+        _commission_printer(paths, sections, commission, yes)
         return
     from drivers.discovery import list_plugged_devices  # slow to load
 
@@ -70,7 +70,7 @@ def discover(
 
 
 def _load_printers(paths: FarmPaths) -> tuple[PrinterSection, ...]:
-    """Load the printers of the fleet file; none if there is no file yet."""
+    """Load the printers of the fleet file; return no printers if there is no file yet."""
     if not paths.fleet.exists():
         return ()
     return load_fleet(paths.fleet, frozenset(PROFILES)).printers
@@ -95,7 +95,9 @@ def _format_entry(name: str, model: str, port: str) -> str:
     return f'  - {{name: {name}, model: {model}, port: "{port}"}}'
 
 
-def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], target: str, yes: bool) -> None:
+def _commission_printer(
+    paths: FarmPaths, sections: tuple[PrinterSection, ...], target: str, yes: bool
+) -> None:
     """Reset the board of an idle printer and check that it restarts, through its agent if one is running."""
     from drivers.discovery import verify_reset, verify_reset_through_agent
 

@@ -78,7 +78,7 @@ def status(
     """Show what you have to do now, the printers, the jobs, and why each waiting plate waits."""
     client = connect(paths)
     if watch and not json:
-        _watch(client, job)
+        _watch_status(client, job)
     elif job is not None:
         response = client.fetch_job(job)
         print_json(response) if json else show_job(response.job)
@@ -94,8 +94,8 @@ def _show_farm(client: Client, as_json: bool) -> None:
     screen.print(render_status(client.fetch_status_summary(), read_terminal_width(screen)))
 
 
-def _watch(client: Client, number: int | None) -> None:
-    """Refresh the page every second until Ctrl-C, and leave the last page on the terminal."""
+def _watch_status(client: Client, number: int | None) -> None:
+    """Refresh the status page every second until Ctrl-C, and leave the last page on the terminal."""
     screen = open_console()
 
     def draw(height: int | None) -> RenderableType:

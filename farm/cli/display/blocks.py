@@ -39,10 +39,10 @@ def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
     The last line of a shortened block tells how many lines are left out.
     """
     line_counts = [len(block.lines) for block in blocks]
-    sorted_by_rank = sorted(range(len(blocks)), key=lambda i: blocks[i].rank, reverse=True)
+    shortening_order = sorted(range(len(blocks)), key=lambda i: blocks[i].rank, reverse=True)
     if height is not None:
         for min_counts in ([block.min_lines for block in blocks], [0] * len(blocks)):
-            for i in sorted_by_rank:
+            for i in shortening_order:
                 excess = max(0, sum(line_counts) - height)
                 line_counts[i] = max(min(line_counts[i], min_counts[i]), line_counts[i] - excess)
     lines = []

@@ -88,7 +88,7 @@ def _summarise_assembly(report: dict[str, Any]) -> list[str]:
 
 
 def _summarise_warnings(report: dict[str, Any]) -> list[str]:
-    """Summarise the first three warnings in one line; no line if there are none."""
+    """Summarise the first three warnings in one line; return no line if there are none."""
     unstable_parts = [part["id"] for part in report["parts"] if not part["stands"]]
     warnings = [
         *(f"{fault['part']} {fault['what']}" for fault in report["faults"]),

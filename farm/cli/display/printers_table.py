@@ -78,7 +78,7 @@ def _format_reel(reel: api.Reel) -> str:
 
 
 def _format_action(printer: api.PrinterView) -> str:
-    """Describe the action that a user must take before the next print, or name the job that reserves it."""
+    """Describe the action that the printer needs before its next print, or name the job that reserves it."""
     if printer.state == PrintState.PAUSED:
         return "resume"
     if printer.print is not None:

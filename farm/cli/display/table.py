@@ -103,7 +103,7 @@ def _wrap_lines(text: Text, width: int) -> list[Text]:
 def _fit_widths(
     columns: Sequence[Column], full_widths: Sequence[int], empty_flags: Sequence[bool], width: int
 ) -> list[int] | None:
-    """Choose the width of each column, 0 to leave it out; None if the columns of rank 0 are too wide."""
+    """Choose the width of each column, 0 to leave it out; return None if those of rank 0 are too wide."""
     min_widths = [
         full_width if c.min_width is None else min(full_width, c.min_width)
         for c, full_width in zip(columns, full_widths, strict=True)

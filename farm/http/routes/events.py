@@ -28,7 +28,7 @@ def make_event_routes(services: Services) -> APIRouter:
     """Return the route of the event log."""
     router, controller, streams = APIRouter(), services.controller, services.streams
 
-    def describe_rows(rows: Sequence[EventRow]) -> str:
+    def format_rows(rows: Sequence[EventRow]) -> str:
         books, zone = controller.books, controller.fleet.zone
         return "".join(_format_event(describe_event(books, zone, row)) for row in rows) or _HEARTBEAT
 
@@ -61,7 +61,7 @@ def make_event_routes(services: Services) -> APIRouter:
         async def stream_events() -> AsyncIterator[str]:
             yield _RETRY_FIELD
             async for rows in streams.follow(after, is_allowed, wait):
-                yield describe_rows(rows)
+                yield format_rows(rows)
 
         return StreamResponse(stream_events(), streams.count_stream(caller_name))
 

@@ -24,7 +24,7 @@ def make_file_routes(services: Services) -> APIRouter:
 
     @router.get("/jobs/{number}/files")
     async def list_files(number: int) -> api.JobFiles:
-        names = name_stored_files(controller.books, number)
+        names = map_stored_files(controller.books, number)
         rows = await asyncio.to_thread(_list_existing_files, services.state.files, names)
         return api.JobFiles(job=number, files=rows)
 
@@ -36,8 +36,8 @@ def make_file_routes(services: Services) -> APIRouter:
     return router
 
 
-def name_stored_files(books: Books, number: int) -> dict[str, str]:
-    """Return the stored files of a job by their names. Raises NotFoundError for an unknown job."""
+def map_stored_files(books: Books, number: int) -> dict[str, str]:
+    """Return the name in the store of each file of a job, by the file's name. Raises NotFoundError."""
     job = books.get_job(number)
     names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.list_plates(job))
     if job.pruned_s is None:
@@ -60,14 +60,14 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
     number
         Number of the job.
     name
-        One of `name_stored_files`; it is never used as a path.
+        One of the names in `map_stored_files`; it is never used as a path.
 
     Raises
     ------
     NotFoundError
         If there is no such job, or it no longer has the file.
     """
-    file_name = name_stored_files(services.controller.books, number).get(name)
+    file_name = map_stored_files(services.controller.books, number).get(name)
     if file_name is not None and await asyncio.to_thread((path := services.state.files / file_name).is_file):
         return path
     raise NotFoundError(f"job {number} has no file {name!r}: it may have been pruned")

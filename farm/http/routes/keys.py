@@ -16,7 +16,7 @@ from farm.views import list_keys
 
 
 def make_key_routes(services: Services, keys: KeyCommands) -> APIRouter:
-    """Return the routes of keys, and of the requests of programs for keys."""
+    """Return the routes of keys, and of programs' requests for keys."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/keys")

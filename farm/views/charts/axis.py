@@ -35,7 +35,7 @@ class TimeAxis:
         return self.left + self.width * min(1.0, max(0.0, (at_s - self.begin_s) / span_s))
 
     def list_marks(self, max_marks: int = 10) -> list[TimeMark]:
-        """List marks at round times of the zone; the first mark and those at midnight show the weekday."""
+        """List marks at round local times; the first mark and those at midnight show the weekday."""
         marks, has_day = [], False
         for moment in self.list_times(max_marks):
             shows_day = not has_day or (moment.hour, moment.minute) == (0, 0)
@@ -50,7 +50,7 @@ class TimeAxis:
         return marks
 
     def list_times(self, max_times: int) -> Iterator[datetime]:
-        """Yield about `max_times` round times of the zone at most, in ascending order."""
+        """Yield round local times in ascending order, at most about `max_times`."""
         span_s = max(_MIN_SPAN_S, self.end_s - self.begin_s)
         step_s = next((step for step in _STEPS_S if span_s / step <= max_times), _STEPS_S[-1])
         step = timedelta(seconds=step_s)

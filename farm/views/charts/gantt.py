@@ -14,7 +14,7 @@ from farm.text import format_moment
 from farm.views.charts.axis import TimeAxis, TimeMark
 
 # lengths in px; a time label needs half its width at the right
-_WIDTH, _ROW_HEIGHT, _LEFT, _RIGHT, _TOP = 1040, 22, 150, 36, 24
+_WIDTH, _ROW_HEIGHT, _LEFT_MARGIN, _RIGHT_MARGIN, _TOP_MARGIN = 1040, 22, 150, 36, 24
 _MAX_MARKS = 8  # approximate number of time marks
 _OTHER_JOB = "another job"
 EXPECTED_KIND = "expected"
@@ -87,8 +87,8 @@ class Gantt:
     rows: tuple[Row, ...]
     legend_kinds: tuple[str, ...]
     width: int = _WIDTH
-    names_width: int = _LEFT - 40
-    top: int = _TOP
+    names_width: int = _LEFT_MARGIN - 40
+    top: int = _TOP_MARGIN
     bar_height: int = _ROW_HEIGHT - 5
 
 
@@ -139,13 +139,14 @@ def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar
 
 
 def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
-    """Lay out bars over the time span of the bars of the job; None if there are no bars."""
+    """Lay out bars over the time span of the bars of the job; return None if there are no bars."""
     if not bars:
         return None
     job_bars = [bar for bar in bars if bar.kind != _OTHER_JOB]
     first, last = min(bar.start for bar in job_bars), max(bar.end for bar in job_bars)
     zone = first.tzinfo or UTC
-    axis = TimeAxis(first.timestamp(), last.timestamp(), _LEFT, _WIDTH - _LEFT - _RIGHT, zone)
+    width = _WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN
+    axis = TimeAxis(first.timestamp(), last.timestamp(), _LEFT_MARGIN, width, zone)
 
     def lay_out_bar(bar: Bar) -> Box:
         x = axis.compute_x(bar.start.timestamp())
@@ -154,14 +155,14 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
     rows = tuple(
         Row(
             printer,
-            _TOP + _ROW_HEIGHT * number,
+            _TOP_MARGIN + _ROW_HEIGHT * number,
             tuple(lay_out_bar(bar) for bar in bars if bar.printer == printer),
         )
         for number, printer in enumerate(sorted({bar.printer for bar in bars}))
     )
     kinds = {bar.kind for bar in bars}
     return Gantt(
-        height=_TOP + _ROW_HEIGHT * len(rows) + 4,
+        height=_TOP_MARGIN + _ROW_HEIGHT * len(rows) + 4,
         marks=tuple(
             TimeMark(
                 axis.compute_x(moment.timestamp()),

@@ -9,8 +9,8 @@ from datetime import tzinfo
 from farm.model import Temperatures
 from farm.views.charts.axis import TimeAxis, TimeMark
 
-_WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 960.0, 220.0, 64.0, 10.0, 24.0  # lengths in px
-_MIN_TOP_C, _STEP_C = 100, 50
+_WIDTH, _HEIGHT, _LEFT_MARGIN, _TOP_MARGIN, _BOTTOM_MARGIN = 960.0, 220.0, 64.0, 10.0, 24.0  # lengths in px
+_MIN_AXIS_END_C, _MARK_INTERVAL_C = 100, 50
 _TABLE_ROWS = 24
 """Approximate number of readings in the table, which is for readers who cannot see the chart."""
 
@@ -20,7 +20,7 @@ Points = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Curve of the chart, in several pieces if the printer did not answer for a time."""
+    """Curve of the chart, in several pieces if the printer did not answer for some time."""
 
     name: str
     kind: str
@@ -46,7 +46,7 @@ class TemperatureChart:
     ----------
     degree_marks
         Marks of the vertical axis: y, and degrees Celsius.
-    since
+    start
         Time of the first reading.
     """
 
@@ -54,19 +54,19 @@ class TemperatureChart:
     marks: tuple[TimeMark, ...]
     degree_marks: tuple[tuple[float, int], ...]
     rows: tuple[TemperatureRow, ...]
-    since: str
+    start: str
     max_temperature_c: int
     width: float = _WIDTH
     height: float = _HEIGHT
-    left: float = _LEFT
-    top: float = _TOP
-    bottom: float = _HEIGHT - _BOTTOM
+    left: float = _LEFT_MARGIN
+    top: float = _TOP_MARGIN
+    bottom: float = _HEIGHT - _BOTTOM_MARGIN
 
 
 def lay_out_temperatures(
     readings: Sequence[Temperatures], now_s: float, zone: tzinfo, format_time: Callable[[float], str]
 ) -> TemperatureChart | None:
-    """Lay out temperatures from the first reading until now; None if no reading has a value.
+    """Lay out temperatures from the first reading until now; return None if no reading has a value.
 
     Parameters
     ----------
@@ -85,13 +85,17 @@ def lay_out_temperatures(
     if not known_readings:
         return None
     max_temperature_c = max(max(reading.nozzle_c or 0, reading.bed_c or 0) for reading in known_readings)
-    top_c = max(_MIN_TOP_C, -(-(max_temperature_c + 10) // _STEP_C) * _STEP_C)
+    top_c = max(_MIN_AXIS_END_C, -(-(max_temperature_c + 10) // _MARK_INTERVAL_C) * _MARK_INTERVAL_C)
     axis = TimeAxis(
-        known_readings[0].at_s, max(now_s, known_readings[-1].at_s), _LEFT, _WIDTH - _LEFT - 20.0, zone
+        known_readings[0].at_s,
+        max(now_s, known_readings[-1].at_s),
+        _LEFT_MARGIN,
+        _WIDTH - _LEFT_MARGIN - 20.0,
+        zone,
     )
 
     def compute_y(degrees_c: float) -> float:
-        return _TOP + (_HEIGHT - _TOP - _BOTTOM) * (1.0 - max(0.0, degrees_c) / top_c)
+        return _TOP_MARGIN + (_HEIGHT - _TOP_MARGIN - _BOTTOM_MARGIN) * (1.0 - max(0.0, degrees_c) / top_c)
 
     def lay_out_curve(read_value: Callable[[Temperatures], int | None]) -> tuple[Points, ...]:
         values = ((axis.compute_x(reading.at_s), read_value(reading)) for reading in readings)
@@ -106,9 +110,11 @@ def lay_out_temperatures(
             Curve("bed, target", "bed target", lay_out_curve(lambda reading: reading.bed_target_c)),
         ),
         marks=tuple(axis.list_marks()),
-        degree_marks=tuple((compute_y(degrees_c), degrees_c) for degrees_c in range(0, top_c + 1, _STEP_C)),
+        degree_marks=tuple(
+            (compute_y(degrees_c), degrees_c) for degrees_c in range(0, top_c + 1, _MARK_INTERVAL_C)
+        ),
         rows=tuple(_make_row(reading, format_time) for reading in reversed(known_readings[::-step])),
-        since=format_time(known_readings[0].at_s),
+        start=format_time(known_readings[0].at_s),
         max_temperature_c=max_temperature_c,
     )
 

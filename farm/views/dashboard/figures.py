@@ -102,5 +102,5 @@ def group_figures(
 
 
 def name_month(attempt: Print, zone: tzinfo) -> str:
-    """Name the month in which a print ended, such as 2026-11; empty if it is open."""
+    """Name the month in which a print ended, such as 2026-11; return an empty text for an open print."""
     return "" if attempt.ended_s is None else f"{datetime.fromtimestamp(attempt.ended_s, zone):%Y-%m}"

@@ -78,7 +78,7 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
 
 
 def _list_started_prints(context: ViewContext, since_s: float) -> Iterator[TimelinePrint]:
-    """Yield the prints that have not ended before a time; an open print lasts until its expected end."""
+    """Yield the prints, except those that ended before a time; an open print lasts until its expected end."""
     for attempt in context.books.prints.values():
         if attempt.state.ended and (attempt.started_s is None or (attempt.ended_s or 0.0) < since_s):
             continue

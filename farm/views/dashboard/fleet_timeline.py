@@ -13,7 +13,7 @@ from farm.views.dashboard.fleet_plan import PLANNED_KIND, FleetPlan, TimelinePri
 from farm.views.dashboard.what_if import Change, JobShift, try_change
 from farm.views.jobs import count_waiting_plates
 
-_WIDTH, _ROW_HEIGHT, _LEFT, _RIGHT, _TOP = 1200, 30, 110, 30, 44  # lengths in px
+_WIDTH, _ROW_HEIGHT, _LEFT_MARGIN, _RIGHT_MARGIN, _TOP_MARGIN = 1200, 30, 110, 30, 44  # lengths in px
 _BAR_HEIGHT = 22
 _CHARACTER_WIDTH = 7.0  # approximate width of a character, px
 _MARGIN_S = 1800.0  # time before the first print and after the last print
@@ -71,8 +71,8 @@ class Chart:
     height: int
     kinds: tuple[tuple[str, str], ...]
     width: int = _WIDTH
-    left: int = _LEFT
-    top: int = _TOP
+    left: int = _LEFT_MARGIN
+    top: int = _TOP_MARGIN
     bar_height: int = _BAR_HEIGHT
 
 
@@ -183,13 +183,13 @@ def describe_fleet_timeline(
     )
 
 
-def _make_shift(context: ViewContext, shift: JobShift) -> Shift:
+def _make_shift(context: ViewContext, job_shift: JobShift) -> Shift:
     return Shift(
-        job=shift.job.id,
-        name=shift.job.name,
-        end=context.format_time(shift.end_s),
-        new_end=context.format_time(shift.new_end_s),
-        delay_s=shift.delay_s,
+        job=job_shift.job.id,
+        name=job_shift.job.name,
+        end=context.format_time(job_shift.end_s),
+        new_end=context.format_time(job_shift.new_end_s),
+        delay_s=job_shift.delay_s,
     )
 
 
@@ -201,7 +201,7 @@ def _lay_out_chart(context: ViewContext, situation: Situation, plan: FleetPlan, 
     )
     begin_s = max(since_s, min(first_s, context.now_s - _MARGIN_S))
     end_s = min(max(last_s, begin_s + _MIN_SPAN_S), context.now_s + _MAX_SPAN_S)
-    axis = TimeAxis(begin_s, end_s, _LEFT, _WIDTH - _LEFT - _RIGHT, context.fleet.zone)
+    axis = TimeAxis(begin_s, end_s, _LEFT_MARGIN, _WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN, context.fleet.zone)
     rows = []
     names = dict.fromkeys([*context.fleet.names, *(timeline_print.printer for timeline_print in plan.prints)])
     for number, name in enumerate(names):
@@ -213,7 +213,7 @@ def _lay_out_chart(context: ViewContext, situation: Situation, plan: FleetPlan, 
         rows.append(
             Row(
                 name,
-                _TOP + _ROW_HEIGHT * number,
+                _TOP_MARGIN + _ROW_HEIGHT * number,
                 tuple(_lay_out_bar(context, axis, timeline_print) for timeline_print in bars),
             )
         )
@@ -225,7 +225,7 @@ def _lay_out_chart(context: ViewContext, situation: Situation, plan: FleetPlan, 
         attended_bands=_lay_out_bands(axis, list_spans(rules.attended_hours, begin_s, end_s)),
         quiet_bands=_lay_out_bands(axis, list_spans(rules.quiet_hours, begin_s, end_s)),
         now_x=axis.compute_x(context.now_s),
-        height=_TOP + _ROW_HEIGHT * len(rows) + 4,
+        height=_TOP_MARGIN + _ROW_HEIGHT * len(rows) + 4,
         kinds=tuple((kind, sign) for kind, sign in SIGNS.items() if kind in kinds),
     )
 

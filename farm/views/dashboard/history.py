@@ -8,7 +8,7 @@ from farm import api
 from farm.model import Job, JobState, Print
 from farm.views.context import ViewContext
 from farm.views.dashboard.figures import Figures, group_figures, name_month, sum_figures
-from farm.views.history import describe_ended_print
+from farm.views.history import make_history_row
 from farm.views.jobs import measure_times
 from farm.wording import describe_material
 
@@ -68,9 +68,9 @@ class HistoryView:
     history_filter: HistoryFilter
     printers: tuple[str, ...]
     total: Figures
-    by_printer: list[Figures]
-    by_material: list[Figures]
-    by_month: list[Figures]
+    figures_by_printer: list[Figures]
+    figures_by_material: list[Figures]
+    figures_by_month: list[Figures]
     jobs: list[JobOutcome]
     rows: list[api.HistoryRow]
     hidden_count: int
@@ -103,15 +103,15 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
             sorted({*context.fleet.names, *(attempt.printer for attempt in books.prints.values())})
         ),
         total=sum_figures("all", prints, books.plates),
-        by_printer=group_figures(prints, books.plates, lambda attempt: attempt.printer),
-        by_material=group_figures(
+        figures_by_printer=group_figures(prints, books.plates, lambda attempt: attempt.printer),
+        figures_by_material=group_figures(
             prints,
             books.plates,
             lambda attempt: _name_material(context, books.plates[attempt.plate].material),
         ),
-        by_month=group_figures(prints, books.plates, lambda attempt: name_month(attempt, zone)),
+        figures_by_month=group_figures(prints, books.plates, lambda attempt: name_month(attempt, zone)),
         jobs=[_describe_outcome(context, job) for job in jobs[:max_rows]],
-        rows=[describe_ended_print(context, attempt) for attempt in reversed(shown_prints)],
+        rows=[make_history_row(context, attempt) for attempt in reversed(shown_prints)],
         hidden_count=len(prints) - len(shown_prints),
     )
 

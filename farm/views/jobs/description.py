@@ -174,7 +174,7 @@ def _find_exit_code(job: Job) -> ExitCode:
 
 
 def sum_prices(plates: Iterable[Plate]) -> float | None:
-    """Add up the prices of plates; None if the price of a plate is unknown."""
+    """Add up the prices of plates; return None if the price of a plate is unknown."""
     prices = [plate.price for plate in plates]
     known_prices = [price for price in prices if price is not None]
     return sum(known_prices) if prices and len(known_prices) == len(prices) else None

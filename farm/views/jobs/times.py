@@ -27,7 +27,7 @@ class Run:
     printers
         Printers on which it was printed.
     is_open
-        True while the job is printed.
+        True while the job is being printed.
     """
 
     started_s: float
@@ -126,7 +126,7 @@ def _compute_utilisation(
     runs: Sequence[Run],
     makespan_s: float,
 ) -> float | None:
-    """Return the share of the available time of the printers in all runs that a job's plates took."""
+    """Return the share of the printers' available time, over all runs, that a job's plates took."""
     unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED_STATES]
     successes = [p for p in prints if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)

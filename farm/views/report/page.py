@@ -33,14 +33,14 @@ class JobContents:
     ----------
     pictures
         PNG of each part, by its id, and stills (PNG or JPEG) by the path of their file.
-    assembly
+    assembly_picture
         PNG of all parts in an exploded view; None if there is none.
     decomposition
         Joints, steps and codes; None if unknown.
     """
 
     pictures: Mapping[str, bytes] = field(default_factory=dict)
-    assembly: bytes | None = None
+    assembly_picture: bytes | None = None
     decomposition: Report | None = None
 
 
@@ -65,7 +65,7 @@ def render_page(
     job: api.JobView,
     history: Sequence[api.HistoryRow],
     now: datetime,
-    facts: Sequence[tuple[str, str]],
+    figures: Sequence[tuple[str, str]],
     contents: JobContents,
 ) -> str:
     """Render the page.
@@ -78,24 +78,28 @@ def render_page(
         Ended prints of all jobs, for the chart.
     now
         Farm time in the farm's time zone; open prints are drawn until then.
-    facts
+    figures
         Names and texts of the job's figures.
     contents
         Pictures, and the steps of the assembly.
     """
-    pictures, assembly, decomposition = contents.pictures, contents.assembly, contents.decomposition
+    pictures, assembly_picture, decomposition = (
+        contents.pictures,
+        contents.assembly_picture,
+        contents.decomposition,
+    )
     template = load_templates().get_template("report.html")
     page = template.render(
         title=f"Job {job.id}: {job.name}, {job.state}",
         job=job,
-        facts=facts,
+        figures=figures,
         zone=str(now.tzinfo),
         palette=Markup(load_palette()),
         gantt=lay_out_gantt(list_bars(job, history, now)),
         failures=_list_failures(job),
         stills=_list_stills(job, pictures),
-        figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_in_gluing_order],
-        assembly=None if assembly is None else _make_data_url(assembly),
+        parts=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_in_gluing_order],
+        assembly=None if assembly_picture is None else _make_data_url(assembly_picture),
         decomposition=decomposition or Report(),
         steps=[] if decomposition is None else _list_steps(decomposition),
     )

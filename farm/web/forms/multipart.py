@@ -23,7 +23,7 @@ MAX_FIELD_BYTES = 64 * 1024
 """Limit on the values of all fields together."""
 _FORM_TYPE = b"multipart/form-data"
 
-# It logs each malformed form as a warning, so anybody on the network could fill the log.
+# python_multipart logs each malformed form as a warning, so anybody on the network could fill the log.
 logging.getLogger("python_multipart").setLevel(logging.ERROR)
 
 

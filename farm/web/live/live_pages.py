@@ -33,11 +33,11 @@ _HEARTBEAT = b"event: beat\ndata:\n\n"
 
 
 class _Topic:
-    """Last rendering of one page for one role, with its viewers. It is renewed every few rounds."""
+    """Last rendering of one page for one role, which is renewed every few rounds, and its viewers."""
 
-    def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds: int) -> None:
+    def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds_per_rendering: int) -> None:
         self._render = render
-        self._rounds = self._rounds_left = rounds
+        self._rounds_per_rendering = self._rounds_left = rounds_per_rendering
         self.viewer_count, self.is_over = 0, False
         self.fragments = split_page(page)
         self.version, self._message = self.fragments.version, b""
@@ -45,18 +45,18 @@ class _Topic:
         self._change = asyncio.Event()
 
     async def refresh(self) -> None:
-        """Count a round; render again when the rounds are used up, and wake the viewers after a change."""
+        """Count a round; render again if a rendering is due, and wake the viewers after a change."""
         self._rounds_left -= 1
         if self._rounds_left <= 0:
             await self._render_again()
 
     async def refresh_for_version(self, version: str) -> None:
         """Render again for a viewer with an unknown version, which may be newer than the last rendering."""
-        if self._rounds > 1 and version not in (self.version, self._previous_version):
+        if self._rounds_per_rendering > 1 and version not in (self.version, self._previous_version):
             await self._render_again()
 
     async def _render_again(self) -> None:
-        self._rounds_left = self._rounds
+        self._rounds_left = self._rounds_per_rendering
         fragments = split_page(await self._render())
         changes = find_changes(self.fragments, fragments)
         if changes:
@@ -70,7 +70,7 @@ class _Topic:
         change.set()
 
     async def wait(self, duration_s: float) -> None:
-        """Wait for the next change."""
+        """Wait for the next change, or for a duration in seconds."""
         with suppress(TimeoutError):
             async with asyncio.timeout(duration_s):
                 await self._change.wait()
@@ -99,7 +99,7 @@ class LivePages:
         self._topics: dict[tuple[str, Role], _Topic] = {}
         self._refresh_task: asyncio.Task[None] | None = None
 
-    def add(self, path: str, render: PageRenderer, rounds: int = 1) -> None:
+    def add(self, path: str, render: PageRenderer, rounds_per_rendering: int = 1) -> None:
         """Add a page.
 
         Parameters
@@ -108,18 +108,18 @@ class LivePages:
             Path of the page with at most one variable, such as `/jobs/{number}`.
         render
             Function that renders the page.
-        rounds
-            Number of rounds, of a second or more, between two renderings.
+        rounds_per_rendering
+            Number of rounds, of a second or more each, from one rendering to the next.
         """
-        self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds))
+        self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds_per_rendering))
 
     async def find_topic(self, address: str, role: Role) -> _Topic:
         """Return the topic of a page for a role. Raises FarmError if there is no such page."""
         topic = self._topics.get((address, role))
         if topic is not None:
             return topic
-        render, rounds = self._find_renderer(address, role)
-        topic = _Topic(render, await render(), rounds)
+        render, rounds_per_rendering = self._find_renderer(address, role)
+        topic = _Topic(render, await render(), rounds_per_rendering)
         return self._topics.setdefault((address, role), topic)
 
     async def follow(
@@ -146,17 +146,17 @@ class LivePages:
                 message = topic.format_changes_since(version)
                 version = topic.version
                 yield message or _HEARTBEAT
-                if version == topic.version and not topic.is_over:  # otherwise it has changed in the meantime
+                if version == topic.version and not topic.is_over:  # else it has just changed
                     await topic.wait(_HEARTBEAT_S)
         finally:
             topic.viewer_count -= 1
 
     def _find_renderer(self, address: str, role: Role) -> tuple[Callable[[], Awaitable[str]], int]:
         path, _, query = address.partition("?")
-        for pattern, render, rounds in self._pages:
+        for pattern, render, rounds_per_rendering in self._pages:
             match = pattern.fullmatch(path)
             if match is not None:
-                return partial(render, Reader("", role), "".join(match.groups()), query), rounds
+                return partial(render, Reader("", role), "".join(match.groups()), query), rounds_per_rendering
         raise NotFoundError(f"there is no live page {path}")
 
     def _start_refreshing(self) -> None:

@@ -14,7 +14,7 @@ from farm.web.pages.rendering import load_template
 from farm.web.pages.sentences import format_commands
 
 Text = tuple[tuple[str, str], ...]
-"""Pieces of a text. Each is either plain text or the name of an object to link; the other one is empty."""
+"""Pieces of a text, each a pair of plain text and the name of an object to link; one of the two is empty."""
 
 _STYLE = (
     ":root{color-scheme:light dark;--text:#222;--back:#fff;--line:#ccc;--link:#174ea6}"

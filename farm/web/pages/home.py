@@ -157,7 +157,7 @@ def _make_task_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
 
 
 def is_hot(printer: api.PrinterView) -> bool:
-    """Return whether, without an open print, heaters are on or are not reported as off."""
+    """Return whether a printer without an open print has heaters that are not reported as off."""
     is_known = printer.nozzle_c is not None and printer.state not in _STATES_WITHOUT_TEMPERATURE
     return is_known and printer.print is None and not printer.heaters_off
 

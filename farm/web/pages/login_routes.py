@@ -17,7 +17,7 @@ from farm.web.pages.rendering import render_login, render_message
 _SEE_OTHER = 303
 
 
-def make_login_routes(services: Services, cookie: SessionCookie, callers: CallerFinder) -> APIRouter:
+def make_login_routes(services: Services, cookie: SessionCookie, caller_finder: CallerFinder) -> APIRouter:
     """Return the routes with which people log in and out.
 
     Parameters
@@ -26,8 +26,8 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
         Components of the daemon.
     cookie
         The cookie of sessions.
-    callers
-        Finder of callers, which checks keys.
+    caller_finder
+        Finder of the caller with a key.
     """
     router, keys = APIRouter(include_in_schema=False), KeyCommands(services.controller)
     name = services.controller.fleet.fleet.name
@@ -39,7 +39,7 @@ def make_login_routes(services: Services, cookie: SessionCookie, callers: Caller
 
     @router.post("/login")
     async def log_in_with_key(request: Request) -> Response:
-        holder = callers.find_key_holder(await _read_key(request), request.state.caller.address)
+        holder = caller_finder.find_key_holder(await _read_key(request), request.state.caller.address)
         if isinstance(holder, Refusal):
             page = render_message(name, holder.text, has_login_hint=True)
             return HTMLResponse(page, holder.status, {"www-authenticate": "Bearer"})
@@ -90,7 +90,7 @@ def _redirect_home(cookie: SessionCookie, session: str) -> Response:
 
 
 async def _read_key(request: Request) -> str:
-    """Read the key in a form; empty if there is none."""
+    """Return the key in a form, or an empty text if there is none."""
     try:
         return (await read_fields(request)).get("key", "").strip()
     except BadForm:

@@ -30,7 +30,7 @@ def read_query(model: type[_Query], text: str) -> _Query:
     except ValidationError as error:
         raise FarmError(describe_first_error(error.errors()), ErrorCode.SETTINGS) from error
     except ValueError as error:
-        raise FarmError("the query of the address cannot be read", ErrorCode.SETTINGS) from error
+        raise FarmError("the query in the URL is invalid", ErrorCode.SETTINGS) from error
 
 
 class PageRoute(APIRoute):

@@ -29,7 +29,7 @@ NAVIGATION: tuple[tuple[str, str, Role], ...] = (
     ("/timeline", "Timeline", Role.LOOK),
     ("/history", "History", Role.LOOK),
 )
-"""Pages to which each page links, each with its path, its label, and the role that it requires."""
+"""Links of the navigation, each with the path of a page, a label, and the role that the page requires."""
 _VALUE_TEXTS = {
     "look": "inspect",
     "ready": "idle",
@@ -56,8 +56,8 @@ _GLYPHS = {
 _OTHER_GLYPH = "•"
 
 
-class Farm(Protocol):
-    """Fleet that the pages show: the section of `fleet.yaml`, or its view."""
+class FleetInfo(Protocol):
+    """Name and time zone of the fleet that the pages show: the section of `fleet.yaml`, or its view."""
 
     @property
     def name(self) -> str: ...
@@ -67,7 +67,7 @@ class Farm(Protocol):
 
 
 def render_page(
-    template: str, farm: Farm, path: str, reader: Reader, note: Note | None = None, **values: object
+    template: str, fleet: FleetInfo, path: str, reader: Reader, note: Note | None = None, **values: object
 ) -> str:
     """Render a page with its navigation.
 
@@ -75,7 +75,7 @@ def render_page(
     ----------
     template
         File in `templates`, which extends `page.html`.
-    farm
+    fleet
         The fleet.
     path
         Path of the page, marked in the navigation.
@@ -88,7 +88,7 @@ def render_page(
     """
     links = [(address, words) for address, words, role in NAVIGATION if reader.role.allows(role)]
     return load_template(template).render(
-        farm=farm, path=path, links=links, reader=reader, note=note, **values
+        fleet=fleet, path=path, links=links, reader=reader, note=note, **values
     )
 
 
@@ -111,7 +111,7 @@ def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
 
 
 def load_template(name: str) -> Template:
-    """Load a template of this package, which escapes all text."""
+    """Load a template of this package; all templates escape text."""
     return load_templates().get_template(name)
 
 

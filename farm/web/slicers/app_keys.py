@@ -21,7 +21,7 @@ _CREATED, _ACCEPTED, _NO_CONTENT = 201, 202, 204
 
 
 class AppRequest(BaseModel):
-    """Request of a program for a key."""
+    """Request by a program for a key."""
 
     app: Annotated[str, Field(min_length=1, max_length=200)]
 

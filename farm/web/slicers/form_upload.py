@@ -16,7 +16,7 @@ _MAX_NOTE_LENGTH = 200
 
 
 class SlicerUpload(NamedTuple):
-    """Job of an upload, and whether the slicer requested its print."""
+    """Job of an upload, and whether the slicer asked to print it."""
 
     job_number: int
     is_print_requested: bool
@@ -34,7 +34,7 @@ async def submit_form(
     uploads, jobs
         Components of the daemon.
     options
-        Options of the job; the fields of the form are added.
+        Options of the job, to which the fields of the form are added.
     caller_name
         Name of the caller.
 

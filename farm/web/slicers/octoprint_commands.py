@@ -61,7 +61,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
     _add_file_command_route(router, services, jobs, selection)
 
     @router.post("/api/job", status_code=_NO_CONTENT)
-    async def command_job(
+    async def run_job_command(
         request: Request, body: JobCommand, address: AddressParameter, caller_name: CallerName
     ) -> None:
         job = selection.find(caller_name, address, controller.books)
@@ -84,7 +84,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
                 raise RefusedError(f"the farm has no command {body.command} for jobs")
 
     @router.post("/api/connection", status_code=_NO_CONTENT)
-    async def command_connection(body: ConnectionCommand, _: AddressParameter) -> None:
+    async def run_connection_command(body: ConnectionCommand, _: AddressParameter) -> None:
         if body.command != "connect":  # agents connect printers without a command
             raise RefusedError("printers stay connected: `farm maintenance PRINTER` takes one out of use")
 
@@ -98,7 +98,7 @@ def _add_file_command_route(
 
     @router.post(FILE_PATH, status_code=_NO_CONTENT)
     @router.post(JOB_FILE_PATH, status_code=_NO_CONTENT)
-    async def command_file(
+    async def run_file_command(
         request: Request,
         body: FileCommand,
         address: AddressParameter,

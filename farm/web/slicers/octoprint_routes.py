@@ -109,7 +109,7 @@ def _add_description_routes(router: APIRouter, services: Services) -> None:
 
 
 def _add_file_routes(router: APIRouter, services: Services) -> None:
-    """Add the routes that describe the files, each with its job."""
+    """Add the routes that describe the files of jobs."""
     controller = services.controller
 
     @router.get("/api/files")

@@ -174,7 +174,7 @@ def find_job(jobs: Mapping[int, Job], path: str, caller_name: str) -> Job:
 
 
 def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
-    """Describe the profile of a printer, or of the farm: that of its printer with the lowest build height.
+    """Describe the profile of a printer; the farm has that of its printer with the lowest build height.
 
     Parameters
     ----------

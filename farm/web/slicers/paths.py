@@ -52,7 +52,7 @@ PUBLIC_SLICER_ROUTES = frozenset(
         ("GET", APP_KEY_REQUEST_PATH),
     )
 )
-"""Routes that require no key, because a program requests a key with them."""
+"""Routes that require no key, because programs use them to request one."""
 _SLICER_PATH_PATTERN = re.compile(r"/(to|server|printer|plugin)/.*|/api/(?!v1(/|$)).*")
 _UPLOAD_PATTERN = re.compile(rf"(/to/[^/]+)?({FILES_PATH}|{MOONRAKER_UPLOAD_PATH})")
 

@@ -152,7 +152,7 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
         content=make_endless_body(chunks),
     )
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
-    assert "big.stl has 3.0 GB; the largest model may have 2 GB" in answer.json()["error"]
+    assert "big.stl is 3.0 GB; a model may be at most 2 GB" in answer.json()["error"]
     assert not chunks
     usage = shutil.disk_usage(daemon.state.folder.root)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=500_000_500))

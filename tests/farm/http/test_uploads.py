@@ -29,7 +29,7 @@ MB, GB = 10**6, 10**9
 @pytest.mark.parametrize(
     ("size", "missing_bytes", "free_bytes", "jobs", "reason"),
     [
-        (2 * GB + 1, (), 100 * GB, 0, r"a.stl has 2.0 GB.*fleet.uploads.model_gb"),
+        (2 * GB + 1, (), 100 * GB, 0, r"a.stl is 2.0 GB.*fleet.uploads.model_gb"),
         (MB, (MB, MB), 100 * GB, 0, "checking 2 models.*again in a moment.*fleet.uploads.at_once"),
         (MB, (), 100 * GB, 3, "3 open jobs already.*farm cancel JOB.*fleet.uploads.open_jobs"),
         (MB, (), GB, 0, r"would leave 1.0 GB free .*1 GB must stay free.*fleet.uploads.free_gb"),

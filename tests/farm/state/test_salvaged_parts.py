@@ -37,7 +37,7 @@ def list_look_tasks(books):
     sections = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in "abc"]
     fleet = Fleet.model_validate({"fleet": {"timezone": "UTC"}, "printers": sections})
     assert fleet.zone.utcoffset(None) == UTC.utcoffset(None)
-    context = ViewContext(fleet, books, {}, StateFolder("/state"), 500.0, is_started=False)
+    context = ViewContext(fleet, books, {}, StateFolder("/state"), 500.0, is_startup_over=False)
     return [item for item in list_tasks(context) if item.code in ("look", "outage")]
 
 

@@ -12,11 +12,11 @@ from pydantic import BaseModel, Field
 
 from farm.views import ViewContext
 from farm.views.dashboard import HistoryFilter, HistoryView, describe_history, select_prints, write_csv
-from farm.views.history import describe_ended_print
+from farm.views.history import make_history_row
 from farm.web.notes import Note, Reader
 from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
 from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
-from farm.web.pages.rendering import Farm, render_page
+from farm.web.pages.rendering import FleetInfo, render_page
 
 PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 days"), (365, "last year"))
 """Periods to choose from, each as a number of days and a label."""
@@ -66,14 +66,14 @@ def make_history_routes(pages: PageContext) -> APIRouter:
     return router
 
 
-def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | None = None) -> str:
+def render_history(view: HistoryView, fleet: FleetInfo, reader: Reader, note: Note | None = None) -> str:
     """Render the page.
 
     Parameters
     ----------
     view
         Ended prints, with figures.
-    farm
+    fleet
         The fleet.
     reader
         Person who reads the page.
@@ -84,7 +84,7 @@ def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | N
     query = urlencode({name: value for name, value in values.items() if value is not None})
     return render_page(
         "history.html",
-        farm,
+        fleet,
         "/history",
         reader,
         note,
@@ -96,4 +96,4 @@ def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | N
 
 def _format_csv(context: ViewContext, query: HistoryQuery) -> str:
     prints = select_prints(context, query.to_filter())
-    return write_csv(describe_ended_print(context, attempt) for attempt in prints)
+    return write_csv(make_history_row(context, attempt) for attempt in prints)

@@ -24,7 +24,7 @@ from farm.web.notes import Note, Reader
 from farm.web.pages.home import is_hot
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute
-from farm.web.pages.rendering import Farm, render_page
+from farm.web.pages.rendering import FleetInfo, render_page
 
 UPKEEP_WORDS = {
     "MaintenanceStarted": "taken out of use",
@@ -86,14 +86,14 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
     return router
 
 
-def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | None = None) -> str:
+def render_printer(page: PrinterPage, fleet: FleetInfo, reader: Reader, note: Note | None = None) -> str:
     """Render the page of a printer.
 
     Parameters
     ----------
     page
         The printer.
-    farm
+    fleet
         The fleet.
     reader
         Person who reads the page; the page has the forms that the reader's role allows.
@@ -103,7 +103,7 @@ def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | N
     path = f"/printers/{page.printer.name}"
     title = PROFILES[page.model].title if page.model in PROFILES else page.model
     values = {"page": page, "title": title, "upkeep_words": UPKEEP_WORDS, "is_hot": is_hot(page.printer)}
-    return render_page("printer.html", farm, path, reader, note, **values)
+    return render_page("printer.html", fleet, path, reader, note, **values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class ShownLine:
 def render_wire(
     name: str,
     lines: Sequence[WireLine],
-    farm: Farm,
+    fleet: FleetInfo,
     reader: Reader,
     problem: str | None = None,
 ) -> str:
@@ -130,17 +130,17 @@ def render_wire(
         The printer.
     lines
         Lines, oldest first, with times on the farm's clock.
-    farm
+    fleet
         The fleet.
     reader
         Person who reads the page.
     problem
         Reason why there are no lines.
     """
-    zone = ZoneInfo(farm.timezone)
+    zone = ZoneInfo(fleet.timezone)
     shown_lines = [
         ShownLine(f"{datetime.fromtimestamp(line.at_s, zone):%H:%M:%S.%f}"[:-3], line.sent, line.text)
         for line in lines
     ]
     path = f"/printers/{name}/wire"
-    return render_page("wire.html", farm, path, reader, name=name, lines=shown_lines, problem=problem)
+    return render_page("wire.html", fleet, path, reader, name=name, lines=shown_lines, problem=problem)

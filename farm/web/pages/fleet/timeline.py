@@ -22,7 +22,7 @@ from farm.views.jobs import count_waiting_plates, list_queue
 from farm.web.notes import Note, Reader
 from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
 from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
-from farm.web.pages.rendering import Farm, render_page
+from farm.web.pages.rendering import FleetInfo, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
 """Periods before now that the page can show, each as a number of hours and a label."""
@@ -123,7 +123,7 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
 def render_timeline(
     view: TimelineView,
     query: TimelineQuery,
-    farm: Farm,
+    fleet: FleetInfo,
     reader: Reader,
     note: Note | None = None,
     problem: str | None = None,
@@ -136,7 +136,7 @@ def render_timeline(
         The timeline.
     query
         The query of the page.
-    farm
+    fleet
         The fleet.
     reader
         Person who reads the page.
@@ -147,7 +147,7 @@ def render_timeline(
     """
     return render_page(
         "timeline.html",
-        farm,
+        fleet,
         "/timeline",
         reader,
         note,
@@ -165,7 +165,7 @@ def render_timeline(
 
 
 def format_start(view: TimelineView) -> str:
-    """Format the what-if start with its date; empty if there is no what-if start.
+    """Format the what-if start with its date; return an empty text if there is none.
 
     Without the date, `22:00` would mean a different day tomorrow.
     """

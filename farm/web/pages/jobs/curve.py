@@ -11,7 +11,7 @@ from farm.text import format_count, format_duration
 from farm.views.report.decomposition import CurvePoint
 from farm.wording import make_text_time
 
-_WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 640, 220, 60, 16, 12, 28  # px
+_WIDTH, _HEIGHT, _LEFT_MARGIN, _RIGHT_MARGIN, _TOP_MARGIN, _BOTTOM_MARGIN = 640, 220, 60, 16, 12, 28  # px
 _MAX_LABELS = 12
 
 
@@ -47,20 +47,20 @@ class Curve:
     """Layout of the chart; lengths in px."""
 
     choices: tuple[Choice, ...]
-    line: str  # points of the polyline
-    top_text: str  # longest time
+    polyline: str  # vertices, as SVG writes them
+    longest_time: str
     width: int = _WIDTH
     height: int = _HEIGHT
-    left: int = _LEFT
-    top: int = _TOP
-    bottom: int = _HEIGHT - _BOTTOM
-    right: int = _WIDTH - _RIGHT
+    left: int = _LEFT_MARGIN
+    top: int = _TOP_MARGIN
+    bottom: int = _HEIGHT - _BOTTOM_MARGIN
+    right: int = _WIDTH - _RIGHT_MARGIN
 
 
 def lay_out_curve(
     points: Sequence[CurvePoint], chosen_count: int, start: datetime, now: datetime
 ) -> Curve | None:
-    """Lay out a curve; None if there are fewer than two points.
+    """Lay out a curve; return None if there are fewer than two points.
 
     Parameters
     ----------
@@ -86,13 +86,13 @@ def lay_out_curve(
         return Choice(
             printer_count=number,
             text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end.text}",
-            x=_LEFT + (_WIDTH - _LEFT - _RIGHT) * (number - first) / (last - first),
-            y=_TOP + (_HEIGHT - _TOP - _BOTTOM) * (1 - time_s / longest_s),
+            x=_LEFT_MARGIN + (_WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN) * (number - first) / (last - first),
+            y=_TOP_MARGIN + (_HEIGHT - _TOP_MARGIN - _BOTTOM_MARGIN) * (1 - time_s / longest_s),
             label=str(number) if (number - first) % label_interval == 0 else "",
             is_chosen=number == chosen_count,
             end=end,
         )
 
     choices = tuple(place_choice(number) for number in numbers)
-    line = " ".join(f"{choice.x:.1f},{choice.y:.1f}" for choice in choices)
-    return Curve(choices, line, format_duration(longest_s))
+    polyline = " ".join(f"{choice.x:.1f},{choice.y:.1f}" for choice in choices)
+    return Curve(choices, polyline, format_duration(longest_s))

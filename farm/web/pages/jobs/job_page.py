@@ -18,7 +18,7 @@ from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.actions import can_report_assembly, list_job_actions
 from farm.web.pages.jobs.curve import Curve, lay_out_curve
 from farm.web.pages.jobs.parts import list_part_rows
-from farm.web.pages.rendering import Farm, render_page
+from farm.web.pages.rendering import FleetInfo, render_page
 from farm.web.pages.sentences import Sentence, format_sentence, format_time_element
 from farm.wording import format_planning, format_time, group_holds, shorten_names
 
@@ -68,14 +68,14 @@ class JobData:
     gcode_figures: Sequence[tuple[str, str]] = ()
 
 
-def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None = None) -> str:
+def render_job_page(data: JobData, fleet: FleetInfo, reader: Reader, note: Note | None = None) -> str:
     """Render the page.
 
     Parameters
     ----------
     data
         The job.
-    farm, reader, note
+    fleet, reader, note
         See `render_page`.
     """
     job, timeline = data.job, data.timeline
@@ -84,7 +84,7 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
     slots = {} if timeline is None else {slot.plate: slot for slot in timeline.slots}
     return render_page(
         "job.html",
-        farm,
+        fleet,
         f"/jobs/{job.id}",
         reader,
         note,
@@ -166,7 +166,7 @@ def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
 
 
 def estimate_completed_share(progress: PlanProgress) -> float | None:
-    """Estimate the completed share of the current planning step, from 0 to 1; None if unknown."""
+    """Estimate the completed share of the current planning step, from 0 to 1; return None if unknown."""
     if progress.step is PlanStep.SLICING and progress.of:
         return progress.done / progress.of
     return progress.share if progress.step is PlanStep.DECOMPOSING else None

@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from farm import api
 from farm.control import PAGE_DRY_RUN_TIMEOUT_S, DryRuns
 from farm.errors import NotFoundError
-from farm.http import Services, describe_farm, find_stored_file, name_stored_files
+from farm.http import Services, describe_farm, find_stored_file, map_stored_files
 from farm.views import describe_job, describe_timeline, list_history
 from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import Report, parse_report
@@ -44,7 +44,7 @@ class JobQuery(BaseModel):
 def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     """Return the routes of a job's pages. The page of a dry run keeps the dry run alive."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
-    farm = services.controller.fleet.fleet
+    fleet = services.controller.fleet.fleet
 
     async def render(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
         dry_runs.keep(number, time.monotonic(), PAGE_DRY_RUN_TIMEOUT_S)
@@ -53,7 +53,7 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
             curve_report = await _read_stored_report(services, curve)
             report = report.model_copy(update={"curve": curve_report.curve})
         data = collect_job_data(services, number, report, curve)
-        return render_job_page(data, farm, reader, note)
+        return render_job_page(data, fleet, reader, note)
 
     async def render_live(reader: Reader, number: str, query: str) -> str:
         if not number.isdecimal():
@@ -81,7 +81,7 @@ def _add_document_routes(router: APIRouter, services: Services) -> None:
 
     @router.get("/jobs/{number}/parts.zip")
     async def send_parts(number: int) -> Response:
-        files = name_stored_files(controller.books, number)
+        files = map_stored_files(controller.books, number)
         parts = {name: services.state.files / file for name, file in files.items() if name.endswith(".stl")}
         for name in parts or ["parts.zip"]:
             # raises an error before an incomplete archive is sent
@@ -106,8 +106,8 @@ def _add_document_routes(router: APIRouter, services: Services) -> None:
 
 
 async def _read_stored_report(services: Services, number: int) -> Report:
-    """Read the report on a job's parts; an empty report if there is none or it cannot be read."""
-    file_name = name_stored_files(services.controller.books, number).get(_REPORT_FILE)
+    """Read the report on a job's parts; return an empty report if there is none or it cannot be read."""
+    file_name = map_stored_files(services.controller.books, number).get(_REPORT_FILE)
     if file_name is None:
         return Report()
     try:
@@ -142,7 +142,7 @@ def collect_job_data(services: Services, number: int, report: Report, curve_job:
         list_history(context, None, None, _MAX_PRINTS),
         timeline,
         report,
-        tuple(name_stored_files(controller.books, number)),
+        tuple(map_stored_files(controller.books, number)),
         curve_job,
         list_gcode_figures(job, controller.books.list_plates(job)),
     )

@@ -12,7 +12,7 @@ from drivers.printers import PROFILES
 from farm.config import Fleet, PrinterSection
 from farm.text import format_count
 from farm.web.notes import Note, Reader
-from farm.web.pages.rendering import Farm, render_page
+from farm.web.pages.rendering import FleetInfo, render_page
 from farm.web.pages.submit.options import DEFAULTS, QUALITIES, UNITS
 
 SUBMIT_PATH = "/submit"
@@ -68,7 +68,7 @@ def _describe_build_volume(section: PrinterSection) -> tuple[str, float, float, 
 def render_submit_page(
     choices: SubmitChoices,
     request_id: str,
-    farm: Farm,
+    fleet: FleetInfo,
     reader: Reader,
     note: Note | None = None,
     values: Mapping[str, str] = DEFAULTS,
@@ -81,14 +81,14 @@ def render_submit_page(
         Choices in the form.
     request_id
         Id of the submission; a form that is sent twice makes one job.
-    farm, reader, note
+    fleet, reader, note
         See `render_page`.
     values
         Values of the fields.
     """
     return render_page(
         "submit.html",
-        farm,
+        fleet,
         SUBMIT_PATH,
         reader,
         note,

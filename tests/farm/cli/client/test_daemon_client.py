@@ -116,7 +116,7 @@ def test_refusal_of_the_daemon_keeps_its_code_and_message(daemon, client):
 def test_daemon_of_another_version_is_reported(daemon, client):
     for text in (b"{}", b"[]", b'{"daemon": {"pid": 1, "version": "9", "since": "", "news": 1}, "job": 3}'):
         daemon.answer = (200, text)
-        with pytest.raises(FarmError, match=r"has another version than this command .*: end it with SIGTERM"):
+        with pytest.raises(FarmError, match=r"different version from this command .*: end it with SIGTERM"):
             client.fetch_job(9)
 
 

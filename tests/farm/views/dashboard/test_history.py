@@ -39,9 +39,10 @@ def describe_filtered_history(**filters):
 def test_history_has_figures_jobs_and_prints():
     view = describe_filtered_history()
     assert (view.total.print_count, view.total.good_count, view.total.failed_count) == (4, 2, 2)
-    assert [(group.name, group.print_count) for group in view.by_printer] == [("a", 2), ("b", 1), ("c", 1)]
-    assert [group.name for group in view.by_material] == ["PLA"]
-    assert [group.name for group in view.by_month] == ["2023-11"]
+    print_counts = [(group.name, group.print_count) for group in view.figures_by_printer]
+    assert print_counts == [("a", 2), ("b", 1), ("c", 1)]
+    assert [group.name for group in view.figures_by_material] == ["PLA"]
+    assert [group.name for group in view.figures_by_month] == ["2023-11"]
     assert [(job.id, job.expected_s, job.actual_s) for job in view.jobs] == [(1, 100.0, 120.0)]
     assert view.jobs[0].deviation == pytest.approx(0.2)
     assert [(row.printer, row.reason or row.why) for row in view.rows[:2]] == [

@@ -73,7 +73,7 @@ def run_with_pages(page, check_streams):
         streams = QuickStreams()
         pages = LivePages(streams)
         pages.add("/x/{number}", page.render)
-        pages.add("/slow", page.render, rounds=10)
+        pages.add("/slow", page.render, rounds_per_rendering=10)
         async with asyncio.timeout(20):
             await check_streams(pages, streams)
             streams.close()
