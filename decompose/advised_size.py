@@ -80,7 +80,7 @@ def _estimate_max_scale(
     grid = problem.build_grid(model)
     low, high = 0.0, 1.0
     # At this scale, the model is about as large as one part.
-    scale = min(1.0, max(problem.max_part_mm) / float(model.extents_mm.max()))
+    scale = min(1.0, max(problem.max_part_sides_mm) / float(model.extents_mm.max()))
     for _ in range(MAX_HALVINGS):
         boxes = problem.price_boxes(grid, [_scale_volume(p, 1.0 / scale) for p in problem.distinct_printers])
         if Partitioner(boxes).solve(sys.float_info.max) <= len(printers):

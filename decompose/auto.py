@@ -28,8 +28,8 @@ from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
 MAX_SUMS = 1e8
-"""Maximum number of sums, over all boxes, that a curve of unequal printers needs for each time limit that it
-tries; they take about a second."""
+"""Maximum number of sums over all boxes for each time limit that is tried for the curve of unequal printers;
+this many take about a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class CountGoal:
         )
 
 
-def decompose_auto(
+def decompose_for_goal(
     model: Model,
     printers: Sequence[TargetPrinter],
     options: Options,
@@ -107,7 +107,7 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
 
     Numbers of printers that are too small for any partition are omitted.
     Unequal printers are grouped in classes, on a coarser grid, because there are more ways to distribute
-    parts among them. The printers of a class have their mean speed.
+    parts among them. All printers of a class are given its mean speed.
 
     Parameters
     ----------

@@ -62,11 +62,13 @@ def decompose_model(
     validate_problem(model, tuple(printers), options)
     vertices, faces = simplify_solid_for_pricing(model.solid).arrays()
     problem = Problem(model, tuple(printers), cost, options, executor)
-    get_serial_s = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
+    get_serial_s = problem.start_work(
+        partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer)
+    )
     serial_wall_s = perf_counter() - start_s
     # The model is usually cut along its own axes. The least work for cuts along them is summed here, before
     # the search needs all processors.
-    get_least_work_s = problem.start(partial(_sum_least_work_s, problem, vertices[faces]))
+    get_least_work_s = problem.start_work(partial(_sum_least_work_s, problem, vertices[faces]))
     run_with_serial = partial(run_engine, get_serial_s=get_serial_s)
     result = (
         find_best_result(problem, run_with_serial)
@@ -138,13 +140,13 @@ def _sum_least_work_s(problem: Problem, triangles: Floats) -> float | None:
 
 
 def simplify_solid_for_pricing(solid: Solid) -> Solid:
-    """Simplify a solid with too many faces to price, which hardly changes its price; return others as is."""
-    simplified = solid
+    """Simplify a solid if it has too many faces to price; this hardly changes its price."""
+    simplified_solid = solid
     for tolerance_mm in PRICE_TOLERANCES_MM:
-        if simplified.face_count <= MAX_PRICED_FACES:
+        if simplified_solid.face_count <= MAX_PRICED_FACES:
             break
-        simplified = solid.simplify(tolerance_mm)
-    return simplified
+        simplified_solid = solid.simplify(tolerance_mm)
+    return simplified_solid
 
 
 def estimate_serial_s(
@@ -166,11 +168,11 @@ def estimate_serial_s(
     tuple
         Seconds in its best pose, and in the pose of the file.
     """
-    uncut = np.zeros(len(faces), dtype=np.bool_)
-    best = find_best_pose(vertices, faces, uncut, (), cost, fit_first_layer)
-    as_is = measure_pose(vertices, faces, uncut, POSE_ROTATIONS[4], cost, fit_first_layer)
-    assert best is not None  # no model is too large for a printer without limits
-    return best.price_s, as_is.price_s
+    is_cut = np.zeros(len(faces), dtype=np.bool_)
+    best_pose = find_best_pose(vertices, faces, is_cut, (), cost, fit_first_layer)
+    file_pose = measure_pose(vertices, faces, is_cut, POSE_ROTATIONS[4], cost, fit_first_layer)
+    assert best_pose is not None  # no model is too large for a printer without limits
+    return best_pose.price_s, file_pose.price_s
 
 
 class _StageTimes:

@@ -51,7 +51,7 @@ class NoFit(DecomposeError):
 
     Attributes
     ----------
-    printers_needed
+    needed_printer_count
         Minimum number of printers of the same kinds that would be enough, or a lower bound on this number;
         None if it is not known, or if no number would be enough.
     is_too_large
@@ -59,10 +59,10 @@ class NoFit(DecomposeError):
     """
 
     def __init__(
-        self, message: str, printers_needed: int | None = None, *, is_too_large: bool = False
+        self, message: str, needed_printer_count: int | None = None, *, is_too_large: bool = False
     ) -> None:
         super().__init__(message)
-        self.printers_needed = printers_needed
+        self.needed_printer_count = needed_printer_count
         self.is_too_large = is_too_large
 
     @classmethod

@@ -114,8 +114,8 @@ class PausedSearch:
     @property
     def _problem(self) -> Problem:
         """Problem with the options of the engine `best`."""
-        best = self.best_result
-        return Problem(self.model, best.open_printers, self.cost, best.options, self.executor)
+        best_result = self.best_result
+        return Problem(self.model, best_result.open_printers, self.cost, best_result.options, self.executor)
 
     @property
     def _state(self) -> SearchState:
@@ -125,5 +125,5 @@ class PausedSearch:
     @property
     def _run_engine(self) -> Callable[[Problem], Decomposition]:
         """Function that runs the engine of a problem."""
-        serial = (self.best_result.serial_s, self.best_result.serial_as_is_s)
-        return lambda problem: run_engine(problem, lambda: serial)
+        serial_times_s = (self.best_result.serial_s, self.best_result.serial_as_is_s)
+        return lambda problem: run_engine(problem, lambda: serial_times_s)

@@ -115,7 +115,9 @@ class SlicedPart:
 
 def measure_depth_mm(mark: Mark) -> float:
     """Measure the depth of the grooves of a mark."""
-    return float((mark.grooves[0].points_mm @ mark.grooves[0].inward_normal).max() - mark.grooves[0].face_mm)
+    return float(
+        (mark.grooves[0].points_mm @ mark.grooves[0].inward_normal).max() - mark.grooves[0].face_offset_mm
+    )
 
 
 def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:

@@ -16,7 +16,7 @@ import shapely
 import trimesh
 
 from decompose.arrays import Floats, Ints
-from decompose.connectors.marks import SIZES_MM
+from decompose.connectors.marks import LETTER_SIZES_MM
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, measure_text_width
 from decompose.geometry import choose_plane_axes
 
@@ -191,7 +191,7 @@ def _read_codes(
     codes: dict[str, Floats | None] = {}
     depths_mm = offset_mm - vertices @ normal
     is_inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
-    for height_mm, groove_mm in SIZES_MM:
+    for height_mm, groove_mm in LETTER_SIZES_MM:
         bottom_points = np.unique(
             (vertices @ axes.T)[
                 is_inside & (np.abs(depths_mm - groove_mm + BOTTOM_RISE_MM) < BOTTOM_RISE_MM + 0.02)

@@ -72,7 +72,7 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
         "yaw_deg": yaw_deg,
         "bare_deg": bare_deg,
         "supported_deg": supported_deg,
-        "cost_deg": build_print_time_settings(settings, overhead_s=0.0).supported_deg,
+        "cost_deg": build_print_time_settings(settings, overhead_s=0.0).effective_support_angle_deg,
     }
 
 

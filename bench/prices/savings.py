@@ -87,8 +87,8 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
             if not has_hidden_faces:
                 time_settings = replace(
                     time_settings,
-                    bed_layers_saved=0.0,
-                    top_layers_saved=0.0,
+                    saved_bed_layer_count=0.0,
+                    saved_top_layer_count=0.0,
                     hidden_outer_wall_mm_s=0.0,
                     hidden_inner_wall_mm_s=0.0,
                 )

@@ -19,7 +19,7 @@ from time import perf_counter, process_time
 
 from bench.models.shapes import make_ellipsoid
 from bench.unseen import USABLE_VOLUMES_MM
-from decompose.auto import decompose_auto
+from decompose.auto import decompose_for_goal
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid
@@ -90,7 +90,7 @@ def run_case(name: str, case: Case, budget_s: float) -> Outcome:
     model = Model(case.make(), (), 1.0)
     printers = [TargetPrinter(str(number), USABLE_VOLUMES_MM) for number in range(case.printers)]
     options = Options(best=BestOptions(budget_s))
-    decompose = decompose_auto if case.auto else decompose_model
+    decompose = decompose_for_goal if case.auto else decompose_model
     start_s, start_cpu_s = perf_counter(), process_time()
     parts, makespan_s, effort_s, refusal = None, None, None, ""
     with ThreadPoolExecutor(os.cpu_count()) as executor:

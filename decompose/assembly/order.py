@@ -126,18 +126,18 @@ def plan_assembly(
     """
     if len(pieces) < 2:
         return Assembly()
-    plan = _Plan(pieces, joints, min_glue_mm2)
-    plan.split_parts(np.ones(len(pieces), dtype=np.bool_), is_outermost=True)
-    works = [step.work for step in plan.steps]
+    planner = _AssemblyPlanner(pieces, joints, min_glue_mm2)
+    planner.split_parts(np.ones(len(pieces), dtype=np.bool_), is_outermost=True)
+    step_works = [step.work for step in planner.steps]
     steps = (
-        replace(plan.steps[number], work_s=works[number].seconds, start_s=start_s)
-        for number, start_s in order_steps(works)
+        replace(planner.steps[number], work_s=step_works[number].seconds, start_s=start_s)
+        for number, start_s in order_steps(step_works)
     )
-    return Assembly(tuple(steps), tuple(plan.locked_sets))
+    return Assembly(tuple(steps), tuple(planner.locked_sets))
 
 
-class _Plan:
-    """Search that takes the parts apart, with the steps that it has found so far."""
+class _AssemblyPlanner:
+    """Planner that takes the parts apart, with the steps that it has found so far."""
 
     def __init__(self, pieces: Sequence[CutSolid], joints: Sequence[Joint], min_glue_mm2: float) -> None:
         count = len(pieces)

@@ -37,7 +37,7 @@ class Shadow:
     high_mm: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
-        """Check whether this part blocks another one that moves along the axis, or the opposite way."""
+        """Check whether this part blocks the movement of another one along the axis, and against it."""
         start = np.maximum(self.first_lines, other.first_lines)
         end = np.minimum(
             np.add(self.first_lines, self.low_mm.shape), np.add(other.first_lines, other.low_mm.shape)

@@ -80,9 +80,9 @@ class Glue:
             area_mm2[ends] = joint.area_mm2
             holds[ends] = joint.holds(min_glue_mm2)
             for face in joint.faces:
-                along = np.flatnonzero(np.abs(axes @ face.normal) > MIN_ALIGNED_COS)
+                closing_axes = np.flatnonzero(np.abs(axes @ face.normal) > MIN_ALIGNED_COS)
                 for one, other in zip(*ends, strict=True):
-                    closing_mm2[along, one, other] += face.area_mm2
+                    closing_mm2[closing_axes, one, other] += face.area_mm2
         return cls(area_mm2, holds, np.concatenate([closing_mm2, closing_mm2]))
 
     def measure_glued_area_mm2(self, split: Split) -> float:
@@ -153,12 +153,18 @@ class SplitSearch:
         for split in filter(self.glue.is_closing, splits):
             if self.glue.count_added_bodies(split) <= max_added_bodies:
                 return split
-        sliding = sorted(splits, key=self.glue.measure_sliding_area_mm2)
-        candidates = (split for split in sliding if self.glue.count_added_bodies(split) <= max_added_bodies)
-        compared = list(islice(candidates, max_compared_splits))
-        if not compared:
+        sliding_splits = sorted(splits, key=self.glue.measure_sliding_area_mm2)
+        candidates = (
+            split for split in sliding_splits if self.glue.count_added_bodies(split) <= max_added_bodies
+        )
+        compared_splits = list(islice(candidates, max_compared_splits))
+        if not compared_splits:
             return min(splits, key=self.glue.count_added_bodies)
-        return compared[0] if len(compared) == 1 else min(compared, key=self._measure_total_sliding_mm2)
+        return (
+            compared_splits[0]
+            if len(compared_splits) == 1
+            else min(compared_splits, key=self._measure_total_sliding_mm2)
+        )
 
     def _measure_total_sliding_mm2(self, split: Split) -> float:
         """Measure the sliding glue of a split and of those that follow, each with the least sliding glue."""
@@ -166,9 +172,9 @@ class SplitSearch:
         for parts in (split.is_moved, split.is_fixed):
             key = parts.tobytes()
             if key not in self._sliding_mm2:
-                following = self._choose_split(parts, 1) if parts.sum() > 1 else None
+                next_split = self._choose_split(parts, 1) if parts.sum() > 1 else None
                 self._sliding_mm2[key] = (
-                    0.0 if following is None else self._measure_total_sliding_mm2(following)
+                    0.0 if next_split is None else self._measure_total_sliding_mm2(next_split)
                 )
             sliding_mm2 += self._sliding_mm2[key]
         return sliding_mm2
@@ -179,9 +185,9 @@ class SplitSearch:
         splits = []
         for direction_number in range(len(self.directions)):
             for mask in self._list_movable_sets(direction_number, numbers):
-                moved = np.zeros(len(parts), dtype=np.bool_)
-                moved[numbers[mask]] = True
-                splits.append(Split(moved, parts & ~moved, direction_number))
+                is_moved = np.zeros(len(parts), dtype=np.bool_)
+                is_moved[numbers[mask]] = True
+                splits.append(Split(is_moved, parts & ~is_moved, direction_number))
         return splits
 
     def _list_movable_sets(self, direction_number: int, numbers: Ints) -> Iterator[Bools]:
@@ -205,10 +211,10 @@ class SplitSearch:
         count, label = connected_components(self.glue.holds[np.ix_(members, members)], directed=False)
         bodies = []
         for body in range(count if count > 1 else 0):
-            inside = np.zeros(len(numbers), dtype=np.bool_)
-            inside[np.flatnonzero(mask)[label == body]] = True
-            if (reach[inside].any(axis=0) <= inside).all():
-                bodies.append(inside)
+            is_inside = np.zeros(len(numbers), dtype=np.bool_)
+            is_inside[np.flatnonzero(mask)[label == body]] = True
+            if (reach[is_inside].any(axis=0) <= is_inside).all():
+                bodies.append(is_inside)
         return bodies
 
     def _list_sets_beyond_planes(self, direction_number: int, numbers: Ints) -> list[Bools]:

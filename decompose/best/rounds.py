@@ -68,7 +68,7 @@ class SearchState:
         return 0.0 if self.best_result is None else self.best_result.yaw_deg
 
     def add_round(self, outcomes: Sequence[Outcome]) -> SearchState:
-        """Add the outcomes of a round, in the order in which it was planned."""
+        """Return the state after a round, from the outcomes of its attempts in their planned order."""
         state = self
         for outcome in outcomes:
             result = outcome.result
@@ -105,16 +105,16 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     state
         Attempts and best result so far.
     """
-    budget_s, usual = problem.options.best.budget_s, problem.options.granularity
-    first = choose_first_grid(problem)
+    budget_s, usual_grid = problem.options.best.budget_s, problem.options.granularity
+    first_grid = choose_first_grid(problem)
     if not state.attempts:
-        return (Trial(Engine.GUILLOTINE, first, budget_s=budget_s),)
-    if not state.has_sound_result and first != usual and len(state.attempts) == 1:
-        return (Trial(Engine.GUILLOTINE, usual, budget_s=budget_s),)
+        return (Trial(Engine.GUILLOTINE, first_grid, budget_s=budget_s),)
+    if not state.has_sound_result and first_grid != usual_grid and len(state.attempts) == 1:
+        return (Trial(Engine.GUILLOTINE, usual_grid, budget_s=budget_s),)
     trials = next(iter(_list_stages(problem, state)), ())
     remaining_s, first_s = compute_remaining_s(problem, state), state.attempts[0].effort_s
-    is_too_little = state.best_result is not None and remaining_s < MIN_START_SHARE * first_s
-    if not trials or remaining_s <= 0.0 or is_too_little:
+    is_budget_too_small = state.best_result is not None and remaining_s < MIN_START_SHARE * first_s
+    if not trials or remaining_s <= 0.0 or is_budget_too_small:
         return ()
     count = len(trials) if first_s <= 0.0 else min(len(trials), max(1, int(remaining_s / first_s)))
     return tuple(replace(trial, budget_s=remaining_s / count) for trial in trials[:count])
@@ -151,19 +151,23 @@ def compute_remaining_s(problem: Problem, state: SearchState) -> float:
 
 def _has_restarted_on_usual_grid(problem: Problem, state: SearchState) -> bool:
     """Check whether the usual grid was tried after a coarser one, with the whole budget again."""
-    usual = problem.options.granularity
+    usual_grid = problem.options.granularity
     grids = [attempt.granularity for attempt in state.attempts[:2] if not attempt.yaw_deg]
-    return len(grids) == 2 and grids[0] != usual == grids[1] and state.attempts[1].engine is Engine.GUILLOTINE
+    return (
+        len(grids) == 2
+        and grids[0] != usual_grid == grids[1]
+        and state.attempts[1].engine is Engine.GUILLOTINE
+    )
 
 
 def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]]:
     """List the attempts that may follow the first grid and have not been made yet, by stage."""
-    usual = problem.options.granularity
+    usual_grid = problem.options.granularity
     stages: list[tuple[Trial, ...]] = []
     if not state.has_sound_result:
-        stages.append((Trial(Engine.PARALLELOBOX, usual),))
-    if usual == "auto" and len(problem.printers) > 1:
-        grid = usual if _has_restarted_on_usual_grid(problem, state) else state.attempts[0].granularity
+        stages.append((Trial(Engine.PARALLELOBOX, usual_grid),))
+    if usual_grid == "auto" and len(problem.printers) > 1:
+        grid = usual_grid if _has_restarted_on_usual_grid(problem, state) else state.attempts[0].granularity
         is_rotated = any(attempt.yaw_deg for attempt in state.attempts)
         if not is_rotated:
             stages.append(_list_other_grids(problem, state, grid))
@@ -187,15 +191,15 @@ def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> 
     rotated_problem = rotate_about_z(problem, state.yaw_deg)
     rotated_problem = replace(rotated_problem, options=replace(problem.options, granularity=grid))
     extents_mm = rotated_problem.model.extents_mm
-    first_cells = rotated_problem.choose_granularity(rotated_problem.model)
-    shapes = {choose_cell_counts(extents_mm, first_cells)}
+    first_granularity = rotated_problem.choose_granularity(rotated_problem.model)
+    shapes = {choose_cell_counts(extents_mm, first_granularity)}
     trials = []
     for ratio in OTHER_GRID_RATIOS:
-        cells = min(MAX_GRANULARITY, round(ratio * first_cells))
-        shape = choose_cell_counts(extents_mm, cells)
+        granularity = min(MAX_GRANULARITY, round(ratio * first_granularity))
+        shape = choose_cell_counts(extents_mm, granularity)
         if shape not in shapes:
             shapes.add(shape)
-            trials.append(Trial(Engine.GUILLOTINE, cells, state.yaw_deg))
+            trials.append(Trial(Engine.GUILLOTINE, granularity, state.yaw_deg))
     return tuple(trials)
 
 
@@ -207,20 +211,20 @@ def choose_first_grid(problem: Problem) -> str | int:
     options, extents_mm = problem.options, problem.model.extents_mm
     if options.granularity != "auto":
         return options.granularity
-    cells = finest = problem.choose_granularity(problem.model)
-    min_cells = choose_granularity("auto", 1, max(extents_mm) / min(problem.max_part_mm))
-    while cells > min_cells and _estimate_grid_s(choose_cell_counts(extents_mm, cells)) > (
+    granularity = auto_granularity = problem.choose_granularity(problem.model)
+    min_granularity = choose_granularity("auto", 1, max(extents_mm) / min(problem.max_part_sides_mm))
+    while granularity > min_granularity and _estimate_grid_s(choose_cell_counts(extents_mm, granularity)) > (
         GRID_SHARE * options.best.budget_s
     ):
-        cells -= 1
-    return "auto" if cells == finest else cells
+        granularity -= 1
+    return "auto" if granularity == auto_granularity else granularity
 
 
 def _estimate_grid_s(shape: tuple[int, int, int]) -> float:
     """Estimate the effort in s for a grid: its tables, the solves with them, and the bound from them."""
-    boxes = math.prod(n * (n + 1) // 2 for n in shape)
+    box_count = math.prod(n * (n + 1) // 2 for n in shape)
     box_ns = WORK_NS[Work.BOX_PRICED] + WORK_NS[Work.BOX_PROVEN]
-    return (boxes * box_ns + USUAL_SOLVE_COUNT * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9
+    return (box_count * box_ns + USUAL_SOLVE_COUNT * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9
 
 
 def _make_sort_key(result: Decomposition) -> tuple[bool, float, int]:

@@ -9,18 +9,19 @@ and so is each mm3 of solid in a box.
 Cut faces: a line along an axis runs through a length L of solid. A box is at most R long, the longest side of
 a build volume. So m >= L / R boxes share the line, and one ends and the next begins at m - 1 places, with two
 cut faces each, whether the boxes touch or not. If they do not touch, the solid between them is not printed,
-which is allowed only far enough from the surface, on at most a length U of the line. This costs at least
+which is allowed only far enough from the surface, on at most a length U of the line. Compared with the whole
+line in one box, the extra cost is at least
 
-    min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R
+    min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R.
 
-more than printing the whole line in one box. Here k is the least price of a mm2 of cut face in any pose, and
-v that of a mm3, a third of which counts for each of the three lines through a point. The integral over all
-lines of the three axes is the cost of the cuts minus the savings by hollows. It increases with L and
-decreases with U. On a grid, therefore, L is the longest run of full cells, and U the length of all cells that
-may be left out. All lines in a row of cells have the same L and U.
+Here k is the least price of a mm2 of cut face in any pose, and v that of a mm3, a third of which counts for
+each of the three lines through a point. The integral over all lines of the three axes is the cost of the
+cuts minus the savings from hollows. It increases with L and decreases with U. On a grid,
+therefore, L is the longest run of full cells, and U the length of all cells that may be left out. All lines
+in a row of cells have the same L and U.
 
-`compute_price_s` subtracts savings by insets and rims from the price of a box. The savings by insets are
-limited by the height of a build volume, and those by rims by the skin that can be printed within the upper
+`compute_price_s` subtracts savings from insets and rims from the price of a box. The savings from insets are
+limited by the height of a build volume, and those from rims by the skin that can be printed within the upper
 limit of the bound.
 
 As on a grid, a box is priced as one part in an axis pose (`grid.boxes`), even if its solid is in several
@@ -93,7 +94,7 @@ def bound_shared_work_s(
         Print time of a part.
     makespan_s
         Upper limit of the bound, such as the makespan of a known partition. It also limits the
-        savings by rims, because partitions with a longer makespan are above the bound in any case.
+        savings from rims, because partitions with a longer makespan are above the bound in any case.
 
     Returns
     -------
@@ -135,8 +136,8 @@ def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, max_length_mm: float,
     hidden_share = max(cost.hidden_bed_share, cost.hidden_top_share)
     upright_s_mm2 = (1.0 - MEAN_SIDE_SHARE * cost.hidden_side_share) * cost.lateral_s_mm2
     face_s_mm2 = min(upright_s_mm2, (1.0 - hidden_share) * cost.skin_s_mm2)
-    boxes = np.maximum(2.0, np.ceil((solid_mm - hollow_mm) / max_length_mm - 1e-9))
-    cut_s = 2.0 * face_s_mm2 * (boxes - 1.0) - cost.volume_s_mm3 * hollow_mm / 3.0
+    box_counts = np.maximum(2.0, np.ceil((solid_mm - hollow_mm) / max_length_mm - 1e-9))
+    cut_s = 2.0 * face_s_mm2 * (box_counts - 1.0) - cost.volume_s_mm3 * hollow_mm / 3.0
     return np.asarray(np.where(solid_mm > max_length_mm, cut_s, np.minimum(0.0, cut_s)))
 
 
@@ -166,7 +167,7 @@ def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
     the surface in a nearby cell.
     """
     has_surface = grid.cells == Cell.BOUNDARY
-    surface = grid.surface[has_surface]
+    surface = grid.surface_extents[has_surface]
     centres_mm, halves_mm = (surface[:, :3] + surface[:, 3:]) / 2.0, (surface[:, 3:] - surface[:, :3]) / 2.0
     cells = np.argwhere(grid.is_needed)
     low_mm, high_mm = (
@@ -200,8 +201,8 @@ def _measure_rows(grid: Grid, is_unneeded: Bools, axis: int) -> Floats:
     full_starts, full_ends = _find_runs(grid.cells == Cell.INTERNAL, axis)
     full_mm = places_mm[full_ends[:, 2]] - places_mm[full_starts[:, 2]]
     np.maximum.at(max_length_mm, blocks[tuple(full_starts.T)], full_mm)
-    omitted = np.argwhere(np.moveaxis(is_unneeded, axis, 2))
-    np.add.at(hollow_mm, blocks[tuple(omitted.T)], np.diff(places_mm)[omitted[:, 2]])
+    unneeded_cells = np.argwhere(np.moveaxis(is_unneeded, axis, 2))
+    np.add.at(hollow_mm, blocks[tuple(unneeded_cells.T)], np.diff(places_mm)[unneeded_cells[:, 2]])
     return np.stack([max_length_mm, hollow_mm, a_mm[starts[:, 0]] * b_mm[starts[:, 1]]], axis=1)
 
 

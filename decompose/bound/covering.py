@@ -302,20 +302,20 @@ def cover_cells(
         all weight is on that cell.
     """
     total = int((boxes.seconds <= limit_s).sum())
-    largest, indices = np.zeros((total, 6), np.int16), np.zeros(total, np.int64)
+    largest_boxes, indices = np.zeros((total, 6), np.int16), np.zeros(total, np.int64)
     tables = (boxes.seconds, boxes.trimmed_box, boxes.piece_counts)
-    count = find_largest_boxes(tables, limit_s, boxes.shape, largest, indices)
-    largest = largest[:count].copy()
-    corners = find_corners(largest.astype(np.int64), boxes.shape)
+    count = find_largest_boxes(tables, limit_s, boxes.shape, largest_boxes, indices)
+    largest_boxes = largest_boxes[:count].copy()
+    corners = find_corners(largest_boxes.astype(np.int64), boxes.shape)
     overlap = np.zeros(is_needed.shape)
-    sum_over_cells(np.ones(len(largest)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
+    sum_over_cells(np.ones(len(largest_boxes)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
     uncovered_cells = is_needed & (overlap < 0.5)
     if uncovered_cells.any():
         return Covering(
             (uncovered_cells.cumsum().reshape(uncovered_cells.shape) == 1) * uncovered_cells * 1.0,
-            largest,
-            np.zeros(len(largest)),
+            largest_boxes,
+            np.zeros(len(largest_boxes)),
         )
     piece_counts = boxes.piece_counts[indices[:count]].astype(np.float64)
     best = _solve_programme(is_needed, corners, piece_counts, overlap, printer_count, weights.copy())
-    return Covering(best.weights, largest, best.shares)
+    return Covering(best.weights, largest_boxes, best.shares)

@@ -28,7 +28,7 @@ from decompose.print_time import MAX_INSET_SHARE, CostModel
 
 WEIGHT_UNIT = 1 << 24  # weight of a whole part before rounding to whole numbers
 MAX_LIMITS = 30  # maximum number of limits T that are tested
-FIRST_SHARE = 0.95  # the search begins at this share of a good partition's makespan
+FIRST_LIMIT_SHARE = 0.95  # the search begins at this share of a good partition's makespan
 TOLERANCE = 0.0075  # accuracy of the bound, as a share of it
 
 
@@ -121,20 +121,20 @@ def bound_makespan(boxes: BoxTables, is_needed: Bools, printer_count: int, makes
         linear programmes are solved approximately.
     """
     weights = is_needed * (printer_count / is_needed.sum())
-    low = _compute_bound(boxes, weights, printer_count, makespan_s)
-    high_s, limit_s = makespan_s, FIRST_SHARE * makespan_s
+    best_bound = _compute_bound(boxes, weights, printer_count, makespan_s)
+    high_s, limit_s = makespan_s, FIRST_LIMIT_SHARE * makespan_s
     for _ in range(MAX_LIMITS):
-        if high_s <= low.seconds * (1.0 + TOLERANCE):
+        if high_s <= best_bound.seconds * (1.0 + TOLERANCE):
             break
-        if limit_s <= low.seconds:
-            limit_s = (low.seconds + high_s) / 2.0
+        if limit_s <= best_bound.seconds:
+            limit_s = (best_bound.seconds + high_s) / 2.0
         weights = cover_cells(boxes, is_needed, limit_s, printer_count, weights).weights
         proof = _compute_bound(boxes, weights, printer_count, makespan_s)
-        low = max(low, proof, key=lambda bound: bound.seconds)
+        best_bound = max(best_bound, proof, key=lambda bound: bound.seconds)
         if proof.seconds <= limit_s:
             high_s = limit_s
-        limit_s = (low.seconds + high_s) / 2.0
-    return low
+        limit_s = (best_bound.seconds + high_s) / 2.0
+    return best_bound
 
 
 def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printer_count: int, cost: CostModel) -> float:

@@ -130,7 +130,7 @@ def make_coupon(pin_mm: float) -> Coupon:
     letters_z_mm = layout.height_mm - GAP_MM - LETTER_HEIGHT_MM / 2.0
     for n, text in enumerate(_name_fits()):
         middle_mm = np.array([layout.compute_column_x_mm(n), layout.depth_mm, letters_z_mm])
-        marks.append(_write_mark(text, middle_mm, UP_DIRECTION, -INWARD_DIRECTION))
+        marks.append(_make_mark(text, middle_mm, UP_DIRECTION, -INWARD_DIRECTION))
     strokes = [groove for mark in marks for groove in mark.grooves]
     tools = Solid.union([Solid.hull(tool.points_mm) for tool in (*holes, *grooves, *strokes)])
     solid = Solid.union([block, plate]).subtract(tools)
@@ -140,31 +140,33 @@ def make_coupon(pin_mm: float) -> Coupon:
 def _make_holes(layout: _Layout) -> tuple[list[Tool], list[Mark]]:
     """Make the holes and their numbers: in the top, in the front, and the gauges in the top."""
     pin_mm, hole_depth_mm = layout.pin_mm, choose_depths_mm(layout.pin_mm)[0]
-    top = [(text, pin_mm + fit_mm, hole_depth_mm) for text, fit_mm in zip(_name_fits(), FITS_MM, strict=True)]
+    hole_sizes = [
+        (text, pin_mm + fit_mm, hole_depth_mm) for text, fit_mm in zip(_name_fits(), FITS_MM, strict=True)
+    ]
     gauges = [(f"{length_mm:g}", pin_mm + GAUGE_FIT_MM, length_mm) for length_mm in layout.lengths_mm]
     holes_y_mm = layout.depth_mm - GAP_MM - pin_mm - compute_groove_depth_mm(pin_mm, FITS_MM[-1])
-    drilled: list[tuple[Tool, Mark]] = []
-    for n, (text, width_mm, length_mm) in enumerate([*top, *gauges]):
+    top_holes: list[tuple[Tool, Mark]] = []
+    for n, (text, width_mm, length_mm) in enumerate([*hole_sizes, *gauges]):
         mouth_mm = np.array([layout.compute_column_x_mm(n), holes_y_mm, layout.height_mm])
         middle_mm = np.array(
             [layout.compute_column_x_mm(n), GAP_MM + LETTER_HEIGHT_MM / 2.0, layout.height_mm]
         )
-        hole = _drill_hole(mouth_mm, DOWN_DIRECTION, width_mm, length_mm)
-        drilled.append((hole, _write_mark(text, middle_mm, INWARD_DIRECTION, DOWN_DIRECTION)))
-    front: list[tuple[Tool, Mark]] = []
-    for n, (text, width_mm, length_mm) in enumerate(top):
+        hole = _make_printable_hole(mouth_mm, DOWN_DIRECTION, width_mm, length_mm)
+        top_holes.append((hole, _make_mark(text, middle_mm, INWARD_DIRECTION, DOWN_DIRECTION)))
+    front_holes: list[tuple[Tool, Mark]] = []
+    for n, (text, width_mm, length_mm) in enumerate(hole_sizes):
         mouth_mm = np.array([layout.compute_column_x_mm(n), 0.0, GAP_MM + pin_mm])
         middle_mm = np.array(
             [layout.compute_column_x_mm(n), 0.0, layout.height_mm - GAP_MM - LETTER_HEIGHT_MM / 2.0]
         )
-        front.append(
+        front_holes.append(
             (
-                _drill_hole(mouth_mm, INWARD_DIRECTION, width_mm, length_mm),
-                _write_mark(text, middle_mm, UP_DIRECTION, INWARD_DIRECTION),
+                _make_printable_hole(mouth_mm, INWARD_DIRECTION, width_mm, length_mm),
+                _make_mark(text, middle_mm, UP_DIRECTION, INWARD_DIRECTION),
             )
         )
-    ordered = [*drilled[: len(top)], *front, *drilled[len(top) :]]
-    return [hole for hole, _ in ordered], [mark for _, mark in ordered]
+    ordered_holes = [*top_holes[: len(hole_sizes)], *front_holes, *top_holes[len(hole_sizes) :]]
+    return [hole for hole, _ in ordered_holes], [mark for _, mark in ordered_holes]
 
 
 def _make_key_groove(layout: _Layout, n: int, y_mm: float, inward_normal: Floats) -> Tool:
@@ -180,7 +182,7 @@ def _name_fits() -> Iterator[str]:
     return (f"{10.0 * fit_mm:.0f}" for fit_mm in FITS_MM)
 
 
-def _drill_hole(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: float) -> Tool:
+def _make_printable_hole(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: float) -> Tool:
     """Make a hole that prints without support, from the middle of its mouth (3,) in a direction (3,)."""
     hole = make_hole(0, mouth_mm, direction, UP_DIRECTION, (width_mm, depth_mm), np.zeros(3))
     if hole is None:
@@ -188,7 +190,7 @@ def _drill_hole(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: 
     return hole
 
 
-def _write_mark(text: str, middle_mm: Floats, up_direction: Floats, direction: Floats) -> Mark:
+def _make_mark(text: str, middle_mm: Floats, up_direction: Floats, direction: Floats) -> Mark:
     """Make the mark of a number around a point (3,) on a face; the directions (3,) are up and inward."""
     right = np.cross(up_direction, -direction)
     lines = (

@@ -100,8 +100,8 @@ def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
         high_x,
         PLACE_PITCH_MM,
     ):
-        cut = rotated_area.intersection(shapely.LineString([(x, low_y - 1.0), (x, high_y + 1.0)]))
-        for run in getattr(cut, "geoms", [cut]):
+        inside_line = rotated_area.intersection(shapely.LineString([(x, low_y - 1.0), (x, high_y + 1.0)]))
+        for run in getattr(inside_line, "geoms", [inside_line]):
             if run.length >= MIN_RANGE_MM:
                 ends = np.array(run.coords)[[0, -1]]
                 line_mm = side.lift(ends[ends[:, 1].argsort()] @ frame)

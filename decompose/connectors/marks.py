@@ -26,7 +26,7 @@ from decompose.connectors.tools import (
 )
 from decompose.pieces import Joint, list_polygons
 
-SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # heights of letters, with the depth of their grooves
+LETTER_SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # heights of letters, with the depth of their grooves
 ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
 MAX_DOTS = 3  # maximum number of dots of a mark
@@ -38,7 +38,7 @@ LEVEL_COS = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Text:
+class _TextLayout:
     """Text as strokes (k, 2, 2) around the origin in mm, and half the extents (2,) of their bounding box."""
 
     text: str
@@ -69,36 +69,38 @@ def place_marks(
     """
     steps = {joint: number for number, step in enumerate(assembly.steps) for joint in step.joints}
     marks: list[Mark] = []
-    unmarked = []
+    unmarked_joints = []
     for number, joint in enumerate(joints):
         pairs = sorted(find_sides(workpieces.blanks, number, joint), key=lambda pair: -pair[0].face.area_mm2)
-        placed = _mark_joint(workpieces, pairs, 1 + steps.get(number, 0) % MAX_DOTS)
-        marks += placed
-        if len(placed) < 2:
+        new_marks = _mark_joint(workpieces, pairs, 1 + steps.get(number, 0) % MAX_DOTS)
+        marks += new_marks
+        if len(new_marks) < 2:
             needs_support = any(_needs_support(workpieces, side) for pair in pairs[:1] for side in pair)
-            unmarked.append((number, "a face overhangs in its part's pose" if needs_support else "too small"))
-    return marks + _number_parts(workpieces, joints, marks), unmarked
+            unmarked_joints.append(
+                (number, "a face overhangs in its part's pose" if needs_support else "too small")
+            )
+    return marks + _number_parts(workpieces, joints, marks), unmarked_joints
 
 
 def _mark_joint(workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], dot_count: int) -> list[Mark]:
     """Mark the largest face on both sides, or else the sides that have space; if no side has, draw dots."""
-    best: list[Mark] = []
+    best_marks: list[Mark] = []
     for pair in pairs:
         marks = [
             _place_text(workpieces, side, _list_texts(workpieces, side, workpieces.blanks[other.part].name))
             for side, other in (pair, pair[::-1])
         ]
-        placed = [mark for mark in marks if mark is not None]
-        if len(placed) > len(best):
-            best = placed
-        if len(best) == 2:
+        placed_marks = [mark for mark in marks if mark is not None]
+        if len(placed_marks) > len(best_marks):
+            best_marks = placed_marks
+        if len(best_marks) == 2:
             break
-    if not best and pairs:
-        dotted = [_place_text(workpieces, side, [_draw_dots(dot_count)]) for side in pairs[0]]
-        best = [mark for mark in dotted if mark is not None]
-    for mark in best:
+    if not best_marks and pairs:
+        dot_marks = [_place_text(workpieces, side, [_draw_dots(dot_count)]) for side in pairs[0]]
+        best_marks = [mark for mark in dot_marks if mark is not None]
+    for mark in best_marks:
         workpieces.tools += mark.grooves
-    return best
+    return best_marks
 
 
 def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
@@ -118,7 +120,7 @@ def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], marks: Sequen
             for side in pair
             if side.part == part
         ]
-        texts = [_lay_out_text(blank.name, size, "") for size in SIZES_MM]
+        texts = [_lay_out_text(blank.name, size, "") for size in LETTER_SIZES_MM]
         for side in sorted(sides, key=lambda side: (workpieces.is_level(side), -side.face.area_mm2)):
             mark = _place_text(workpieces, side, texts[-1:] if workpieces.is_level(side) else texts)
             if mark is not None:
@@ -128,15 +130,15 @@ def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], marks: Sequen
     return new_marks
 
 
-def _list_texts(workpieces: Workpieces, side: Side, neighbour: str) -> list[_Text]:
+def _list_texts(workpieces: Workpieces, side: Side, neighbour: str) -> list[_TextLayout]:
     """List the texts for a side, the most legible first."""
     is_level = workpieces.is_level(side)
     numbers = f"-{neighbour}" if is_level else f"{workpieces.blanks[side.part].name}-{neighbour}"
-    sizes = SIZES_MM[-1:] if is_level else SIZES_MM
+    sizes = LETTER_SIZES_MM[-1:] if is_level else LETTER_SIZES_MM
     return [*(_lay_out_text(numbers, size, ARROW) for size in sizes), _lay_out_text(numbers, sizes[-1], "")]
 
 
-def _lay_out_text(numbers: str, size_mm: tuple[float, float], arrow: str) -> _Text:
+def _lay_out_text(numbers: str, size_mm: tuple[float, float], arrow: str) -> _TextLayout:
     """Lay out part numbers, and an arrow if any, in letters of a height with grooves of a depth."""
     height_mm, depth_mm = size_mm
     strokes, width = draw_strokes(numbers), measure_text_width(numbers)
@@ -146,18 +148,18 @@ def _lay_out_text(numbers: str, size_mm: tuple[float, float], arrow: str) -> _Te
         width += ARROW_CELL
     scale = height_mm / GRID_HEIGHT
     half_extents_mm = np.array([width, GRID_HEIGHT]) * scale / 2.0
-    return _Text(numbers + arrow, height_mm, depth_mm, strokes * scale, half_extents_mm)
+    return _TextLayout(numbers + arrow, height_mm, depth_mm, strokes * scale, half_extents_mm)
 
 
-def _draw_dots(count: int) -> _Text:
+def _draw_dots(count: int) -> _TextLayout:
     """Draw a row of dots."""
-    height_mm, depth_mm = SIZES_MM[-1]
+    height_mm, depth_mm = LETTER_SIZES_MM[-1]
     pitch_mm = DOT_PITCH * height_mm / GRID_HEIGHT
     centres_mm = np.zeros((count, 2, 2))
     centres_mm[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
     centres_mm[:, :, 0] += [-HALF_RIDGE_MM, HALF_RIDGE_MM]
     half_extents_mm = np.array([(count - 1) * pitch_mm / 2.0 + HALF_RIDGE_MM, 0.0])
-    return _Text("." * count, 2.0 * depth_mm, depth_mm, centres_mm, half_extents_mm)
+    return _TextLayout("." * count, 2.0 * depth_mm, depth_mm, centres_mm, half_extents_mm)
 
 
 def _needs_support(workpieces: Workpieces, side: Side) -> bool:
@@ -169,7 +171,7 @@ def _needs_support(workpieces: Workpieces, side: Side) -> bool:
     )
 
 
-def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_Text]) -> Mark | None:
+def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_TextLayout]) -> Mark | None:
     """Place the first text that fits on a side of a joint, horizontally or rotated by 90 degrees."""
     if _needs_support(workpieces, side):
         return None
@@ -179,8 +181,10 @@ def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_Text]) -> M
     for text in texts:
         for quarter_turns in range(2):
             frame = _build_text_frame(side, up_direction, quarter_turns)
-            local = shapely.transform(free_area, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T)
-            middle_mm = _find_middle(local, text.half_extents_mm + text.depth_mm + LIP_MM + RIM_MM)
+            rotated_area = shapely.transform(
+                free_area, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T
+            )
+            middle_mm = _find_middle(rotated_area, text.half_extents_mm + text.depth_mm + LIP_MM + RIM_MM)
             if middle_mm is None:
                 continue
             flat = _keep_arrow_up(text, quarter_turns) + middle_mm
@@ -190,18 +194,18 @@ def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_Text]) -> M
     return None
 
 
-def _keep_arrow_up(text: _Text, quarter_turns: int) -> Floats:
+def _keep_arrow_up(text: _TextLayout, quarter_turns: int) -> Floats:
     """Rotate the arrow of a rotated text back so that it points up, and return all strokes (k, 2, 2)."""
     if not quarter_turns or not text.text.endswith(ARROW):
         return text.strokes_mm
     count = len(draw_strokes(ARROW))
     arrow = text.strokes_mm[-count:]
     centre = np.array([text.half_extents_mm[0] - ARROW_CELL / 2.0 * text.height_mm / GRID_HEIGHT, 0.0])
-    rotated = (arrow - centre) @ np.array([[0.0, -1.0], [1.0, 0.0]]) + centre
-    return np.concatenate([text.strokes_mm[:-count], rotated])
+    rotated_arrow = (arrow - centre) @ np.array([[0.0, -1.0], [1.0, 0.0]]) + centre
+    return np.concatenate([text.strokes_mm[:-count], rotated_arrow])
 
 
-def _engrave_text(workpieces: Workpieces, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
+def _engrave_text(workpieces: Workpieces, side: Side, text: _TextLayout, lines_mm: Floats) -> Mark | None:
     """Make the mark of a text with strokes (k, 2, 3) on a side; None if a groove needs support."""
     grooves = tuple(
         make_groove(side.part, line, side.inward_normal, text.depth_mm - DEPTH_STEP_MM * (n % 16))
@@ -234,7 +238,9 @@ def _find_middle(area: shapely.Geometry, half_extents_mm: Floats) -> Floats | No
     polygons = [polygon for polygon in list_polygons(area) if polygon.area > 0.0]
     if not polygons:
         return None
-    widest_mm = shapely.maximum_inscribed_circle(max(polygons, key=lambda polygon: polygon.area)).coords[0]
+    widest_place_mm = shapely.maximum_inscribed_circle(
+        max(polygons, key=lambda polygon: polygon.area)
+    ).coords[0]
     low_x, low_y, high_x, high_y = area.bounds
     low_mm, high_mm = np.array([low_x, low_y]) + half_extents_mm, np.array([high_x, high_y]) - half_extents_mm
     if (low_mm > high_mm).any():
@@ -244,7 +250,7 @@ def _find_middle(area: shapely.Geometry, half_extents_mm: Floats) -> Floats | No
         for a, b in zip(low_mm, high_mm, strict=True)
     ]
     centres_mm = np.array(np.meshgrid(*spans)).reshape(2, -1).T
-    centres_mm = centres_mm[np.argsort(np.linalg.norm(centres_mm - widest_mm, axis=1), kind="stable")]
+    centres_mm = centres_mm[np.argsort(np.linalg.norm(centres_mm - widest_place_mm, axis=1), kind="stable")]
     shapely.prepare(area)
     boxes = shapely.box(*(centres_mm - half_extents_mm).T, *(centres_mm + half_extents_mm).T)
     inside_numbers = np.flatnonzero(shapely.contains(area, boxes))

@@ -30,8 +30,8 @@ EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap left by
 END_GAP_MM = 0.5  # gap at each end of a pin
 # Minimum difference between the distances of two pairs, in addition to twice the fit.
 MIN_DISTANCE_DIFFERENCE_MM = 0.7
-MIN_PAIR_MM = 8.0  # minimum distance between two pins that fix an angle
-FAR_PAIR_MM = 80.0  # minimum distance between two pins at which one hole is a slot
+MIN_PAIR_DISTANCE_MM = 8.0  # minimum distance between two pins that fix an angle
+MIN_SLOT_DISTANCE_MM = 80.0  # minimum distance between two pins at which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
 PLACE_PITCH_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
@@ -259,7 +259,7 @@ class _PinPlacer:
         if inner_pair is not None and inner_pair[0] >= EXTRA_MARGIN_SHARE * best_pair[0]:
             best_pair = inner_pair
         separation_mm, (site, deep_mm), (shallow_site, end_mm) = best_pair
-        for shift_mm in np.arange(0.0, separation_mm - MIN_PAIR_MM, 0.5):
+        for shift_mm in np.arange(0.0, separation_mm - MIN_PAIR_DISTANCE_MM, 0.5):
             # Move the shallow pin towards the deep one, within the plane of its face.
             shallow_mm = end_mm + self._project_points((deep_mm - end_mm)[None])[0] * shift_mm / separation_mm
             new_mm = self._measure_separation_mm(deep_mm, shallow_mm)
@@ -288,7 +288,11 @@ class _PinPlacer:
             (end_mm - point_mm) @ self.step.direction
         ) * self.step.direction
         separation_mm = float(np.linalg.norm(separation_vector_mm))
-        return SLOT_MM * separation_vector_mm / separation_mm if separation_mm > FAR_PAIR_MM else np.zeros(3)
+        return (
+            SLOT_MM * separation_vector_mm / separation_mm
+            if separation_mm > MIN_SLOT_DISTANCE_MM
+            else np.zeros(3)
+        )
 
     def _find_farthest_pair(
         self, deep_areas: list[shapely.Geometry], shallow_areas: list[shapely.Geometry]
@@ -299,7 +303,7 @@ class _PinPlacer:
             return None
         separations_mm = cdist(*(self._project_points(points) for _, points in ends))
         first, second = np.unravel_index(int(separations_mm.argmax()), separations_mm.shape)
-        if separations_mm[first, second] < MIN_PAIR_MM:
+        if separations_mm[first, second] < MIN_PAIR_DISTANCE_MM:
             return None
         (sites, points), (others, other_points) = ends
         return (

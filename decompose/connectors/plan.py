@@ -37,10 +37,12 @@ def plan_connectors(
         Minimum area of a joint whose glue counts as holding.
     """
     workpieces = Workpieces(blanks)
-    pins, unpinned = place_pins(workpieces, joints, assembly, options, min_glue_mm2)
-    marks, unmarked = place_marks(workpieces, joints, assembly) if options.marks else ([], [])
+    pins, unpinned_steps = place_pins(workpieces, joints, assembly, options, min_glue_mm2)
+    marks, unmarked_joints = place_marks(workpieces, joints, assembly) if options.marks else ([], [])
     gutters = place_gutters(workpieces, joints) if options.marks else []
-    return Connectors(tuple(pins), tuple(marks), tuple(unpinned), tuple(unmarked), gutters=tuple(gutters))
+    return Connectors(
+        tuple(pins), tuple(marks), tuple(unpinned_steps), tuple(unmarked_joints), gutters=tuple(gutters)
+    )
 
 
 def drill_parts(blanks: Sequence[Blank], connectors: Connectors) -> list[Solid]:

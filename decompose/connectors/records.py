@@ -26,7 +26,7 @@ class Tool:
         (n, 3) corners in the frame of the parts. The tool extends slightly beyond the face at which it opens.
     inward_normal
         (3,) unit vector from that face into the part.
-    face_mm
+    face_offset_mm
         Coordinate of that face along `inward_normal`.
     exit_direction
         (3,) unit vector along which a groove also leaves its part, through another face that is glued; None
@@ -36,7 +36,7 @@ class Tool:
     part: int
     points_mm: Floats
     inward_normal: Floats
-    face_mm: float
+    face_offset_mm: float
     exit_direction: Floats | None = None
 
 

@@ -41,8 +41,8 @@ MAX_STEP_MM = 0.23  # maximum step between two layers without support
 MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so a ceiling closes early
 _SAME_HEIGHT_MM = 1e-3  # maximum difference of two heights that count as equal
 _MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
-_HEXAGON_RAD = np.deg2rad(90.0 + 60.0 * np.arange(6))
-_CONE_RAD = np.deg2rad(45.0 * np.arange(8))
+_HEXAGON_ANGLES_RAD = np.deg2rad(90.0 + 60.0 * np.arange(6))
+_CONE_ANGLES_RAD = np.deg2rad(45.0 * np.arange(8))
 
 
 def make_hole(
@@ -123,9 +123,9 @@ def make_groove(
         along = np.cross(inward_normal, np.eye(3)[int(np.abs(inward_normal).argmin())])
     first = along / np.linalg.norm(along)
     second = np.cross(inward_normal, first)
-    rim = (first * np.cos(_CONE_RAD)[:, None] + width_ratio * second * np.sin(_CONE_RAD)[:, None]) * (
-        depth_mm + LIP_MM
-    )
+    rim = (
+        first * np.cos(_CONE_ANGLES_RAD)[:, None] + width_ratio * second * np.sin(_CONE_ANGLES_RAD)[:, None]
+    ) * (depth_mm + LIP_MM)
     cone = np.vstack([rim - LIP_MM * inward_normal, depth_mm * inward_normal])
     points = np.concatenate([cone + end for end in np.unique(ends_mm, axis=0)])
     return Tool(part, points, inward_normal, float(ends_mm[0] @ inward_normal))
@@ -162,7 +162,9 @@ def _choose_cross_axes(inward_normal: Floats, up_direction: Floats) -> tuple[Flo
 
 def _make_hexagon(upwards: Floats, across: Floats, inner_mm: float) -> Floats:
     """Make the corners (6, 3) of a hexagon around the origin by its inner radius; one points upwards."""
-    directions = upwards * np.sin(_HEXAGON_RAD)[:, None] + across * np.cos(_HEXAGON_RAD)[:, None]
+    directions = (
+        upwards * np.sin(_HEXAGON_ANGLES_RAD)[:, None] + across * np.cos(_HEXAGON_ANGLES_RAD)[:, None]
+    )
     return np.asarray(directions * (inner_mm / math.cos(math.pi / 6.0)))
 
 
@@ -201,7 +203,7 @@ def closes_in_a_step(tool: Tool, up_direction: Floats) -> bool:
     heights_mm = tool.points_mm @ up_direction
     high_mm = float(heights_mm.max())
     top = tool.points_mm[heights_mm > high_mm - _SAME_HEIGHT_MM]
-    if (top @ tool.inward_normal).min() < tool.face_mm + _SAME_HEIGHT_MM:
+    if (top @ tool.inward_normal).min() < tool.face_offset_mm + _SAME_HEIGHT_MM:
         return False  # the section is open at the mouth, so it is a notch in the outline, not a ring
     if 2.0 * float(np.ptp(top, axis=0).max()) < MIN_RING_MM:
         low_mm = float(heights_mm.min())

@@ -111,13 +111,13 @@ class Canvas:
     def write_labels(self, labels: Sequence[str]) -> list[str]:
         """Label each of the first shapes where it is widest; return the labels of hidden shapes."""
         hidden_labels = []
-        visible = self.drawing.front_shapes
-        windows = find_objects(visible, len(labels))
+        front_shapes = self.drawing.front_shapes
+        windows = find_objects(front_shapes, len(labels))
         for number, (label, window) in enumerate(zip(labels, windows, strict=True), 1):
             if window is None:
                 hidden_labels.append(label)
                 continue
-            distances_px = distance_transform_edt(np.pad(visible[window] == number, 1))
+            distances_px = distance_transform_edt(np.pad(front_shapes[window] == number, 1))
             row, column = np.unravel_index(int(distances_px.argmax()), distances_px.shape)
             size_pt = float(np.clip(distances_px.max() / PX_PER_PT, MIN_LABEL_PT, LABEL_PT))
             self.write_text(window[1].start + column - 1, window[0].start + row - 1, label, size_pt)

@@ -78,21 +78,21 @@ def _lay_out_shapes(
     # Depth and height of each part combined, as seen by the eye.
     visible_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_ELEVATION_DEG))
     pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), visible_mm.max(), 0.0])
-    columns = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
-    shapes, tables, front_mm = [], [], []
+    column_count = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
+    shapes, bed_shapes, front_mm = [], [], []
     for i, (number, (vertices, faces), place) in enumerate(zip(order, meshes, ordered_places, strict=True)):
-        middle_mm = pitch_mm * [i % columns, -(i // columns), 0.0]
+        middle_mm = pitch_mm * [i % column_count, -(i // column_count), 0.0]
         placed_vertices = vertices + middle_mm
         shapes.append(Shape(placed_vertices[faces], colours[number]))
         front = placed_vertices[:, 1].min()
         if place is not None:
-            tables.append(Shape(_make_bed(place) + middle_mm, BED_COLOUR))
+            bed_shapes.append(Shape(_make_bed(place) + middle_mm, BED_COLOUR))
             front = min(front, middle_mm[1] - place.bed_mm[1] / 2.0)
         front_mm.append([middle_mm[0], front, 0.0])
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP_SHARE / 2.0 * pitch_mm[1], 0.0]
     # A triangle without area reserves space for the names in the last row.
     name_space = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))
-    return [*shapes, *tables, name_space], np.array(front_mm)
+    return [*shapes, *bed_shapes, name_space], np.array(front_mm)
 
 
 def describe_place(place: BedPlace | None) -> str:
@@ -100,12 +100,12 @@ def describe_place(place: BedPlace | None) -> str:
     if place is None:
         return ""
     right, back = (round(mm) for mm in place.centre_mm)
-    words = [
+    offsets = [
         f"{abs(mm)} mm {names[mm > 0]}"
-        for mm, names in ((right, ("to the left", "to the right")), (back, ("to the front", "to the back")))
+        for mm, names in ((right, ("left of", "right of")), (back, ("in front of", "behind")))
         if mm
     ]
-    return f"{' and '.join(words)}, from the middle" if words else "in the middle"
+    return f"{' and '.join(offsets) or 'in'} the middle"
 
 
 def put_part_on_bed(vertices: Floats, faces: Ints, place: BedPlace | None) -> tuple[Floats, Ints]:

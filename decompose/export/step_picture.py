@@ -31,10 +31,10 @@ PIN_GAIN = 0.5  # gain if all pins are visible
 MAX_DRAWN_VIEWS = 5  # maximum number of views that are drawn in a small size to find hidden faces and pins
 DRAWN_VIEW_PX = 160
 GAP_SHARE = 0.7  # gap below the moved body, as a share of the extent of the glued faces across the step
-LONG_SIDE_PX, TURNED_OVER_PX = 860, 520
+BOTH_BODIES_PX, MOVED_BODY_PX = 860, 520  # longer sides of the pictures
 DRAWING_THREADS = 2
 SCALE_LENGTHS_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
-PIN_PT, SCALE_PT = 12.0, 11.0
+PIN_PT, SCALE_PT = 12.0, 11.0  # text sizes at pins and at the scale bar
 ROD_PT, BAR_PT = 1.6, 3.0  # widths of the line from a pin to its hole, and of the scale bar
 PIN_INK, ARROW_INK = "#0b2f8a", "#303030"
 
@@ -191,8 +191,8 @@ def choose_view(
     views = [
         (azimuth_deg, elevation_deg) for elevation_deg, azimuth_deg in product(elevations_deg, AZIMUTHS_DEG)
     ]
-    best = sorted(views, key=compute_merit, reverse=True)[:MAX_DRAWN_VIEWS]
-    return max(best, key=lambda view: score_drawing(view) + compute_merit(view))
+    best_views = sorted(views, key=compute_merit, reverse=True)[:MAX_DRAWN_VIEWS]
+    return max(best_views, key=lambda view: score_drawing(view) + compute_merit(view))
 
 
 def name_top_direction(camera: Floats) -> str:
@@ -225,39 +225,39 @@ class StepCameras:
 
 
 def _draw_step(
-    number: int, decomposition: Decomposition, offset_mm: Floats, cameras: StepCameras
+    step_index: int, decomposition: Decomposition, offset_mm: Floats, cameras: StepCameras
 ) -> StepPictures:
     """Draw a step: both bodies, and the moved body from its best view."""
-    step = decomposition.assembly.steps[number]
+    step = decomposition.assembly.steps[step_index]
     # The scene is built again, because stored scenes would fill the memory.
-    scene = build_both_bodies(number, decomposition, offset_mm)
+    scene = build_both_bodies(step_index, decomposition, offset_mm)
     both_picture = _draw_both_bodies(scene, step, decomposition, cameras.both_bodies, offset_mm)
-    moved = build_moved_body(number, decomposition)
-    view = choose_view(moved, cameras.turned_pose, TURNED_OVER_ELEVATIONS_DEG, cameras.azimuth_deg)
-    moved_picture = _draw_moved_body(moved, decomposition, make_camera(*view) @ cameras.turned_pose)
+    moved_scene = build_moved_body(step_index, decomposition)
+    view = choose_view(moved_scene, cameras.turned_pose, TURNED_OVER_ELEVATIONS_DEG, cameras.azimuth_deg)
+    moved_picture = _draw_moved_body(moved_scene, decomposition, make_camera(*view) @ cameras.turned_pose)
     return StepPictures(both_picture, moved_picture, name_top_direction(cameras.both_bodies))
 
 
 def _draw_both_bodies(
     scene: Scene, step: AssemblyStep, decomposition: Decomposition, camera: Floats, offset_mm: Floats
 ) -> bytes:
-    """Draw both bodies of a step, with the names of parts and pins, the movement and a scale, as PNG."""
-    canvas = Canvas(draw_shapes(scene.shapes, camera, LONG_SIDE_PX))
+    """Draw both bodies of a step, with the numbers of parts, sizes of pins, movement and scale, as PNG."""
+    canvas = Canvas(draw_shapes(scene.shapes, camera, BOTH_BODIES_PX))
     canvas.write_labels([find_part_number(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:
         rod_mm = np.array([_find_tip(pin), pin.position_mm + offset_mm])
         canvas.draw_dots(canvas.drawing.find_pixels(rod_mm), ROD_PT, PIN_INK)
-    _name_pins(canvas, scene, [_find_tip(pin) for pin in scene.pins])
+    _write_pin_sizes(canvas, scene, [_find_tip(pin) for pin in scene.pins])
     _draw_arrow(canvas, step, decomposition, offset_mm)
     _draw_scale(canvas)
     return canvas.encode_png()
 
 
 def _draw_moved_body(scene: Scene, decomposition: Decomposition, camera: Floats) -> bytes:
-    """Draw the moved body of a step, with the names of parts and pins, as PNG."""
-    canvas = Canvas(draw_shapes(scene.shapes, camera, TURNED_OVER_PX))
+    """Draw the moved body of a step, with the numbers of parts and the sizes of pins, as PNG."""
+    canvas = Canvas(draw_shapes(scene.shapes, camera, MOVED_BODY_PX))
     canvas.write_labels([find_part_number(decomposition.parts[number].id) for number in scene.parts])
-    _name_pins(canvas, scene, [pin.position_mm for pin in scene.pins])
+    _write_pin_sizes(canvas, scene, [pin.position_mm for pin in scene.pins])
     return canvas.encode_png()
 
 
@@ -267,7 +267,7 @@ def _find_tip(pin: Pin) -> Floats:
     return np.asarray(pin.position_mm + height_mm / 2.0 * pin.axis)
 
 
-def _name_pins(canvas: Canvas, scene: Scene, points_mm: Sequence[Floats]) -> None:
+def _write_pin_sizes(canvas: Canvas, scene: Scene, points_mm: Sequence[Floats]) -> None:
     """Write the size of each visible pin next to it."""
     drawing = canvas.drawing
     for number, (pin, point_mm) in enumerate(

@@ -86,12 +86,12 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
     return glued_faces
 
 
-def build_both_bodies(number: int, decomposition: Decomposition, moved_offset_mm: Floats) -> Scene:
+def build_both_bodies(step_index: int, decomposition: Decomposition, moved_offset_mm: Floats) -> Scene:
     """Build the scene of both bodies of a step: the fixed one with its pins, on a table if it can stand.
 
     Parameters
     ----------
-    number
+    step_index
         Index of the step.
     decomposition
         Decomposition with the parts, in mm.
@@ -103,9 +103,9 @@ def build_both_bodies(number: int, decomposition: Decomposition, moved_offset_mm
     Scene
         Shapes in the model's frame.
     """
-    step = decomposition.assembly.steps[number]
+    step = decomposition.assembly.steps[step_index]
     glued_faces = find_glued_faces(step, decomposition)
-    pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
+    pins = [pin for pin in decomposition.connectors.pins if pin.step == step_index]
     shapes = [
         *_paint_parts(step.fixed_parts, decomposition, np.zeros(3)),
         *_paint_parts(step.moved_parts, decomposition, moved_offset_mm),
@@ -122,19 +122,19 @@ def build_both_bodies(number: int, decomposition: Decomposition, moved_offset_mm
     return Scene((*step.fixed_parts, *step.moved_parts), glued_faces, pins, shapes)
 
 
-def build_moved_body(number: int, decomposition: Decomposition) -> Scene:
+def build_moved_body(step_index: int, decomposition: Decomposition) -> Scene:
     """Build the scene of the moved body of a step alone, with the mouths of its holes.
 
     Parameters
     ----------
-    number, decomposition
+    step_index, decomposition
         As in `build_both_bodies`.
     """
-    step = decomposition.assembly.steps[number]
+    step = decomposition.assembly.steps[step_index]
     glued_faces = [
         GluedFace(entry.face, -entry.outward_normal) for entry in find_glued_faces(step, decomposition)
     ]
-    pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
+    pins = [pin for pin in decomposition.connectors.pins if pin.step == step_index]
     shapes = [
         *_paint_parts(step.moved_parts, decomposition, np.zeros(3)),
         *(Shape(fill_face(entry.face, entry.outward_normal), GLUE_COLOUR) for entry in glued_faces),
@@ -196,12 +196,12 @@ def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
     """Make flat triangles (m, 3, 3) of the strokes of a mark, in front of its face."""
     outward_normal = -mark.grooves[0].inward_normal
     ends = mark.lines_mm + 3.0 * LIFT_HEIGHT_MM * outward_normal
-    along = ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    dot = choose_plane_axes(outward_normal)[0]  # a dot has no direction of its own
-    along = np.where(length > 0.0, along / np.maximum(length, 1e-9), dot)
-    half_mm = width_mm / 2.0 * np.cross(outward_normal, along)
-    a, b = ends[:, 0] - width_mm / 2.0 * along, ends[:, 1] + width_mm / 2.0 * along
+    strokes = ends[:, 1] - ends[:, 0]
+    lengths = np.linalg.norm(strokes, axis=1, keepdims=True)
+    dot_direction = choose_plane_axes(outward_normal)[0]  # a dot has no direction of its own
+    directions = np.where(lengths > 0.0, strokes / np.maximum(lengths, 1e-9), dot_direction)
+    half_mm = width_mm / 2.0 * np.cross(outward_normal, directions)
+    a, b = ends[:, 0] - width_mm / 2.0 * directions, ends[:, 1] + width_mm / 2.0 * directions
     corners = np.stack([a - half_mm, b - half_mm, b + half_mm, a + half_mm], axis=1)
     return _orient_triangles(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), outward_normal)
 
@@ -230,7 +230,7 @@ def _fill_mouth(hole: Tool) -> Floats:
     mouth = hole.points_mm[depths_mm < depths_mm.min() + 1e-6]
     axes = choose_plane_axes(hole.inward_normal)
     ring = np.array(shapely.MultiPoint(mouth @ axes.T).convex_hull.exterior.coords)[:-1]
-    corners = ring @ axes + (hole.face_mm - 3.0 * LIFT_HEIGHT_MM) * hole.inward_normal
+    corners = ring @ axes + (hole.face_offset_mm - 3.0 * LIFT_HEIGHT_MM) * hole.inward_normal
     return _orient_triangles(corners[triangulate([ring])], -hole.inward_normal)
 
 

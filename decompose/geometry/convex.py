@@ -54,7 +54,7 @@ def find_convex_outline(points: Floats) -> Floats:
 def _drop_inner_points(points: Floats) -> Floats:
     """Drop most points inside the convex outline, which takes less time than sorting them.
 
-    These are the points inside the octagon of those that lie furthest in eight directions.
+    Points are dropped inside an octagon, whose corners are the points that lie furthest in eight directions.
 
     Source: S. G. Akl, G. T. Toussaint, "A fast convex hull algorithm", 1978.
 

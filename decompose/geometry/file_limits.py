@@ -56,18 +56,19 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
             f"{name}: no end_header within {MAX_PLY_HEADER_BYTES // 1024} KiB; the file may be truncated or "
             "not a PLY file. Copy or export it again"
         )
-    triangles = count_triangles(data, suffix)
+    triangle_count = count_triangles(data, suffix)
     if memory_bytes is not None:
-        check_triangles(name, triangles, memory_bytes)
+        check_triangles(name, triangle_count, memory_bytes)
     if suffix == ".ply" and _PLY_BINARY_PATTERN.search(data, 0, MAX_PLY_HEADER_BYTES):
-        if triangles and len(data) > triangles * MAX_CORNERS * _CORNER_BYTES:
+        if triangle_count and len(data) > triangle_count * MAX_CORNERS * _CORNER_BYTES:
             raise ModelUnreadable(
-                f"{name}: has {triangles} faces in {len(data) / 1e6:.0f} MB: either its faces have too many "
-                "corners, or it is a point cloud; export it with triangles"
+                f"{name}: has {triangle_count} faces in {len(data) / 1e6:.0f} MB: either its faces have too "
+                "many corners, or it is a point cloud; export it with triangles"
             )
-    elif suffix != ".stl" and (corners := _find_max_corner_count(data)) > MAX_CORNERS:
+    elif suffix != ".stl" and (max_corner_count := _find_max_corner_count(data)) > MAX_CORNERS:
         raise ModelUnreadable(
-            f"{name}: has a face with {corners} corners (limit {MAX_CORNERS}); export it with triangles"
+            f"{name}: has a face with {max_corner_count} corners (limit {MAX_CORNERS}); "
+            "export it with triangles"
         )
 
 

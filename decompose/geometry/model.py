@@ -143,9 +143,9 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
     Triangles that are not finite, have no area, or are all in one plane are refused.
     """
     if not np.isfinite(triangles).all():
-        bad_triangles = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
+        bad_count = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
         raise ModelNotFinite(
-            f"{name}: {bad_triangles} of {len(triangles)} triangles have a coordinate that is not a number"
+            f"{name}: {bad_count} of {len(triangles)} triangles have a coordinate that is not a number"
         )
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     max_coordinate = float(np.abs([lo, hi]).max())

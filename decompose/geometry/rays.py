@@ -117,19 +117,20 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
     fill_counts = np.zeros(nx * ny, np.int64)
     edges = np.zeros((3, 4))
-    crossed, crossed_count = np.arange(len(triangles)), len(triangles)  # triangles that rays may cross
+    # The first `crossed_count` of these triangles may be crossed by rays.
+    crossed_triangles, crossed_count = np.arange(len(triangles)), len(triangles)
     for round_number in range(2):  # the first round counts the crossings, the second one fills them in
         if round_number == 1:
             crossings = _allocate_crossings(crossings.start)
         triangle_count, crossed_count = crossed_count, 0
         for k in range(triangle_count):
-            t = crossed[k]
+            t = crossed_triangles[k]
             if normals[t, 2] == 0.0:
                 continue
             (first, last), (begin, end) = _find_ray_rectangle(triangles, t, rays)
             if first >= last or begin >= end:  # most triangles of a fine mesh are between the rays
                 continue
-            crossed[crossed_count] = t
+            crossed_triangles[crossed_count] = t
             crossed_count += 1
             _set_edges(triangles, t, edges)
             (ax, ay, az), slope_x, slope_y, (lowest, highest) = _compute_plane(triangles, normals, t)

@@ -30,7 +30,7 @@ from decompose.geometry.weld import EdgeUses, Surface, count_edge_uses
 from decompose.jit import jit
 
 MAX_MOVE_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
-# Maximum share of the surface that is further than this from the repaired surface, and outside it.
+# Maximum share of the surface that is further than that distance from the repaired surface, and outside it.
 MAX_LOST_SHARE = 0.02
 MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired surface
 MAX_EXTENT_CHANGE_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
@@ -84,7 +84,7 @@ def close_surface(
     nonmanifold_edge_count = sum(use.nonmanifold_count for use in uses)
     if is_changed:
         report("comparing the repaired surface")
-        repairs.append(_judge_repair(name, surface, solid, single_edge_count, nonmanifold_edge_count))
+        repairs.append(_describe_repair(name, surface, solid, single_edge_count, nonmanifold_edge_count))
     elif nonmanifold_edge_count:
         noun = "bodies" if bodies_after > bodies_before else "surfaces"
         repairs.append(
@@ -188,7 +188,7 @@ def _run_mesh_fix(body: Any) -> Any:
     return repaired_mesh if len(repaired_mesh.faces) and repaired_mesh.is_watertight else None
 
 
-def _judge_repair(
+def _describe_repair(
     name: str, surface: Surface, solid: Solid, single_edge_count: int, nonmanifold_edge_count: int
 ) -> str:
     """Describe the repair of a surface in a sentence; refuse one that changes too much of the model."""

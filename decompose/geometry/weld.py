@@ -67,8 +67,8 @@ def weld_triangles(triangles: Floats) -> Surface:
     if len(faces) < len(triangles):
         dropped_count = len(triangles) - len(faces)
         repairs.append(f"Dropped {dropped_count} triangles that had collapsed or were given twice.")
-    open_edges = count_edge_uses(faces).single_count
-    if open_edges:
+    open_edge_count = count_edge_uses(faces).single_count
+    if open_edge_count:
         tree = cKDTree(vertices)
         size_mm = float(np.ptp(vertices, axis=0).max())
         for share in WELD_SHARES:
@@ -76,7 +76,7 @@ def weld_triangles(triangles: Floats) -> Surface:
             group = label_components(len(vertices), pairs[:, 0], pairs[:, 1])
             first_of_group = np.unique(group, return_index=True)[1][group]
             welded_faces = select_distinct_faces(first_of_group[triangle_vertices])
-            if count_edge_uses(welded_faces).single_count < open_edges / 2:
+            if count_edge_uses(welded_faces).single_count < open_edge_count / 2:
                 faces = welded_faces
                 repairs.append(f"Joined vertices within {share * size_mm:.1g} mm of each other.")
                 break

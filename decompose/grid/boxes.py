@@ -42,7 +42,7 @@ class BoxTables:
     trimmed_box
         (boxes,) index of the smallest box around its needed cells; -1 if it has none.
     piece_counts
-        (boxes,) number of connected pieces of the solid in it, by the grid.
+        (boxes,) number of connected pieces of the solid in it, as counted on the grid.
     cut_mm2
         (boxes,) area of the cut faces of boxes that may be printed; (0,) if it is not needed.
     """

@@ -84,7 +84,7 @@ class Grid:
     extents
         (nx, ny, nz, 6) float64 least x, y, z and greatest x, y, z of the solid in a cell, in mm; +inf and
         -inf if it is empty.
-    surface
+    surface_extents
         (nx, ny, nz, 6) the same for the model's surface alone.
     cuts
         Float64 area of solid in mm2 on the planes across each axis, by cell: n + 1 planes along that axis.
@@ -98,7 +98,7 @@ class Grid:
     sums: Floats
     area_mm2: Floats
     extents: Floats
-    surface: Floats
+    surface_extents: Floats
     cuts: tuple[Floats, Floats, Floats]
     bodies: CellBodies
 
@@ -252,7 +252,7 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
         (n + 1,) ascending coordinates of the planes across each axis, in mm.
     """
     area_mm2, flux, sums, extents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
-    surface = extents.copy()  # `extents` will become those of the solid
+    surface_extents = extents.copy()  # `extents` will become those of the solid
     steps_mm = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):
@@ -276,11 +276,13 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     cells = np.full(area_mm2.shape, Cell.EXTERNAL, dtype=np.int8)
     cells[(area_mm2 == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
     cells[area_mm2 > 0.0] = Cell.BOUNDARY
-    needed = cells != Cell.EXTERNAL
+    is_needed = cells != Cell.EXTERNAL
     if not rules.keeps_interior:
-        needed = (cells == Cell.BOUNDARY) | _find_wall_cells(cells, surface, planes, rules.min_wall_mm)
+        is_needed = (cells == Cell.BOUNDARY) | _find_wall_cells(
+            cells, surface_extents, planes, rules.min_wall_mm
+        )
     cut_areas = (cuts[0], cuts[1], cuts[2])
-    return Grid(planes, cells, needed, sums, area_mm2, extents, surface, cut_areas, NO_BODIES)
+    return Grid(planes, cells, is_needed, sums, area_mm2, extents, surface_extents, cut_areas, NO_BODIES)
 
 
 def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], divisions: int) -> CellBodies:
@@ -310,7 +312,7 @@ def divide_planes(planes: Floats, divisions: int) -> Floats:
 
 
 def _find_wall_cells(
-    cells: npt.NDArray[np.int8], surface: Floats, planes: tuple[Floats, ...], min_wall_mm: float
+    cells: npt.NDArray[np.int8], surface_extents: Floats, planes: tuple[Floats, ...], min_wall_mm: float
 ) -> Bools:
     """Find the internal cells (nx, ny, nz) that may be nearer to the surface than the minimum wall.
 
@@ -319,7 +321,7 @@ def _find_wall_cells(
     """
     boundary = np.argwhere(cells == Cell.BOUNDARY)
     is_wall = np.zeros(cells.shape, dtype=np.bool_)
-    boxes = surface[tuple(boundary.T)]
+    boxes = surface_extents[tuple(boundary.T)]
     for x, y, z in np.argwhere(cells == Cell.INTERNAL):
         lo = np.array([planes[0][x], planes[1][y], planes[2][z]])
         hi = np.array([planes[0][x + 1], planes[1][y + 1], planes[2][z + 1]])

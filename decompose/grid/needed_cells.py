@@ -40,16 +40,16 @@ def refine_cells(
     divisions = max(1, min(MAX_DIVISION, int((max_cells / grid.is_needed.size) ** (1.0 / 3.0))))
     px, py, pz = (divide_planes(planes, divisions) for planes in grid.planes)
     fine_grid = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
-    needed = fine_grid.cells != Cell.EXTERNAL
+    is_needed = fine_grid.cells != Cell.EXTERNAL
     if not keeps_interior:
         boundary = fine_grid.cells == Cell.BOUNDARY
-        needed = boundary | needed & _find_near_cells(
-            fine_grid.surface[boundary], fine_grid.planes, min_wall_mm
+        is_needed = boundary | is_needed & _find_near_cells(
+            fine_grid.surface_extents[boundary], fine_grid.planes, min_wall_mm
         )
     is_cell_needed = grid.is_needed
     for axis in range(3):
         is_cell_needed = is_cell_needed.repeat(divisions, axis=axis)
-    return NeededCells(fine_grid.planes, needed & is_cell_needed)
+    return NeededCells(fine_grid.planes, is_needed & is_cell_needed)
 
 
 def _find_near_cells(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:

@@ -123,7 +123,7 @@ def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
 
 
 class _Order(NamedTuple):
-    """Order of the axes in which boxes are visited: each box extends the previous one along the last axis.
+    """Axis order in which the boxes are visited: each box extends the previous one along the last axis.
 
     Attributes
     ----------

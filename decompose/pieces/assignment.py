@@ -68,9 +68,9 @@ def solve_bottleneck_assignment(seconds: Floats) -> list[int] | None:
             low = middle + 1
     is_allowed = seconds <= times_s[high]
     order_costs = 1e-6 * np.arange(seconds.shape[1])
-    forbidden = 1.0 + float((times_s[high] + order_costs[-1]) * len(seconds))
+    forbidden_cost = 1.0 + float((times_s[high] + order_costs[-1]) * len(seconds))
     _, columns = linear_sum_assignment(
-        np.where(is_allowed, np.where(is_allowed, seconds, 0.0) + order_costs, forbidden)
+        np.where(is_allowed, np.where(is_allowed, seconds, 0.0) + order_costs, forbidden_cost)
     )
     return [int(column) for column in columns]
 

@@ -246,13 +246,13 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
     sides: dict[tuple[float, ...], _Side] = {}
     for plane in planes:
         is_on_plane = np.abs(vertices @ plane[:3] - plane[3]) < PLANE_TOLERANCE_MM
-        flat = faces[is_on_plane[faces].all(axis=1)]
-        if not len(flat):
+        flat_faces = faces[is_on_plane[faces].all(axis=1)]
+        if not len(flat_faces):
             continue
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
         plane_key = np.round(sign * plane, PLANE_DECIMALS) + 0.0
         # The inverse of a denormal number is infinite.
-        corners = np.round((vertices @ choose_plane_axes(plane_key[:3]).T)[flat], PLANE_DECIMALS)
+        corners = np.round((vertices @ choose_plane_axes(plane_key[:3]).T)[flat_faces], PLANE_DECIMALS)
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = _unite_triangles(rings[shapely.area(rings) > 0.0])
         if section.area > 0.0:

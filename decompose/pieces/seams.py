@@ -98,27 +98,29 @@ class _Rims:
         key = number, face.normal.tobytes(), face.offset_mm
         if key not in self._rims:
             vertices, faces = self._arrays[number]
-            flat = find_cut_faces(vertices, faces, np.append(face.normal, face.offset_mm)[None])
+            is_flat = find_cut_faces(vertices, faces, np.append(face.normal, face.offset_mm)[None])
             corners, pairs = self._edges[number]
             is_outer = ~self._cut_faces[number][pairs]
-            is_on_rim = (flat[pairs] & is_outer[:, ::-1]).any(axis=1)
+            is_on_rim = (is_flat[pairs] & is_outer[:, ::-1]).any(axis=1)
             lines = (vertices @ face.axes.T)[corners[is_on_rim]]
             rim = shapely.union_all(shapely.linestrings(lines))
-            thin = _find_thin_region(self._solids[number], vertices, faces[flat], face)
-            self._rims[key] = rim, rim.intersection(thin.buffer(LINE_TOLERANCE_MM))
+            thin_region = _find_thin_region(self._solids[number], vertices, faces[is_flat], face)
+            self._rims[key] = rim, rim.intersection(thin_region.buffer(LINE_TOLERANCE_MM))
         return self._rims[key]
 
 
 def _find_thin_region(solid: Solid, vertices: Floats, flat_faces: Ints, face: JointFace) -> shapely.Geometry:
     """Find the region where a solid is thinner than two walls behind faces (m, 3) on the plane of a joint."""
     a, b, c = np.moveaxis(vertices[flat_faces], 1, 0)
-    outside = np.sign(float((np.cross(b - a, c - a) @ face.normal).sum()))
+    outward_sign = np.sign(float((np.cross(b - a, c - a) @ face.normal).sum()))
     rings = (vertices @ face.axes.T)[flat_faces]
     cut_area = shapely.union_all(shapely.polygons(np.concatenate([rings, rings[:, :1]], axis=1)))
     frame = np.vstack([face.axes, face.normal])
-    area_behind = solid.cut_section(frame, face.offset_mm - outside * TWO_WALLS_MM)
-    thin = cut_area.difference(_build_region(area_behind))
-    opened_area: shapely.Geometry = thin.buffer(-THIN_REACH_MM / 2.0).buffer(THIN_REACH_MM / 2.0 * 1.01)
+    area_behind = solid.cut_section(frame, face.offset_mm - outward_sign * TWO_WALLS_MM)
+    thin_region = cut_area.difference(_build_region(area_behind))
+    opened_area: shapely.Geometry = thin_region.buffer(-THIN_REACH_MM / 2.0).buffer(
+        THIN_REACH_MM / 2.0 * 1.01
+    )
     return opened_area
 
 

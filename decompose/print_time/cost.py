@@ -37,7 +37,8 @@ AdditiveFeatures = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
-"""Maximum share of the time for walls that shorter inner walls save: a part is not thinner than its walls."""
+"""Maximum time that shorter inner walls save, as a share of the time for walls: a part is not thinner than
+its walls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +64,10 @@ class CostModel:
     overhang_s_mm3: float
     brim_s_mm2: float
     min_s_mm: float  # minimum time of the layers in a mm of height
-    brim_mm: float
-    supported_deg: float = 45.0  # faces at a larger angle from the vertical get support
-    small_supported_deg: float = 0.0  # the same angle if the faces between both angles are small
-    small_overhang_mm2: float = 0.0  # area below which they are
+    brim_mm: float  # width of the brim
+    effective_support_angle_deg: float = 45.0  # see `PrintTimeSettings`; faces at a larger angle get support
+    effective_small_overhang_deg: float = 0.0  # faces up to this angle get no support if their area is small
+    small_overhang_mm2: float = 0.0  # area from which the faces between both angles get support
     skin_cos: float = 0.7  # faces with a larger |n| get skin
     inset_s_mm: float = 0.0
     skin_rim_s_mm: float = 0.0
@@ -81,12 +82,12 @@ class CostModel:
     rim_end_s_mm: float = 0.0
     ring_s_mm2: float = 0.0
     steep_top_s_mm2: float = 0.0
-    bare_s_mm2: float = 0.0
+    single_wall_s_mm2: float = 0.0
     gap_s_mm2: float = 0.0
-    full_s_mm2: float = 0.0
+    solid_wall_s_mm2: float = 0.0
     overlap_s_mm3: float = 0.0
-    line_mm: float = 0.0
-    layer_mm: float = 1.0
+    line_width_mm: float = 0.0
+    layer_height_mm: float = 1.0
     outer_walls_mm: float = 0.0  # width of the outer wall on both sides of a thin part
     walls_mm: float = 0.0  # width of all walls on both sides
     skins_mm: float = 0.0  # height of the skin on both sides of a sheet
@@ -97,24 +98,24 @@ class CostModel:
     hidden_top_mm: float = 0.0  # saved height of the skin of hidden tops
     hidden_side_share: float = 0.0  # saved share of the walls of a hidden upright side
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
-    fit_layer_mm: LayerFitter | None = None  # gives the height of the layers of a part, instead of `layer_mm`
+    fit_layer_mm: LayerFitter | None = None  # returns the layer height for a height of a part
 
     @property
     def overhang_cos(self) -> float:
         """Downward component of a face's unit normal above which it gets support."""
-        return math.sin(math.radians(self.supported_deg))
+        return math.sin(math.radians(self.effective_support_angle_deg))
 
     def find_overhang_cos(self, surfaces: Surfaces, up: Floats) -> float:
-        """Find the downward component of a part's normals above which its faces get support in a pose.
+        """Find the downward component of unit normals above which the faces of a part get support in a pose.
 
         Parameters
         ----------
         surfaces
             Faces of the part.
         up
-            (3,) unit vector up in the pose.
+            (3,) unit vector that points up.
         """
-        small_cos = math.sin(math.radians(self.small_supported_deg))
+        small_cos = math.sin(math.radians(self.effective_small_overhang_deg))
         if small_cos <= self.overhang_cos:
             return self.overhang_cos
         down = -surfaces.normals @ up
@@ -148,8 +149,8 @@ class CostModel:
             brim_s_mm2=seconds["brim_mm2"],
             min_s_mm=settings.min_layer_s / settings.layer_height_mm,
             brim_mm=settings.brim_mm,
-            supported_deg=settings.supported_deg,
-            small_supported_deg=settings.small_supported_deg,
+            effective_support_angle_deg=settings.effective_support_angle_deg,
+            effective_small_overhang_deg=settings.effective_small_overhang_deg,
             small_overhang_mm2=settings.small_overhang_mm2,
             shrinkage=settings.shrinkage,
             fit_layer_mm=settings.fit_layer_mm,
@@ -167,20 +168,20 @@ class CostModel:
             rim_end_s_mm=seconds["rim_ends_mm"],
             ring_s_mm2=seconds["ring_mm2"],
             steep_top_s_mm2=seconds["steep_top_mm2"],
-            bare_s_mm2=seconds["bare_mm2"],
+            single_wall_s_mm2=seconds["single_wall_mm2"],
             gap_s_mm2=seconds["gap_mm2"],
-            full_s_mm2=seconds["full_mm2"],
+            solid_wall_s_mm2=seconds["solid_wall_mm2"],
             overlap_s_mm3=seconds["overlap_mm3"],
-            line_mm=settings.line_width_mm,
-            layer_mm=settings.layer_height_mm,
+            line_width_mm=settings.line_width_mm,
+            layer_height_mm=settings.layer_height_mm,
             outer_walls_mm=2.0 * settings.outer_line_width_mm,
-            walls_mm=2.0 * settings.walls_mm,
-            skins_mm=2.0 * settings.skin_layers * settings.layer_height_mm,
+            walls_mm=2.0 * settings.wall_thickness_mm,
+            skins_mm=2.0 * settings.skin_layer_count * settings.layer_height_mm,
             ring_cos=settings.ring_cos,
             hidden_bed_share=settings.hidden_bed_share,
             hidden_top_share=settings.hidden_top_share,
-            hidden_bed_mm=settings.bed_layers_saved * settings.layer_height_mm,
-            hidden_top_mm=settings.top_layers_saved * settings.layer_height_mm,
+            hidden_bed_mm=settings.saved_bed_layer_count * settings.layer_height_mm,
+            hidden_top_mm=settings.saved_top_layer_count * settings.layer_height_mm,
             hidden_side_share=_compute_saved_share(settings.hidden_wall_s_mm2, seconds["lateral_mm2"]),
         )
 
@@ -194,10 +195,10 @@ class CostModel:
         """
         if self.fit_layer_mm is None:
             return self
-        layer_mm = self.fit_layer_mm(height_mm)
-        ratio = self.layer_mm / layer_mm
+        layer_height_mm = self.fit_layer_mm(height_mm)
+        ratio = self.layer_height_mm / layer_height_mm
         scaled_prices = {name: ratio * getattr(self, name) for name in _LAYER_PRICE_NAMES}
-        return replace(self, layer_mm=layer_mm, fit_layer_mm=None, **scaled_prices)
+        return replace(self, layer_height_mm=layer_height_mm, fit_layer_mm=None, **scaled_prices)
 
     def price_support_s(
         self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0, islands_mm: float = 0.0
@@ -212,16 +213,16 @@ class CostModel:
         support_s = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
         return support_s + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
-    def price_paths_s(self, islands_mm2: float, holes_mm: float, holes_mm2: float) -> float:
-        """Price travel to islands and holes by `island_paths_mm2`, `holes_mm` and `hole_paths_mm2`.
+    def price_paths_s(self, island_paths_mm2: float, holes_mm: float, hole_paths_mm2: float) -> float:
+        """Price the travel to islands and holes.
 
         Parameters
         ----------
-        islands_mm2, holes_mm, holes_mm2
+        island_paths_mm2, holes_mm, hole_paths_mm2
             Values of `Columns`.
         """
-        holes_s = self.hole_s_mm * holes_mm + self.hole_path_s_mm2 * holes_mm2
-        return self.island_path_s_mm2 * islands_mm2 + holes_s
+        holes_s = self.hole_s_mm * holes_mm + self.hole_path_s_mm2 * hole_paths_mm2
+        return self.island_path_s_mm2 * island_paths_mm2 + holes_s
 
     def price_brim_s(self, brim_mm2: float, extents_mm: Floats) -> float:
         """Compute the extra price of a brim, compared with the rectangular one in `compute_price_s`.
@@ -255,8 +256,9 @@ class CostModel:
 
     def price_thin_walls_s(self, thin_walls: ThinWalls) -> float:
         """Compute the price of thin walls and sheets minus that of thick ones."""
-        walls_s = self.bare_s_mm2 * thin_walls.bare_mm2 + self.gap_s_mm2 * thin_walls.gap_mm2
-        return walls_s + self.full_s_mm2 * thin_walls.full_mm2 + self.overlap_s_mm3 * thin_walls.overlap_mm3
+        walls_s = self.single_wall_s_mm2 * thin_walls.single_wall_mm2 + self.gap_s_mm2 * thin_walls.gap_mm2
+        walls_s += self.solid_wall_s_mm2 * thin_walls.solid_wall_mm2
+        return walls_s + self.overlap_s_mm3 * thin_walls.overlap_mm3
 
     def price_insets_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
         """Compute the time that shorter inner walls save in all bodies of a layer but one.
@@ -271,7 +273,7 @@ class CostModel:
         height_mm
             Height of the part.
         bodies_mm
-            Value of `Columns`, minus that of holes.
+            `Columns.bodies_mm`, minus the holes, which count as negative bodies.
         """
         max_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
         body_s = min(self.inset_s_mm * height_mm, max_s)
@@ -291,10 +293,10 @@ class CostModel:
         return saved_s_mm2 * min(cut_side_mm2, SIDE_END_MM * ends_mm)
 
     def build_prices(self) -> Prices:
-        """Build a record of the coefficients for compiled code: a float64 for each field, by its name."""
+        """Build the record of the coefficients for compiled code, with a float64 field for each."""
         return _make_record(self)
 
-    def price_s(
+    def price_part_s(
         self, additive_features: Sequence[float] | Floats, extents_mm: Sequence[float] | Floats
     ) -> float:
         """Price a part in one pose, in seconds.

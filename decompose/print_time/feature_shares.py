@@ -55,7 +55,7 @@ def estimate_feature_shares(vertices: Floats, faces: Ints, settings: PrintTimeSe
     features[ADDITIVE_FEATURES.index("column_mm3")] = 0.0
     extents_mm = np.ptp(vertices, axis=0)
     seconds = {
-        group: max(0.0, build_group_cost(settings_without_overhead, group).price_s(features, extents_mm))
+        group: max(0.0, build_group_cost(settings_without_overhead, group).price_part_s(features, extents_mm))
         for group in GROUPS
     }
     total_s = sum(seconds.values())

@@ -149,7 +149,7 @@ def price_poses_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostMo
         (k,) seconds.
     """
     features, extents = sum_pose_features(vertices, faces, rotations, cost)
-    return np.array([cost.price_s(*pose) for pose in zip(features, extents, strict=True)])
+    return np.array([cost.price_part_s(*pose) for pose in zip(features, extents, strict=True)])
 
 
 def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
@@ -166,9 +166,9 @@ def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats
 
 
 def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
-    """Compute the extra time in seconds of short layers that `CostModel.price_s` does not cover.
+    """Compute the extra time in seconds of short layers that `CostModel.price_part_s` does not cover.
 
-    That price covers only the mean of all layers, but in a part that tapers only the layers at the tip are
+    That price covers only the mean of all layers, but in a part that tapers, only the layers at the tip are
     slowed down.
 
     Parameters

@@ -23,7 +23,7 @@ MIN_GAP_MM = 0.05  # minimum gap between walls that is filled
 class WallWidths(NamedTuple):
     """Widths in mm: of a line, of the outer wall on both sides, and of all walls on both sides."""
 
-    line_mm: float
+    line_width_mm: float
     outer_walls_mm: float
     walls_mm: float
 
@@ -35,14 +35,14 @@ class SheetLimits(NamedTuple):
     ----------
     skins_mm
         Height of the skins on both sides together.
-    layer_mm
+    layer_height_mm
         Height of a layer.
     skin_cos
         Minimum |n| of faces with skin.
     """
 
     skins_mm: float = 0.0
-    layer_mm: float = 1.0
+    layer_height_mm: float = 1.0
     skin_cos: float = 1.0
 
 
@@ -51,19 +51,19 @@ class ThinWalls(NamedTuple):
 
     Attributes
     ----------
-    bare_mm2
-        Area of walls that are too thin for inner walls.
+    single_wall_mm2
+        Area of walls that are too thin for inner walls, so that they have a single wall on each side.
     gap_mm2
         Area of walls with a gap that a single line fills.
-    full_mm2
-        Area of walls without infill.
+    solid_wall_mm2
+        Area of walls without infill, with or without inner walls.
     overlap_mm3
         Volume by which the skins on both sides of sheets exceed the sheets.
     """
 
-    bare_mm2: float
+    single_wall_mm2: float
     gap_mm2: float
-    full_mm2: float
+    solid_wall_mm2: float
     overlap_mm3: float
 
 
@@ -91,9 +91,9 @@ def measure_thin_walls(
         crossings, ray_mm2 = _send_rays(turned_mesh, count)
         sums += ray_mm2 * _sum_thin_walls(crossings, turned_mesh.normals, upright_axis, widths)
     crossings, ray_mm2 = _send_rays(mesh, count)
-    bare_mm2, gap_mm2, full_mm2 = sums.tolist()
+    single_wall_mm2, gap_mm2, solid_wall_mm2 = sums.tolist()
     overlap_mm3 = ray_mm2 * _sum_overlap_mm(crossings, mesh.normals, sheets)
-    return ThinWalls(bare_mm2, gap_mm2, full_mm2, overlap_mm3)
+    return ThinWalls(single_wall_mm2, gap_mm2, solid_wall_mm2, overlap_mm3)
 
 
 class _Mesh(NamedTuple):
@@ -138,7 +138,7 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright_axis: int, wi
     Returns
     -------
     ndarray
-        (3,) float64 sums for `bare_mm2`, `gap_mm2` and `full_mm2` of `ThinWalls`.
+        (3,) float64 sums for `single_wall_mm2`, `gap_mm2` and `solid_wall_mm2` of `ThinWalls`.
     """
     sums = np.zeros(3)
     for ray in range(len(crossings.start) - 1):
@@ -178,15 +178,15 @@ def _add_wall(sums: Floats, thickness_mm: float, area_share: float, widths: Wall
     widths
         Widths of the walls.
     """
-    line_mm, outer_walls_mm, walls_mm = widths
-    if thickness_mm < outer_walls_mm + line_mm:
+    line_width_mm, outer_walls_mm, walls_mm = widths
+    if thickness_mm < outer_walls_mm + line_width_mm:
         sums[0] += area_share
     if (
-        outer_walls_mm + MIN_GAP_MM < thickness_mm < outer_walls_mm + line_mm
-        or walls_mm + MIN_GAP_MM < thickness_mm < walls_mm + line_mm
+        outer_walls_mm + MIN_GAP_MM < thickness_mm < outer_walls_mm + line_width_mm
+        or walls_mm + MIN_GAP_MM < thickness_mm < walls_mm + line_width_mm
     ):
         sums[1] += area_share
-    if thickness_mm < walls_mm + line_mm:
+    if thickness_mm < walls_mm + line_width_mm:
         sums[2] += area_share
 
 
@@ -203,7 +203,7 @@ def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: SheetLimits) 
     sheets
         Limits of thin sheets.
     """
-    skins_mm, layer_mm, skin_cos = sheets
+    skins_mm, layer_height_mm, skin_cos = sheets
     overlap_mm = 0.0
     for ray in range(len(crossings.start) - 1):
         depth, bottom_mm, is_flat = 0, 0.0, False
@@ -216,6 +216,6 @@ def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: SheetLimits) 
                 continue
             depth -= 1
             if depth == 0 and is_flat and up > skin_cos:
-                layers = np.floor((z - bottom_mm) / layer_mm + 0.5)
-                overlap_mm += max(0.0, skins_mm - layer_mm * layers)
+                layers = np.floor((z - bottom_mm) / layer_height_mm + 0.5)
+                overlap_mm += max(0.0, skins_mm - layer_height_mm * layers)
     return overlap_mm

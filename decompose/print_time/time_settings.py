@@ -30,7 +30,7 @@ FEATURES = (
     *("height_mm", "skin_rim_mm", "brim_mm2"),
     *("support_mm3", "support_side_mm2", "towers_mm", "islands_mm"),
     *("island_paths_mm2", "holes_mm", "hole_paths_mm2", "rim_mm", "rim_ends_mm", "ring_mm2", "steep_top_mm2"),
-    *("bare_mm2", "gap_mm2", "full_mm2", "overlap_mm3"),
+    *("single_wall_mm2", "gap_mm2", "solid_wall_mm2", "overlap_mm3"),
 )
 """All features. Those that do not add up are the height, the square root of `skin_mm2`, and the area of the
 brim around the part's rectangle. If a part is measured in a pose, these are added: sums over its columns
@@ -100,7 +100,7 @@ TURN_TIME_SHARE = 0.5
 
 
 LayerFitter = Callable[[float], float]
-"""Hashable function that returns the height of the layers of a part, in mm, for its height in mm."""
+"""Hashable function that returns the layer height of a part in mm for the height of the part in mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,41 +112,41 @@ class PrintTimeSettings:
     line_width_mm: float = 0.35
     outer_line_width_mm: float = 0.35
     wall_count: int = 2
-    skin_layers: float = 3.0  # mean of top and bottom
-    bed_layers_saved: float = 0.0  # layers of skin saved at a hidden face on the bed, see `hidden_faces`
-    top_layers_saved: float = 0.0  # layers of skin saved at hidden tops
+    skin_layer_count: float = 3.0  # mean of top and bottom
+    saved_bed_layer_count: float = 0.0  # layers of skin saved at a hidden face on the bed, see `hidden_faces`
+    saved_top_layer_count: float = 0.0  # layers of skin saved at hidden tops
     infill_line_distance_mm: float = 7.0  # mean spacing, all directions together; 0 without infill
-    infill_connected: bool = True  # lines are connected along the walls, as in the pattern zigzag
-    infill_steps: int = 0  # number of steps below the tops at which the density of the infill halves
+    is_infill_connected: bool = True  # along the walls, as in the pattern zigzag
+    infill_step_count: int = 0  # number of steps below the tops at which the density of the infill halves
     infill_step_mm: float = 0.0  # depth of each step
     support_line_distance_mm: float = 2.333  # 0 without support
     outer_wall_mm_s: float = 40.0
     inner_wall_mm_s: float = 50.0
     infill_mm_s: float = 60.0
-    hidden_outer_wall_mm_s: float = 0.0  # on upright sides hidden after gluing; 0 for outer_wall_mm_s
+    hidden_outer_wall_mm_s: float = 0.0  # on upright sides hidden after gluing; 0 if not faster
     hidden_inner_wall_mm_s: float = 0.0
     skin_line_width_mm: float = 0.35
     skin_mm_s: float = 30.0
     roof_line_width_mm: float = 0.35
-    roof_layers: int = 0  # number of uppermost layers of a top, at another speed unless all tops are hidden
+    roof_layer_count: int = 0  # uppermost layers of tops, printed at another speed unless all are hidden
     roof_mm_s: float = 30.0
     support_mm_s: float = 40.0
     support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
     small_overhang_deg: float = 0.0  # faces up to this angle get no support if their area is small
-    small_overhang_mm2: float = 0.0  # area below which it is small
+    small_overhang_mm2: float = 0.0  # area below which an overhang counts as small
     brim_mm: float = 8.0
-    brim_mm_s: float = 30.0  # of the first layer
-    slow_layers: int = 2  # number of layers over which the speed rises to that of the other layers
+    brim_mm_s: float = 30.0  # speed of the first layer
+    slow_layer_count: int = 2  # number of layers over which the speed rises to that of the other layers
     travel_mm_s: float = 150.0
-    retraction_s: float = 0.52  # to retract the filament and to push it back
+    retraction_s: float = 0.52  # time to retract the filament and to push it back
     acceleration_mm_s2: float = 3000.0
     min_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
     shrinkage: float = 0.007  # share of its length by which the material shrinks, which makes parts warp
     overhead_s: float = 0.0  # time of heating, homing, start and end code, once for each part
 
     @property
-    def walls_mm(self) -> float:
-        """Width of all walls together."""
+    def wall_thickness_mm(self) -> float:
+        """Width of all walls on one side together."""
         return self.outer_line_width_mm + max(self.wall_count - 1, 0) * self.line_width_mm
 
     @property
@@ -160,11 +160,11 @@ class PrintTimeSettings:
     @property
     def skin_s_mm2(self) -> float:
         """Seconds per mm2 in all layers of a skin; one of the two skins lies on the bed."""
-        layers = min(self.slow_layers, round(self.skin_layers))
-        speed_step_mm_s = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layers, 1)
-        first_s_mm = sum(1.0 / (self.brim_mm_s + i * speed_step_mm_s) for i in range(layers))
-        bed_s_mm = first_s_mm - layers / self.skin_mm_s
-        lines_s_mm = self.skin_layers / self.skin_mm_s + bed_s_mm / 2.0
+        layer_count = min(self.slow_layer_count, round(self.skin_layer_count))
+        speed_step_mm_s = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layer_count, 1)
+        first_s_mm = sum(1.0 / (self.brim_mm_s + i * speed_step_mm_s) for i in range(layer_count))
+        bed_s_mm = first_s_mm - layer_count / self.skin_mm_s
+        lines_s_mm = self.skin_layer_count / self.skin_mm_s + bed_s_mm / 2.0
         return lines_s_mm / self.skin_line_width_mm + self.roof_s_mm2 / 2.0
 
     @property
@@ -180,8 +180,8 @@ class PrintTimeSettings:
     @property
     def roof_s_mm2(self) -> float:
         """Additional seconds per mm2 in all layers of a top, due to the lines of its roof layers."""
-        layers = min(self.roof_layers, self.skin_layers)
-        return layers * (1.0 / (self.roof_mm_s * self.roof_line_width_mm) - self.skin_layer_s_mm2)
+        layer_count = min(self.roof_layer_count, self.skin_layer_count)
+        return layer_count * (1.0 / (self.roof_mm_s * self.roof_line_width_mm) - self.skin_layer_s_mm2)
 
     @property
     def hidden_wall_s_mm2(self) -> float:
@@ -195,25 +195,27 @@ class PrintTimeSettings:
     def hidden_bed_share(self) -> float:
         """Share of the time of a skin that is saved at a hidden face on the bed."""
         return (
-            self.bed_layers_saved * self.skin_layer_s_mm2 / self.skin_s_mm2 if self.skin_layers > 0.0 else 0.0
+            self.saved_bed_layer_count * self.skin_layer_s_mm2 / self.skin_s_mm2
+            if self.skin_layer_count > 0.0
+            else 0.0
         )
 
     @property
     def hidden_top_share(self) -> float:
         """Share of the time of a skin that is saved at hidden tops."""
-        saved_s_mm2 = self.top_layers_saved * self.skin_layer_s_mm2 + self.roof_s_mm2
-        return saved_s_mm2 / self.skin_s_mm2 if self.skin_layers > 0.0 else 0.0
+        saved_s_mm2 = self.saved_top_layer_count * self.skin_layer_s_mm2 + self.roof_s_mm2
+        return saved_s_mm2 / self.skin_s_mm2 if self.skin_layer_count > 0.0 else 0.0
 
     @property
     def sparse_lines_per_mm(self) -> float:
         """Number of infill lines per mm, all directions together, at the lowest density."""
-        distance_mm = self.infill_line_distance_mm * 2.0**self.infill_steps
+        distance_mm = self.infill_line_distance_mm * 2.0**self.infill_step_count
         return 1.0 / distance_mm if distance_mm > 0.0 else 0.0
 
     @property
     def connection_s_mm2(self) -> float:
         """Seconds for infill lines along the wall, per mm2 of wall; 0 if infill lines are not connected."""
-        is_connected = self.infill_connected and self.sparse_lines_per_mm > 0.0
+        is_connected = self.is_infill_connected and self.sparse_lines_per_mm > 0.0
         return 1.0 / (self.layer_height_mm * self.infill_mm_s) if is_connected else 0.0
 
     @property
@@ -229,27 +231,27 @@ class PrintTimeSettings:
         return (
             self.infill_step_mm
             * self.sparse_lines_per_mm
-            * (2.0 ** (self.infill_steps + 1) - 2.0 - self.infill_steps)
+            * (2.0 ** (self.infill_step_count + 1) - 2.0 - self.infill_step_count)
         )
 
     @property
     def ring_cos(self) -> float:
         """Minimum n of slopes with a ring of denser infill below them: narrower rings are not printed."""
-        depth_mm = self.infill_step_mm * self.infill_steps
+        depth_mm = self.infill_step_mm * self.infill_step_count
         return self.line_width_mm / math.hypot(depth_mm, self.line_width_mm) if depth_mm > 0.0 else 1.0
 
     @property
-    def supported_deg(self) -> float:
+    def effective_support_angle_deg(self) -> float:
         """Angle from the vertical beyond which faces count as supported: slightly less than the setting."""
-        return self._compute_supported_deg(self.support_angle_deg)
+        return self._compute_effective_angle_deg(self.support_angle_deg)
 
     @property
-    def small_supported_deg(self) -> float:
-        """The same angle if the faces up to `small_overhang_deg` are small; 0 if there is no such rule."""
-        return self._compute_supported_deg(self.small_overhang_deg)
+    def effective_small_overhang_deg(self) -> float:
+        """Angle up to which small faces get no support: slightly less than `small_overhang_deg`, or 0."""
+        return self._compute_effective_angle_deg(self.small_overhang_deg)
 
-    def _compute_supported_deg(self, support_angle_deg: float) -> float:
-        """Compute the angle beyond which faces count as supported from the slicer's setting."""
+    def _compute_effective_angle_deg(self, support_angle_deg: float) -> float:
+        """Compute the angle beyond which the slicer supports faces, from the angle in its settings."""
         overhang_mm = self.layer_height_mm * math.tan(math.radians(support_angle_deg)) - OUTLINE_MARGIN_MM
         return math.degrees(math.atan2(max(0.0, overhang_mm), self.layer_height_mm))
 
@@ -260,8 +262,8 @@ class PrintTimeSettings:
         On flatter faces, the part of a layer that the next few layers leave uncovered is wider than the
         walls.
         """
-        bare_mm = self.skin_layers * self.layer_height_mm
-        return math.cos(math.atan(bare_mm / (self.walls_mm + self.line_width_mm / 2.0)))
+        bare_mm = self.skin_layer_count * self.layer_height_mm
+        return math.cos(math.atan(bare_mm / (self.wall_thickness_mm + self.line_width_mm / 2.0)))
 
 
 def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
@@ -288,19 +290,20 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
     return {
         "infill": _build_vector(
             volume_mm3=infill_s_mm3,
-            lateral_mm2=-infill_s_mm3 * s.walls_mm,
+            lateral_mm2=-infill_s_mm3 * s.wall_thickness_mm,
             # One of the two skins is a top.
-            skin_mm2=-infill_s_mm3 * s.skin_layers * layer_mm
+            skin_mm2=-infill_s_mm3 * s.skin_layer_count * layer_mm
             + s.top_line_ratio / 2.0 / (layer_mm * s.infill_mm_s),
         ),
         "walls": _build_vector(
             lateral_mm2=walls_s_mm / layer_mm, height_mm=-LOOP_SHORTENING * s.insets_s / layer_mm
         ),
         "connections": _build_vector(
-            lateral_mm2=s.connection_s_mm2, height_mm=-LOOP_SHORTENING * s.walls_mm * s.connection_s_mm2
+            lateral_mm2=s.connection_s_mm2,
+            height_mm=-LOOP_SHORTENING * s.wall_thickness_mm * s.connection_s_mm2,
         ),
         "skin": _build_vector(skin_mm2=s.skin_s_mm2),
-        "skin rim": _build_vector(skin_rim_mm=-s.skin_s_mm2 * s.walls_mm),
+        "skin rim": _build_vector(skin_rim_mm=-s.skin_s_mm2 * s.wall_thickness_mm),
         "slope ends": _build_vector(slope_mm2=s.skin_stop_s / (layer_mm * s.skin_line_width_mm)),
         "columns": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
@@ -328,16 +331,16 @@ def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "holes": _build_vector(
             holes_mm=HOLE_VISITS * stop_s / layer_mm, hole_paths_mm2=HOLE_VISITS / (layer_mm * s.travel_mm_s)
         ),
-        "rims": _build_vector(rim_mm=-s.skin_s_mm2 * s.walls_mm),
+        "rims": _build_vector(rim_mm=-s.skin_s_mm2 * s.wall_thickness_mm),
         # On average over all directions, a line ends once for every length of pi line widths of the rim.
         "rim ends": _build_vector(
-            rim_ends_mm=s.skin_layers * s.skin_stop_s / (math.pi * s.skin_line_width_mm)
+            rim_ends_mm=s.skin_layer_count * s.skin_stop_s / (math.pi * s.skin_line_width_mm)
         ),
-        "rings": _build_vector(ring_mm2=s.connection_s_mm2 if s.infill_steps else 0.0),
+        "rings": _build_vector(ring_mm2=s.connection_s_mm2 if s.infill_step_count else 0.0),
         "thin walls": _build_vector(
-            bare_mm2=-max(s.wall_count - 1, 0) / s.inner_wall_mm_s / layer_mm,
+            single_wall_mm2=-max(s.wall_count - 1, 0) / s.inner_wall_mm_s / layer_mm,
             gap_mm2=0.5 / (layer_mm * s.skin_mm_s),
-            full_mm2=-FACTORS["connections"] * s.connection_s_mm2
+            solid_wall_mm2=-FACTORS["connections"] * s.connection_s_mm2
             - FACTORS["infill ends"] * s.infill_ends_s_mm2,
         ),
         "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer_mm * s.skin_line_width_mm * s.skin_mm_s)),

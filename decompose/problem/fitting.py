@@ -114,17 +114,17 @@ def refuse_misfits(
     sufficient_printer_count
         Number of printers that would be enough; None if it is unknown.
     """
-    printers = len(problem.printers)
-    large = [p for p in pieces if count_parts(p.solid, problem.distinct_printers) > 1]
-    misfits = sum(pose is None for pose in problem.find_poses(large))
-    if misfits:
+    printer_count = len(problem.printers)
+    large_pieces = [p for p in pieces if count_parts(p.solid, problem.distinct_printers) > 1]
+    misfit_count = sum(pose is None for pose in problem.find_poses(large_pieces))
+    if misfit_count:
         raise NoFit(
-            f"{misfits} of the {len(pieces)} parts that {engine} makes for {printers} printers fit none of "
-            f"them: choose another --longest-side, or --engine guillotine"
+            f"{misfit_count} of the {len(pieces)} parts that {engine} makes for {printer_count} printers fit "
+            f"none of them: choose another --longest-side, or --engine guillotine"
         )
-    if len(pieces) > printers:
+    if len(pieces) > printer_count:
         raise NoFit(
-            f"{engine} makes {len(pieces)} parts, each on its own printer, but there are {printers}: "
+            f"{engine} makes {len(pieces)} parts, each on its own printer, but there are {printer_count}: "
             f"free more printers, or choose --engine guillotine",
             sufficient_printer_count,
         )

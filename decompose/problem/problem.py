@@ -112,7 +112,7 @@ class Problem:
         return min(printer.time_factor for printer in self.printers)
 
     @property
-    def max_part_mm(self) -> list[float]:
+    def max_part_sides_mm(self) -> list[float]:
         """Longest sides that a part may have on every printer."""
         return [min(max(box[axis] for box in p.boxes) for p in self.distinct_printers) for axis in range(3)]
 
@@ -127,7 +127,7 @@ class Problem:
         """Call a function for each item, in parallel if there is an executor; yield the results in order."""
         return map(function, *arguments) if self.executor is None else self.executor.map(function, *arguments)
 
-    def start(self, work: Callable[[], T]) -> Callable[[], T]:
+    def start_work(self, work: Callable[[], T]) -> Callable[[], T]:
         """Start work in the executor; return a function that waits for its result.
 
         Without an executor, the first call of that function does the work.
@@ -136,7 +136,7 @@ class Problem:
 
     def choose_granularity(self, model: Model) -> int:
         """Choose the granularity of the grid for a model in the frame of the cut."""
-        size_ratio = max(model.extents_mm) / min(self.max_part_mm)
+        size_ratio = max(model.extents_mm) / min(self.max_part_sides_mm)
         return choose_granularity(self.options.granularity, len(self.printers), size_ratio)
 
     def build_grid(
@@ -196,7 +196,9 @@ class Problem:
         """
         self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
         makespan_s = boxes.find_longest_time_s(partition)
-        proof = self.start(partial(bound_makespan, boxes, grid.is_needed, len(self.printers), makespan_s))
+        proof = self.start_work(
+            partial(bound_makespan, boxes, grid.is_needed, len(self.printers), makespan_s)
+        )
         return lambda: proof().seconds
 
     def compute_grid_figures(
@@ -223,10 +225,10 @@ class Problem:
         proof
             Result of `start_proof`, if the proof has been started already.
         """
-        printers = len(self.printers)
+        printer_count = len(self.printers)
         times_s = sorted((boxes.find_longest_time_s([box]) for box in partition), reverse=True)
         needed_mm3 = float(grid.sums[grid.is_needed][:, VOLUME].sum())
-        bound_s = compute_surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
+        bound_s = compute_surface_bound_s(self.model.solid.area_mm2, needed_mm3, printer_count, self.cost)
         if proof is None and self.needs_proof(pieces):
             proof = self.start_proof(grid, boxes, partition)
         bound_s = bound_s if proof is None else max(bound_s, proof())
@@ -268,9 +270,9 @@ class Problem:
     def find_pose(self, piece: Piece) -> Pose | None:
         """Find the best pose of a piece on its printers (`list_piece_printers`); None if there is none."""
         vertices, faces = piece.solid.arrays()
-        cut = find_cut_faces(vertices, faces, piece.planes)
+        is_cut = find_cut_faces(vertices, faces, piece.planes)
         printers = self.list_piece_printers(piece)
-        return find_best_pose(vertices, faces, cut, printers, self.cost, self.options.fit_first_layer)
+        return find_best_pose(vertices, faces, is_cut, printers, self.cost, self.options.fit_first_layer)
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """Find the best pose of each piece, in parallel if there is an executor; poses are cached."""

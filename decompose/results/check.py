@@ -89,9 +89,9 @@ def check_part(part: Part, printers: dict[str, TargetPrinter]) -> None:
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if not (len(faces) and mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0.0):
         raise GeometryError(Rule.CLOSED, part.id, "not a closed surface around a volume")
-    pieces = len(part.solid.list_pieces())
-    if pieces != 1:
-        raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
+    piece_count = len(part.solid.list_pieces())
+    if piece_count != 1:
+        raise GeometryError(Rule.ONE_PIECE, part.id, f"{piece_count} separate pieces")
     vertices_on_bed, _ = part.build_printing_mesh()
     width_mm, depth_mm, height_mm = np.ptp(vertices_on_bed, axis=0) - FIT_TOLERANCE_MM
     printer = printers.get(part.printer)
@@ -178,10 +178,10 @@ def check_missing_volume(parts: Sequence[Part], boxes_mm: Floats, model: Model, 
         return
     hollows = hollow.list_pieces()
     distances_mm = [outside.measure_gap_mm(cavity, min_wall_mm) for cavity in hollows]
-    nearest = int(np.argmin(distances_mm))
-    centre = np.round(hollows[nearest].bounds_mm.mean(axis=0))
+    nearest_index = int(np.argmin(distances_mm))
+    centre = np.round(hollows[nearest_index].bounds_mm.mean(axis=0))
     raise GeometryError(
-        Rule.WALL, None, f"the hollow at {centre} is {distances_mm[nearest]:.2f} mm from the surface"
+        Rule.WALL, None, f"the hollow at {centre} is {distances_mm[nearest_index]:.2f} mm from the surface"
     )
 
 

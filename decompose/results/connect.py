@@ -42,7 +42,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         connectors = plan_connectors(
             blanks, decomposition.joints, decomposition.assembly, options.connectors, options.min_glue_mm2
         )
-        connectors, drilled = _drill_without_faults(blanks, connectors, decomposition)
+        connectors, drilled_solids = _drill_without_faults(blanks, connectors, decomposition)
     except Exception as error:  # shapely and Qhull raise others; parts are valid without connectors
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
@@ -60,7 +60,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             )
             if i in cut_parts
             else part
-            for i, (part, solid) in enumerate(zip(decomposition.parts, drilled, strict=True))
+            for i, (part, solid) in enumerate(zip(decomposition.parts, drilled_solids, strict=True))
         ),
     )
 
@@ -76,10 +76,10 @@ def _drill_without_faults(
         Rules are still broken after as many attempts as there are parts.
     """
     for _ in range(len(blanks)):
-        drilled = drill_parts(blanks, connectors)
+        drilled_solids = drill_parts(blanks, connectors)
         parts = DrilledParts(
             blanks,
-            drilled,
+            drilled_solids,
             decomposition.joints,
             decomposition.assembly.steps,
             connectors,
@@ -87,7 +87,7 @@ def _drill_without_faults(
         )
         faults = list(parts.find_faults())
         if not faults:
-            return connectors, drilled
+            return connectors, drilled_solids
         connectors = _remove_faulty_connectors(connectors, faults, decomposition)
     raise DecomposeError("the rules of pins and marks are broken repeatedly")
 

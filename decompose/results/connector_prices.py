@@ -16,7 +16,7 @@ PRICES_S = {
     "groove upright": 5.1,
     "groove top": 27.0,
     "groove bed": 25.0,
-    "groove upright thin": 2.8,  # for thin filament; those on hidden sides are estimated, few were sliced
+    "groove upright thin": 2.8,  # for thin filament; estimated for hidden sides, because few were sliced
     "groove top thin": 8.0,
     "groove bed thin": 22.0,
     "hole upright": 35.0,
@@ -28,6 +28,7 @@ PRICES_S = {
     "gutter mm": 0.36,
     "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
 }
+"""Seconds for each tool, by its kind and its face; for gutters and the grooves of keys that slide, per mm."""
 
 
 def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
@@ -75,7 +76,7 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     return amounts + Counter({"gutter mm": round(length_mm), "sliding mm": round(sliding_mm)})
 
 
-def compute_price_factor(name: str, bare_s: float) -> float:
+def compute_price_factor(name: str, base_time_s: float) -> float:
     """Compute the factor by which the size of a part changes a price.
 
     Seams gather in the strokes of a mark. The head travels to them in each layer, and further on large parts.
@@ -84,23 +85,23 @@ def compute_price_factor(name: str, bare_s: float) -> float:
     ----------
     name
         Name in `PRICES_S`.
-    bare_s
+    base_time_s
         Print time of the part without connectors.
     """
-    return math.sqrt(bare_s / REFERENCE_S) if name.startswith("mark") else 1.0
+    return math.sqrt(base_time_s / REFERENCE_S) if name.startswith("mark") else 1.0
 
 
-def price_connectors(connectors: Connectors, part: int, up: Floats, bare_s: float) -> float:
+def price_connectors(connectors: Connectors, part: int, up: Floats, base_time_s: float) -> float:
     """Price the connectors of a part, in seconds of print time.
 
     Parameters
     ----------
     connectors, part, up
         As in `count_tools`.
-    bare_s
+    base_time_s
         Print time of the part without connectors.
     """
     amounts = count_tools(connectors, part, up)
     return sum(
-        PRICES_S[name] * compute_price_factor(name, bare_s) * amount for name, amount in amounts.items()
+        PRICES_S[name] * compute_price_factor(name, base_time_s) * amount for name, amount in amounts.items()
     )

@@ -97,24 +97,24 @@ class DrilledParts:
 
     def _check_part(self, part: int, groups: Sequence[_ToolGroup]) -> Iterator[tuple[Rule, str]]:
         """Check a part with its tools; yield the rules that are broken, and how."""
-        undrilled, drilled = self.blanks[part].solid, self.drilled_solids[part]
+        undrilled_solid, drilled_solid = self.blanks[part].solid, self.drilled_solids[part]
         tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
-        removed_solid = undrilled.subtract(drilled)
-        added_mm3 = drilled.volume_mm3 - undrilled.volume_mm3 + removed_solid.volume_mm3
-        if added_mm3 > EPS_MM3 and _is_thick(drilled.subtract(undrilled)):
+        removed_solid = undrilled_solid.subtract(drilled_solid)
+        added_mm3 = drilled_solid.volume_mm3 - undrilled_solid.volume_mm3 + removed_solid.volume_mm3
+        if added_mm3 > EPS_MM3 and _is_thick(drilled_solid.subtract(undrilled_solid)):
             yield Rule.ONLY_HOLES_REMOVED, "material was added"
         if _is_thick(
             removed_solid.subtract(Solid.union([_enlarge_tool(t) for group in groups for t in group.tools]))
         ):
             yield Rule.ONLY_HOLES_REMOVED, "more was removed than the holes and marks"
-        if len(drilled.list_pieces()) != 1:
+        if len(drilled_solid.list_pieces()) != 1:
             yield Rule.ONLY_HOLES_REMOVED, "it is no longer one piece"
         sleeves = Solid.union([group.build_sleeve() for group in groups if not group.has_exit])
-        if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3 or any(
+        if sleeves.subtract(undrilled_solid).volume_mm3 > EPS_MM3 or any(
             _is_thick(self._subtract_parts(group.build_sleeve())) for group in groups if group.has_exit
         ):
             yield Rule.PIN_WALLS, "the wall around a hole or mark is too thin"
-        if any(not group.is_hidden(undrilled) for group in groups):
+        if any(not group.is_hidden(undrilled_solid) for group in groups):
             yield Rule.PIN_WALLS, "a hole or mark is not inside its joint"
         if any(
             a.measure_gap_mm(b, RIM_MM) < RIM_MM - FILM_MM
@@ -196,7 +196,7 @@ def _build_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
 
 
 def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()) -> list[str]:
-    """Find pairs of pins with which a body fits rotated by 180 degrees, or in the place of another body.
+    """Find pairs of pins with which a body fits when rotated by 180 degrees, or in place of another body.
 
     Parameters
     ----------
@@ -297,12 +297,12 @@ class _ToolGroup:
             enlarged_points_mm = (first.points_mm[:, None] + self.rim_mm * _SPHERE_POINTS).reshape(-1, 3)
             end_mm = float((enlarged_points_mm @ first.inward_normal).max())
             below = _extrude_outline(
-                self._draw_outline(), first.inward_normal, first.face_mm + FILM_MM, end_mm
+                self._draw_outline(), first.inward_normal, first.face_offset_mm + FILM_MM, end_mm
             )
             return Solid.hull(enlarged_points_mm).intersect(below)
         reach_mm = max(float((tool.points_mm @ first.inward_normal).max()) for tool in self.tools)
         return _extrude_outline(
-            self._draw_outline(), first.inward_normal, first.face_mm + FILM_MM, reach_mm + RIM_MM
+            self._draw_outline(), first.inward_normal, first.face_offset_mm + FILM_MM, reach_mm + RIM_MM
         )
 
     @property
@@ -320,7 +320,7 @@ class _ToolGroup:
             outline = build_polygons(wall.project(np.vstack([across, inward_normal])))
         for face in self.joint.faces:
             along = float(face.normal @ inward_normal)
-            if abs(along) < COAXIAL_COS or abs(face.offset_mm * along - self.tools[0].face_mm) > 1e-6:
+            if abs(along) < COAXIAL_COS or abs(face.offset_mm * along - self.tools[0].face_offset_mm) > 1e-6:
                 continue
             placed = shapely.transform(
                 face.outline,
@@ -335,7 +335,7 @@ class _ToolGroup:
         first = self.tools[0]
         tools = [tool.points_mm for tool in self.tools]
         return measure_ceiling_mm2(
-            tools, first.inward_normal, first.face_mm, up_direction, first.exit_direction
+            tools, first.inward_normal, first.face_offset_mm, up_direction, first.exit_direction
         )
 
     def compute_overhang_rad(self, up_direction: Floats) -> float:

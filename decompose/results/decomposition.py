@@ -251,7 +251,7 @@ class Decomposition:
         return 1.0 - balanced_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
-        """Return the result without its parts and all that refers to them, for another process."""
+        """Return the result without its parts and everything that refers to them, for another process."""
         return replace(
             self, parts=(), joints=(), assembly=Assembly(), seams=(), connectors=Connectors(), faults=()
         )

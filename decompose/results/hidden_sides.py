@@ -46,7 +46,7 @@ def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
 
 
 def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
-    """Find the side (3,) of a part on a plane (4,), in printing pose; None unless upright and hidden."""
+    """Find the side (3,) of a part on a plane (4,), in printing pose; None if not upright and hidden."""
     normal = part.rotation @ plane[:3]
     if abs(normal[2]) > MAX_UPRIGHT_COS:
         return None

@@ -30,7 +30,7 @@ AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its
 def measure_ceiling_mm2(
     tools: Sequence[Floats],
     inward_normal: Floats,
-    face_mm: float,
+    face_offset_mm: float,
     up_direction: Floats,
     exit_direction: Floats | None = None,
 ) -> float:
@@ -42,7 +42,7 @@ def measure_ceiling_mm2(
         (n, 3) corners in mm of each convex body that is cut out.
     inward_normal
         (3,) unit vector from the tools' face into the part.
-    face_mm
+    face_offset_mm
         Coordinate of the face along `inward_normal`.
     up_direction
         (3,) upward direction of the bed in the pose of the part, in the same frame.
@@ -60,7 +60,7 @@ def measure_ceiling_mm2(
         high_mm -= 3.0 * LAYER_HEIGHT_MM * float(exit_direction @ up_direction > 0.0)
     bodies = [Solid.hull(tool) for tool in tools]
     if rise <= LEVEL_COS:
-        bodies.append(_build_air(corners_mm, inward_normal, face_mm, up_direction))
+        bodies.append(_build_air(corners_mm, inward_normal, face_offset_mm, up_direction))
     hollow = Solid.union(bodies)
     frame = np.vstack([choose_plane_axes(up_direction), up_direction])
     low_mm = float((corners_mm @ up_direction).min())
@@ -90,16 +90,18 @@ def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[
     )
     breaks = 1 + np.flatnonzero(is_corner)
     runs = [run.tolist() for run in np.split(np.arange(len(layer_heights_mm)), breaks) if len(run)]
-    ends = sorted({n for run in runs for n in _list_end_layers(run)})
-    outlines = dict(zip(ends, _cut_outlines(hollow, frame, layer_heights_mm[ends]), strict=True))
-    others = [
+    end_layers = sorted({n for run in runs for n in _list_end_layers(run)})
+    outlines = dict(zip(end_layers, _cut_outlines(hollow, frame, layer_heights_mm[end_layers]), strict=True))
+    other_layers = [
         n
         for run in runs
         if any(ring.length < MIN_RING_MM for end in (run[0], run[-1]) for ring in outlines[end])
         for n in run
         if n not in outlines
     ]
-    outlines |= dict(zip(others, _cut_outlines(hollow, frame, layer_heights_mm[others]), strict=True))
+    outlines |= dict(
+        zip(other_layers, _cut_outlines(hollow, frame, layer_heights_mm[other_layers]), strict=True)
+    )
     return {n: _build_area(outlines[n]) for n in sorted(outlines)}
 
 
@@ -115,7 +117,9 @@ def _lengthen_body(corners_mm: Floats, direction: Floats) -> Floats:
     return np.concatenate([corners_mm, end + AIR_MM * direction])
 
 
-def _build_air(corners_mm: Floats, inward_normal: Floats, face_mm: float, up_direction: Floats) -> Solid:
+def _build_air(
+    corners_mm: Floats, inward_normal: Floats, face_offset_mm: float, up_direction: Floats
+) -> Solid:
     """Build the air in front of an upright face, so that a ceiling at the mouth does not end at a wall."""
     upwards = up_direction - (up_direction @ inward_normal) * inward_normal
     upwards = upwards / np.linalg.norm(upwards)
@@ -125,7 +129,7 @@ def _build_air(corners_mm: Floats, inward_normal: Floats, face_mm: float, up_dir
         (corners_mm @ frame[:2].T).max(axis=0) + AIR_MM,
     )
     ring = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
-    return Solid.prism([ring], frame, face_mm - AIR_MM, face_mm)
+    return Solid.prism([ring], frame, face_offset_mm - AIR_MM, face_offset_mm)
 
 
 def _cut_outlines(hollow: Solid, frame: Floats, heights_mm: Floats) -> list[list[shapely.Polygon]]:

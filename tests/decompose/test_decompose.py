@@ -97,15 +97,18 @@ def test_too_few_printers_are_reported_with_the_required_number(
 ) -> None:
     with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as error:
         decompose_model(ball, fleet[:2], COARSE_OPTIONS, cost)
-    printers_needed = error.value.printers_needed
-    assert printers_needed is not None
-    assert printers_needed > 2
+    needed_printer_count = error.value.needed_printer_count
+    assert needed_printer_count is not None
+    assert needed_printer_count > 2
     decompose_model(
-        ball, [replace(fleet[0], name=f"p{i}") for i in range(printers_needed)], COARSE_OPTIONS, cost
+        ball, [replace(fleet[0], name=f"p{i}") for i in range(needed_printer_count)], COARSE_OPTIONS, cost
     )
     with pytest.raises(NoFit):
         decompose_model(
-            ball, [replace(fleet[0], name=f"p{i}") for i in range(printers_needed - 1)], COARSE_OPTIONS, cost
+            ball,
+            [replace(fleet[0], name=f"p{i}") for i in range(needed_printer_count - 1)],
+            COARSE_OPTIONS,
+            cost,
         )
     with pytest.raises(NoFit, match="name at least one"):
         decompose_model(ball, [], COARSE_OPTIONS, cost)

@@ -115,9 +115,9 @@ def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:
 def test_sufficient_number_of_printers_is_reported(cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"400 x 400 x 400 mm needs \d+ parts.*there are 2") as error:
         cut_solid(make_cube(400.0)(), cost, 2, 8)
-    printers_needed = error.value.printers_needed
-    assert printers_needed is not None
-    assert len(cut_solid(make_cube(400.0)(), cost, printers_needed, 8).parts) <= printers_needed
+    needed_printer_count = error.value.needed_printer_count
+    assert needed_printer_count is not None
+    assert len(cut_solid(make_cube(400.0)(), cost, needed_printer_count, 8).parts) <= needed_printer_count
 
 
 def test_model_too_large_for_any_fleet_is_reported(cost: CostModel) -> None:
@@ -139,10 +139,10 @@ def test_rod_of_100_m_is_refused_before_a_grid_is_built(
     with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as error:
         cut_solid(box((0, 0, 0), (100_000, 4, 4)), cost, 20, 10)
     assert "\n" not in str(error.value)
-    assert error.value.printers_needed is None
+    assert error.value.needed_printer_count is None
     with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as error:
         cut_solid(box((0, 0, 0), (1_300, 4, 4)), cost, 3, 10)
-    assert error.value.printers_needed == 5
+    assert error.value.needed_printer_count == 5
     distant_boxes = Solid.union([box((0, 0, 0), (50, 50, 50)), box((99_950, 0, 0), (100_000, 50, 50))])
     with pytest.raises(AssertionError, match="a grid is built"):
         cut_solid(distant_boxes, cost, 20, 10)

@@ -49,20 +49,26 @@ class KeyPlacer:
     def place_pair(self) -> None:
         """Place a long and a short key as far apart as possible."""
         lengths_mm = self.maker.lengths_mm
-        long, short = (self._list_places(length_mm) for length_mm in lengths_mm)
-        if not long or not short:
+        long_places, short_places = (self._list_places(length_mm) for length_mm in lengths_mm)
+        if not long_places or not short_places:
             return
-        separations_mm = cdist(*(self._project_places(places) for places in (long, short)))
+        separations_mm = cdist(*(self._project_places(places) for places in (long_places, short_places)))
         separations_mm[~self._differs_from_used_distances(separations_mm)] = 0.0
         separations_mm[separations_mm < MIN_SEPARATION_MM] = 0.0
-        weighted_mm = separations_mm * np.add.outer(self._weigh_places(long), self._weigh_places(short)) / 2.0
+        weighted_mm = (
+            separations_mm
+            * np.add.outer(self._weigh_places(long_places), self._weigh_places(short_places))
+            / 2.0
+        )
         for index in np.argsort(-weighted_mm, axis=None, kind="stable")[:MAX_TRIED_PLACES].tolist():
             first, second = np.unravel_index(index, separations_mm.shape)
             if not separations_mm[first, second]:
                 return
             keys = [
                 self.maker.make_key(place, length_mm)
-                for place, length_mm in zip((long[first], short[second]), lengths_mm, strict=True)
+                for place, length_mm in zip(
+                    (long_places[first], short_places[second]), lengths_mm, strict=True
+                )
             ]
             if all(keys):
                 self._add_keys(*(key for key in keys if key is not None))

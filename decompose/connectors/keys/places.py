@@ -38,9 +38,9 @@ END_GAP_MM = 0.25  # gap at each end of a key
 DEPTH_SAMPLES = 6  # number of depths at which the wall around a groove is examined
 RIM_PITCH_MM = 1.0  # minimum distance of the points between which grooves are tried
 MAX_RIM_POINTS = 150  # maximum number of these points on a face
-SEAT_PITCH_MM = 3.0  # pitch of the places that are tried on faces that slide
+PLACE_PITCH_MM = 3.0  # pitch of the places that are tried on faces that slide
 ROUNDING_MARGIN_MM = 0.05  # tolerance for the rounding of buffers
-MAX_EXIT_MM = 80.0  # maximum distance that a key slides through its groove
+MAX_EXIT_DISTANCE_MM = 80.0  # maximum distance that a key slides through its groove
 
 
 def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
@@ -86,7 +86,7 @@ class KeyPlace:
         Its faces, its middle (3,), and its direction, a (3,) unit vector.
     open_part
         Part whose groove has an exit along that direction; None if neither groove has one.
-    exit_mm
+    exit_distance_mm
         Distance of the exit from the middle.
     """
 
@@ -94,7 +94,7 @@ class KeyPlace:
     middle_mm: Floats
     direction: Floats
     open_part: int | None = None
-    exit_mm: float = 0.0
+    exit_distance_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,13 +151,13 @@ class KeyMaker:
         """
         places: list[KeyPlace] = []
         for site in sites:
-            seats = self._find_seats(site, length_mm)
+            middles_mm = self._find_sliding_middles(site, length_mm)
             for side, direction in ((site.moved_side, -self.direction), (site.fixed_side, self.direction)):
                 faces = [face for pair in exits for face in (pair.moved_side, pair.fixed_side)]
                 ends = [face for face in faces if face.part == side.part]
-                if len(seats) and ends:
-                    places += self._find_exits(KeySlide(site, side, direction), seats, ends)
-        return sorted(places, key=lambda place: place.exit_mm)
+                if len(middles_mm) and ends:
+                    places += self._find_places_with_exit(KeySlide(site, side, direction), middles_mm, ends)
+        return sorted(places, key=lambda place: place.exit_distance_mm)
 
     def make_key(self, place: KeyPlace, length_mm: float) -> Pin | None:
         """Make a key with its grooves; None if a groove would need support.
@@ -175,7 +175,7 @@ class KeyMaker:
         for side in (site.moved_side, site.fixed_side):
             up = self.workpieces.blanks[side.part].up_direction
             is_open = side.part == place.open_part
-            ends_mm = [-half_mm, place.exit_mm + LIP_MM if is_open else half_mm]
+            ends_mm = [-half_mm, place.exit_distance_mm + LIP_MM if is_open else half_mm]
             ends = place.middle_mm + np.outer(ends_mm, place.direction)
             groove = make_groove(side.part, ends, side.inward_normal, self._compute_depth_mm(site))
             overhang_sin = compute_overhang_sin(groove.points_mm, side.inward_normal, up)
@@ -218,7 +218,7 @@ class KeyMaker:
         for polygon in list_polygons(area):
             points, pitch_mm = _sample_rim(polygon)
             distances_mm = np.triu(cdist(points, points))
-            first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < min(pitch_mm, SEAT_PITCH_MM) / 2.0)
+            first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < min(pitch_mm, PLACE_PITCH_MM) / 2.0)
             if not len(first):
                 continue
             directions = (points[second] - points[first]) / distances_mm[first, second][:, None]
@@ -230,7 +230,7 @@ class KeyMaker:
                 direction = directions[n] @ site.moved_side.face.axes
                 yield KeyPlace(site, site.moved_side.lift(middles[n]), direction)
 
-    def _find_seats(self, site: Site, length_mm: float) -> Floats:
+    def _find_sliding_middles(self, site: Site, length_mm: float) -> Floats:
         """Find the middles (n, 3) of keys along the direction of the step that leave sufficient walls."""
         area = shapely.intersection_all(
             [
@@ -238,14 +238,16 @@ class KeyMaker:
                 for side in (site.moved_side, site.fixed_side)
             ]
         )
-        middles = site.moved_side.flatten(sample_points(site.moved_side, area, SEAT_PITCH_MM))
+        middles = site.moved_side.flatten(sample_points(site.moved_side, area, PLACE_PITCH_MM))
         half_mm = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved_side.flatten(self.direction)
         lines = shapely.linestrings(np.stack([middles - half_mm, middles + half_mm], axis=1))
         shapely.prepare(area)
         return site.moved_side.lift(middles[shapely.covers(area, lines)])
 
-    def _find_exits(self, slide: KeySlide, seats_mm: Floats, ends: Sequence[Side]) -> Iterator[KeyPlace]:
-        """Yield the places at seats (n, 3) whose groove can have an exit through one of the part's faces."""
+    def _find_places_with_exit(
+        self, slide: KeySlide, middles_mm: Floats, ends: Sequence[Side]
+    ) -> Iterator[KeyPlace]:
+        """Yield the places, with one of the middles (n, 3), whose groove can have an exit through a face."""
         side, direction = slide.open_side, slide.direction
         half_width_mm = self._compute_depth_mm(slide.site) + KEY_RIM_MM + ROUNDING_MARGIN_MM
         area = self.workpieces.find_solid_area(side, half_width_mm, KEY_RIM_MM)
@@ -253,22 +255,22 @@ class KeyMaker:
         across = half_width_mm * np.cross(side.inward_normal, direction)
         for end in ends:
             end_mm = float(end.face.offset_mm * end.face.normal @ direction)
-            for seat_mm in seats_mm:
-                exit_mm = end_mm - float(seat_mm @ direction)
-                if not 0.0 < exit_mm <= MAX_EXIT_MM:
+            for middle_mm in middles_mm:
+                exit_distance_mm = end_mm - float(middle_mm @ direction)
+                if not 0.0 < exit_distance_mm <= MAX_EXIT_DISTANCE_MM:
                     continue
-                section = seat_mm + exit_mm * direction + np.array([-across, across])
+                section = middle_mm + exit_distance_mm * direction + np.array([-across, across])
                 lower_corners = [
                     section + depth_mm * side.inward_normal
                     for depth_mm in (ROUNDING_MARGIN_MM, half_width_mm)
                 ]
                 path = np.concatenate(
-                    [seat_mm + np.array([-across, across]), section - ROUNDING_MARGIN_MM * direction]
+                    [middle_mm + np.array([-across, across]), section - ROUNDING_MARGIN_MM * direction]
                 )
                 if end.face.outline.covers(
                     _build_hull(end.flatten(np.concatenate(lower_corners)))
                 ) and area.covers(_build_hull(side.flatten(path))):
-                    yield KeyPlace(slide.site, seat_mm, direction, side.part, exit_mm)
+                    yield KeyPlace(slide.site, middle_mm, direction, side.part, exit_distance_mm)
 
     def _find_bottom_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area for the bottom of a groove.

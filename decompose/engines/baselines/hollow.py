@@ -257,7 +257,7 @@ def move_planes_to_cube(
 
 
 def _find_clear_position_mm(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
-    """Find the nearest position within reach clear of flat faces (k,), or else the farthest from them."""
+    """Find the nearest position within reach that is clear of flat faces (k,), or else the clearest one."""
     places_mm = np.linspace(at_mm, at_mm + reach_mm, 41)
     gaps_mm = np.abs(places_mm[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
     clear_places = np.flatnonzero(gaps_mm >= PLANE_CLEARANCE_MM)

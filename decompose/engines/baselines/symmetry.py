@@ -47,7 +47,7 @@ class _Part:
 
     piece: Piece
     price: float
-    printers_needed: int = 1
+    needed_printer_count: int = 1
 
 
 Leaves = tuple[float, tuple[_Part, ...]]  # the highest price of some parts, and the parts
@@ -90,11 +90,11 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     method = _PublishedMethod(problem) if problem.options.faithful else _CorrectedMethod(problem)
     printer_count = len(problem.printers)
     uncut_part = method.price_model()
-    if uncut_part.printers_needed > printer_count:
+    if uncut_part.needed_printer_count > printer_count:
         raise NoFit(
-            f"the printers' build volumes need at least {uncut_part.printers_needed} parts, but there are "
-            f"{printer_count} printers",
-            uncut_part.printers_needed,
+            f"the printers' build volumes need at least {uncut_part.needed_printer_count} parts, but there "
+            f"are {printer_count} printers",
+            uncut_part.needed_printer_count,
         )
     parts = list(_find_best_leaves(method, uncut_part, printer_count, TREE_DEPTH)[printer_count][1])
     problem.on_stage("tree")
@@ -108,21 +108,22 @@ def cut_by_symmetry(problem: Problem) -> Partition:
 
 def _find_best_leaves(method: _Method, part: _Part, printer_count: int, depth: int) -> list[Leaves]:
     """Find the leaves of the tree of cuts with the lowest maximum price, for 0, 1, ... printers."""
-    best = [
-        NO_LEAVES if k < part.printers_needed else (part.price, (part,)) for k in range(printer_count + 1)
+    best_leaves = [
+        NO_LEAVES if k < part.needed_printer_count else (part.price, (part,))
+        for k in range(printer_count + 1)
     ]
     if depth == 0 or printer_count < 2:
-        return best
+        return best_leaves
     for children in method.list_cuts(part):
         combinations: list[Leaves] = [(0.0, ())] * (printer_count + 1)
         for child in children:
             child_leaves = _find_best_leaves(method, child, printer_count, depth - 1)
             combinations = [_join_leaves(combinations, child_leaves, k) for k in range(printer_count + 1)]
-        best = [
+        best_leaves = [
             min(a, b, key=lambda leaves: (leaves[0], len(leaves[1])))
-            for a, b in zip(best, combinations, strict=True)
+            for a, b in zip(best_leaves, combinations, strict=True)
         ]
-    return best
+    return best_leaves
 
 
 def _join_leaves(first_leaves: list[Leaves], second_leaves: list[Leaves], printer_count: int) -> Leaves:
@@ -139,9 +140,9 @@ def _cut_halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
     return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
 
 
-def _sum_printers_needed(parts: list[_Part]) -> int:
+def _sum_needed_printers(parts: list[_Part]) -> int:
     """Sum the minimum number of printers of some parts."""
-    return sum(part.printers_needed for part in parts)
+    return sum(part.needed_printer_count for part in parts)
 
 
 class _PublishedMethod(_Method):
@@ -175,8 +176,8 @@ class _PublishedMethod(_Method):
         has_cut = True
         while has_cut and len(parts) < len(self.problem.printers):
             has_cut = False
-            best = [(self.draw_planes(part, 1)[0], part) for part in parts]
-            for mirror, part in sorted(best, key=lambda pair: -pair[0].error_mm):
+            planes = [(self.draw_planes(part, 1)[0], part) for part in parts]
+            for mirror, part in sorted(planes, key=lambda pair: -pair[0].error_mm):
                 if len(parts) == len(self.problem.printers):
                     break
                 halves = self.cut_in_halves(part, mirror)
@@ -191,9 +192,9 @@ class _CorrectedMethod(_Method):
 
     def price_part(self, piece: Piece) -> _Part:
         """Price a piece by its print time per printer that it needs."""
-        printers_needed = count_parts(piece.solid, self.problem.distinct_printers)
+        needed_printer_count = count_parts(piece.solid, self.problem.distinct_printers)
         seconds = float(price_axis_poses_s(*piece.solid.arrays(), self.problem.cost).min())
-        return _Part(piece, seconds / printers_needed, printers_needed)
+        return _Part(piece, seconds / needed_printer_count, needed_printer_count)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         """Yield the parts of cuts at good planes of symmetry, then at a plane across the longest side."""
@@ -202,14 +203,14 @@ class _CorrectedMethod(_Method):
         for mirror in find_good_mirrors(vertices, self.rng, MAX_REFINED_PLANES, REFINEMENT_SAMPLES):
             yield from self.split_at_plane(part.piece, mirror.normal, mirror.offset_mm)
         normal, places_mm = self.find_planes_across_longest_side(solid)
-        part_count, best_children = max(2, part.printers_needed), None
+        part_count, best_children = max(2, part.needed_printer_count), None
         for at_mm in places_mm:
             for children in self.split_at_plane(part.piece, normal, at_mm):
-                if best_children is None or _sum_printers_needed(children) < _sum_printers_needed(
+                if best_children is None or _sum_needed_printers(children) < _sum_needed_printers(
                     best_children
                 ):
                     best_children = children
-            if best_children is not None and _sum_printers_needed(best_children) <= part_count:
+            if best_children is not None and _sum_needed_printers(best_children) <= part_count:
                 break
         if best_children is not None:
             yield best_children
@@ -245,15 +246,15 @@ class _CorrectedMethod(_Method):
     def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
         """Cut the costliest part as long as printers remain and no part becomes costlier."""
         while True:
-            costliest_part = max(parts, key=lambda part: (part.printers_needed > 1, part.price))
+            costliest_part = max(parts, key=lambda part: (part.needed_printer_count > 1, part.price))
             other_parts = [part for part in parts if part is not costliest_part]
-            free_printers = len(self.problem.printers) - _sum_printers_needed(other_parts)
+            free_printer_count = len(self.problem.printers) - _sum_needed_printers(other_parts)
             for children in self.list_cuts(costliest_part):
                 is_costlier = (
-                    costliest_part.printers_needed == 1
+                    costliest_part.needed_printer_count == 1
                     and max(child.price for child in children) >= costliest_part.price
                 )
-                if _sum_printers_needed(children) <= free_printers and not is_costlier:
+                if _sum_needed_printers(children) <= free_printer_count and not is_costlier:
                     parts = other_parts + children
                     break
             else:

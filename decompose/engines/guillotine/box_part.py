@@ -46,8 +46,8 @@ class BoxPart:
 
     def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
         """Return the part with its pieces in these poses; its time is inf if a piece has no pose."""
-        fitting = tuple(pose for pose in poses if pose is not None)
-        return replace(self, poses=fitting, seconds=compute_slowest_piece_s(self.pieces, poses))
+        fitting_poses = tuple(pose for pose in poses if pose is not None)
+        return replace(self, poses=fitting_poses, seconds=compute_slowest_piece_s(self.pieces, poses))
 
     def has_similar_pieces(self, other: BoxPart) -> bool:
         """Check whether this part has as many pieces as the other, and none that is newly a sliver."""

@@ -30,9 +30,9 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 PiecesByBox = Mapping[Box, Sequence[Piece]]
 
 MAX_SUMS = 4e8
-"""Maximum number of sums for each time limit in the search for classes; they take a few seconds."""
+"""Maximum number of sums for each time limit in the search for classes; this many take a few seconds."""
 MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds with true prices, and of rejected partitions
-MAX_MAKESPAN_SHARE = 0.995  # maximum makespan of a search by the tables, as a share of the best one so far
+MAX_MAKESPAN_SHARE = 0.995  # maximum makespan of a search in the tables, as a share of the best one so far
 TOLERANCE = 0.003  # accuracy of the minimum makespan, as a share of it
 MAX_ADDED_PRINTERS = 32  # maximum number of printers added to a class that has too few
 RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
@@ -64,14 +64,14 @@ def cut_by_guillotine(problem: Problem) -> Partition:
         assert failure is not None
         raise _make_shortage_error(problem, grid, boxes) or failure
     problem.on_stage("classes")
-    best = min(candidates, key=lambda c: _compute_makespan_s(problem, c))
-    pieces = tuple(shift_planes(problem, grid, best))
+    best_candidate = min(candidates, key=lambda c: _compute_makespan_s(problem, c))
+    pieces = tuple(shift_planes(problem, grid, best_candidate))
     for candidate in candidates:
-        if candidate is not best and not problem.effort.is_spent():
+        if candidate is not best_candidate and not problem.effort.is_spent():
             other_pieces = tuple(shift_planes(problem, grid, candidate))
             pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
     problem.on_stage("planes")
-    figures = class_search.compute_grid_figures(grid, best, min_s, pieces)
+    figures = class_search.compute_grid_figures(grid, best_candidate, min_s, pieces)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
 
@@ -118,7 +118,7 @@ class _ClassSearch(ExactSearch):
         )
 
     def run(self, best_known_s: float) -> list[PiecesByBox]:  # type: ignore[override]
-        """Find a partition with a shorter makespan than the best known one, by true prices.
+        """Find a partition with a shorter makespan than the best known one, at true prices.
 
         The list is empty if there is no such partition, or if there is only one class.
         """
@@ -126,8 +126,8 @@ class _ClassSearch(ExactSearch):
         tolerance_s = TOLERANCE * (best_known_s if math.isfinite(best_known_s) else self.min_s)
         if len(self.classes) == 1 or not self._may_succeed(MAX_MAKESPAN_SHARE * best_known_s, tolerance_s):
             return candidates
-        rounds = 0
-        while rounds < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
+        round_count = 0
+        while round_count < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
             if math.isfinite(best_known_s) and self.problem.effort.is_spent():
                 break
             limit_s = self._solve(self.classes[0].count, tolerance_s, MAX_MAKESPAN_SHARE * best_known_s)
@@ -137,7 +137,7 @@ class _ClassSearch(ExactSearch):
             boxes = self.solver.list_chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
-            rounds += 1
+            round_count += 1
             candidate = self._assign_printers_by_tables(boxes)
             makespan_s = _compute_makespan_s(self.problem, candidate)
             if makespan_s < best_known_s:
@@ -166,7 +166,7 @@ class _ClassSearch(ExactSearch):
             table.seconds[index] = math.inf
 
     def _assign_printers_by_tables(self, boxes: Sequence[Box]) -> PiecesByBox:
-        """Assign printers to the pieces of boxes, by the times of the tables."""
+        """Assign printers to the pieces of boxes, according to the times in the tables."""
         pieces_by_box = {box: self.cut_box(box) for box in boxes}
         assigned_printers = solve_bottleneck_assignment(self._look_up_seconds(boxes))
         assert assigned_printers is not None  # the search has found an assignment
@@ -202,7 +202,7 @@ class _ClassSearch(ExactSearch):
     def compute_grid_figures(
         self, grid: Grid, pieces_by_box: PiecesByBox, min_s: float, pieces: Sequence[Piece]
     ) -> GridFigures:
-        """Compute the makespan of a partition by the tables, and a lower bound for all partitions.
+        """Compute the makespan of a partition according to the tables, and a lower bound for all partitions.
 
         The bound is proven as if all printers had the speed of the fastest one and, for each box, the best
         build volume.
@@ -223,8 +223,8 @@ class _ClassSearch(ExactSearch):
                 piece_counts=np.max([boxes.piece_counts for boxes in tables], axis=0),
             )
             problem.effort.record(Work.BOX_PROVEN, len(best_tables.seconds))
-            proven = bound_makespan(best_tables, grid.is_needed, len(problem.printers), makespan_s)
-            min_s = max(min_s, proven.seconds)
+            bound = bound_makespan(best_tables, grid.is_needed, len(problem.printers), makespan_s)
+            min_s = max(min_s, bound.seconds)
         return GridFigures(makespan_s, min_s, grid.shape)
 
 
@@ -243,11 +243,12 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
         other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], other_classes)
         solver.solve(float(np.finfo(np.float32).max))  # a finite limit, because inf means no fit
-        for state, fewest in zip(*solver.list_class_counts(), strict=True):
+        for state, fewest_printers in zip(*solver.list_class_counts(), strict=True):
             shortage = [
-                max(0, int(n) - count) for n, count in zip((fewest, *state), available_counts, strict=True)
+                max(0, int(n) - count)
+                for n, count in zip((fewest_printers, *state), available_counts, strict=True)
             ]
-            shortages += [(sum(shortage), shortage)] if fewest < UNREACHABLE_COUNT else []
+            shortages += [(sum(shortage), shortage)] if fewest_printers < UNREACHABLE_COUNT else []
     total, shortage = min(shortages, default=(0, []))
     if total == 0:
         return None

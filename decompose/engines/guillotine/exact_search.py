@@ -28,8 +28,8 @@ from decompose.problem import Partition, Problem, Work
 MAX_ROUNDS = 8  # maximum number of rounds; each finds true prices of the chosen boxes, and chooses again
 MAX_REJECTIONS = 40  # maximum number of choices rejected because of a sliver or a weak joint
 RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
-TOLERANCE_S = 1.0  # minimum accuracy of the minimum makespan by the tables
-TOLERANCE = 5e-4  # minimum accuracy as a share of the makespan; the errors of the tables' prices are larger
+TOLERANCE_S = 1.0  # minimum tolerance of the least makespan according to the tables
+TOLERANCE = 5e-4  # the same, as a share of the makespan; the errors of the tables' prices are larger
 SEARCH_SHARE = 0.75  # share of the unreserved budget for the exact search; the rest is for windows
 # Growth of the makespan's limit, as a share, when the budget is spent without a result.
 LATE_GROWTH_SHARE = 0.02
@@ -49,21 +49,21 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
         There are more pieces than printers; the error has the number that would be enough.
     """
     grid, tables, bound_s = build_tables(problem)
-    find_cells = problem.start(partial(refine_needed_cells, problem, grid))
-    engine = ExactSearch(problem, grid, tables, bound_s)
+    get_needed_cells = problem.start_work(partial(refine_needed_cells, problem, grid))
+    search = ExactSearch(problem, grid, tables, bound_s)
     needs_proof = problem.options.prove and math.isinf(problem.best_known_s)  # no result to beat
     problem.effort.reserved_s = estimate_shift_s(problem, len(problem.printers))
-    partition = engine.run()
+    partition = search.run()
     problem.effort.reserved_s = 0.0
     problem.on_stage("search")
     proof = problem.start_proof(grid, tables, list(partition)) if needs_proof else None
-    pieces = tuple(shift_planes(problem, grid, partition, find_cells()))
+    pieces = tuple(shift_planes(problem, grid, partition, get_needed_cells()))
     is_promising = (
         problem.is_thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     )
     if is_promising and not problem.effort.is_spent():
-        for looser_partition in engine.list_looser_partitions(list(partition)):
-            other_pieces = tuple(shift_planes(problem, grid, looser_partition, find_cells()))
+        for looser_partition in search.list_looser_partitions(list(partition)):
+            other_pieces = tuple(shift_planes(problem, grid, looser_partition, get_needed_cells()))
             pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
             if problem.effort.is_spent():
                 break
@@ -106,20 +106,20 @@ class ExactSearch:
 
     def run(self) -> dict[Box, list[Piece]]:
         """Search for the partition with the least true makespan; return its boxes, and their pieces."""
-        best: list[Box] = []
+        best_boxes: list[Box] = []
         best_s = math.inf
-        rounds, effort = 0, self.problem.effort
+        round_count, effort = 0, self.problem.effort
         search_end_s = effort.spent_s + SEARCH_SHARE * (effort.budget_s - effort.reserved_s - effort.spent_s)
         while True:
             is_late = effort.spent_s >= search_end_s
             if is_late:
                 effort.is_cut_short = True  # from here on any partition is accepted
-                if best:
+                if best_boxes:
                     break
             tolerance_s = max(TOLERANCE_S, (LATE_GROWTH_SHARE if is_late else TOLERANCE) * self.min_s)
             makespan_s = self._solve(len(self.problem.printers), tolerance_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
-                if best:
+                if best_boxes:
                     break  # prices only grow, so no other partition fits
                 raise self._make_no_fit_error()
             self.min_s = max(self.min_s, makespan_s if is_late else makespan_s - tolerance_s)
@@ -128,15 +128,15 @@ class ExactSearch:
             boxes = self.solver.list_chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
-            rounds += 1
+            round_count += 1
             longest_s = self._compute_true_makespan_s(boxes)
             if longest_s < best_s:
-                best, best_s = boxes, longest_s
-            if longest_s <= RETRY_RATIO * makespan_s or rounds == MAX_ROUNDS:
+                best_boxes, best_s = boxes, longest_s
+            if longest_s <= RETRY_RATIO * makespan_s or round_count == MAX_ROUNDS:
                 break
-        best = self._improve_partition(best)
-        self._drop_pieces(best)
-        return {box: self.cut_box(box) for box in best}
+        best_boxes = self._improve_partition(best_boxes)
+        self._drop_pieces(best_boxes)
+        return {box: self.cut_box(box) for box in best_boxes}
 
     def list_looser_partitions(self, best_partition: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
         """Yield partitions with less work than the best one; their slowest box may take a little longer.
@@ -179,36 +179,36 @@ class ExactSearch:
 
     def _find_partition_within_limit(self, limit_s: float) -> list[Box]:
         """Find a partition whose true times meet a limit, with about the least work; [] if there is none."""
-        best: list[Box] = []
+        best_boxes: list[Box] = []
         for _ in range(MAX_ROUNDS):
             if self.problem.effort.is_spent():
                 break
-            previous_sums = self.solver.sum_count
-            parts = self.solver.solve(limit_s, break_ties=self.solver.can_break_ties)
-            self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sums)
-            if parts > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
+            previous_sum_count = self.solver.sum_count
+            part_count = self.solver.solve(limit_s, break_ties=self.solver.can_break_ties)
+            self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sum_count)
+            if part_count > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
             boxes = self.solver.list_chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
                 continue
             longest_s = self._compute_true_makespan_s(boxes)
-            best = boxes if math.isfinite(longest_s) else best
+            best_boxes = boxes if math.isfinite(longest_s) else best_boxes
             if longest_s <= RETRY_RATIO * limit_s:
                 break
-        return best
+        return best_boxes
 
     def _solve(self, printer_count: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
-        """Find the least makespan by the tables (`Partitioner.find_min_makespan_s`), and record the work."""
-        previous_sums = self.solver.sum_count
+        """Find the least makespan from the tables (`find_min_makespan_s`), and record the work."""
+        previous_sum_count = self.solver.sum_count
         min_s = self.solver.find_min_makespan_s(
             printer_count, self.min_s, tolerance_s, max_s, is_near_min=self.is_near_min
         )
         self.is_near_min = min_s is not None
-        self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sums)
+        self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sum_count)
         return min_s
 
     def _improve_partition(self, partition: list[Box]) -> list[Box]:
-        """Find the best partition near this one by true prices, not limited to guillotine cuts."""
+        """Find the best partition near this one at true prices, not limited to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
             if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
@@ -232,7 +232,7 @@ class ExactSearch:
         return self.pieces_by_box[box]
 
     def _drop_pieces(self, boxes: Sequence[Box]) -> None:
-        """Drop the oldest pieces that are not in given boxes, while all have more than `MAX_KEPT_FACES`."""
+        """Drop the oldest pieces outside these boxes until at most `MAX_KEPT_FACES` faces are kept."""
         counts = {box: sum(p.solid.face_count for p in pieces) for box, pieces in self.pieces_by_box.items()}
         excess = sum(counts.values()) - MAX_KEPT_FACES
         for box, count in counts.items():
@@ -289,13 +289,14 @@ class ExactSearch:
                 f"{len(self.rejections)} partitions, one {self.rejections[-1]}: use more printers, "
                 "a larger --longest-side, or (farm decompose) a lower --min-glue"
             )
-        printers_needed = self.solver.solve(sys.float_info.max)  # a finite limit, because inf means no fit
-        if printers_needed >= UNREACHABLE_COUNT:
+        # The limit is finite, because inf means no fit.
+        needed_printer_count = self.solver.solve(sys.float_info.max)
+        if needed_printer_count >= UNREACHABLE_COUNT:
             min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(
-                f"{format_size(model.extents_mm)} mm is cut into blocks of {min_mm:.0f} mm at least, and a "
-                f"part has room for {format_size(problem.max_part_mm)} mm (without clips and brim): printers "
-                f"with room for {math.ceil(min_mm)} mm each way would be enough",
+                f"{format_size(model.extents_mm)} mm is cut into blocks of at least {min_mm:.0f} mm, but the "
+                f"printers have room for {format_size(problem.max_part_sides_mm)} mm (without clips and "
+                f"brim): printers with room for {math.ceil(min_mm)} mm each way would be enough",
                 is_too_large=True,
             )
-        return NoFit.from_shortage(model.extents_mm, printers_needed, len(problem.printers))
+        return NoFit.from_shortage(model.extents_mm, needed_printer_count, len(problem.printers))

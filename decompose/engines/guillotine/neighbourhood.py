@@ -239,14 +239,14 @@ class Window:
         high_s = float(np.nextafter(np.float32(time_limit_s), np.float32(0.0)))
         if self.count_fewest_parts(high_s) > max_parts:
             return None
-        best, low_s = self.list_chosen_boxes(), min_s
+        best_boxes, low_s = self.list_chosen_boxes(), min_s
         while high_s - low_s > TOLERANCE * high_s:
             middle_s = (low_s + high_s) / 2.0
             if self.count_fewest_parts(middle_s) <= max_parts:
-                best, high_s = self.list_chosen_boxes(), middle_s
+                best_boxes, high_s = self.list_chosen_boxes(), middle_s
             else:
                 low_s = middle_s
-        return best
+        return best_boxes
 
 
 def improve_locally(
@@ -279,12 +279,12 @@ def improve_locally(
         group = next((g for g in groups if g not in failed_windows), None)
         if group is None or effort.is_spent():
             break
-        spare_printers = printer_count - _count_pieces(tables, parts)
+        spare_printer_count = printer_count - _count_pieces(tables, parts)
         other_boxes = [box for box in parts if box not in group]
         times_s = [_look_up_seconds(tables, box) for box in group]
         window = Window(tables, group, other_boxes)
         replacement = window.solve(
-            _count_pieces(tables, group) + spare_printers,
+            _count_pieces(tables, group) + spare_printer_count,
             MAX_TIME_RATIO * max(times_s),
             0.5 * float(np.mean(times_s)),
         )
@@ -317,12 +317,12 @@ def _look_up_seconds(tables: BoxTables, box: Box) -> float:
 
 
 def _count_pieces(tables: BoxTables, partition: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
-    """Count the pieces of all boxes by the tables."""
+    """Count the pieces of all boxes according to the tables."""
     return sum(int(tables.piece_counts[index_box(box, tables.shape)]) for box in partition)
 
 
 def _list_groups(tables: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Yield groups of boxes to cut again: the slowest centres first, and for each the most slack first."""
+    """Yield groups of boxes to cut again: by centre, the slowest first, then by slack, the most first."""
     ends = np.array(parts)
     seconds = np.array([_look_up_seconds(tables, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):

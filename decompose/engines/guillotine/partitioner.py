@@ -95,7 +95,7 @@ class Partitioner:
         self._executor = executor
         self._states, self._sums = list_class_states([other.count for other in other_classes])
         self._value: Table = np.zeros(0, np.int16)
-        self._has_ties = False  # whether ties are broken when boxes are chosen
+        self._breaks_ties = False  # whether ties are broken when boxes are chosen
         self._keys: dict[int, int] | None = None  # keys of the boxes that may be chosen, if ties are broken
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *tables.shape)
@@ -129,7 +129,7 @@ class Partitioner:
             else:
                 run_shares(self._executor, partial(self._solve_half, length, count))
         self.sum_count += len(self._sums) * count_cuts(self.tables.shape)
-        self._has_ties = break_ties and not has_all_keys
+        self._breaks_ties = break_ties and not has_all_keys
         return min(int(self.list_class_counts()[1][-1]), UNREACHABLE_COUNT)
 
     def _solve_half(self, length: int, count: int, half: int) -> None:
@@ -205,7 +205,7 @@ class Partitioner:
         """List the boxes of the last solution, or only those in one region, in the order of the cuts."""
         chosen_boxes: list[Box] = []
         root = region or self._root
-        if self._has_ties:
+        if self._breaks_ties:
             self._keys = find_tied_keys(
                 self.tables, self.counts, self._limit_s, index_box(root, self.tables.shape)
             )

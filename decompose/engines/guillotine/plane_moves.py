@@ -21,7 +21,7 @@ from decompose.problem import Problem
 
 MAX_CELL_BOXES = 20_000_000  # maximum number of fine cells times boxes when a partition is checked
 MIN_GAIN_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
-NOISE_MM = 2.0  # shorter moves hardly correct slopes, because supports and thus times change in jumps
+NOISE_MM = 2.0  # shorter moves hardly correct slopes, because supports, and with them times, change in jumps
 
 
 def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
@@ -63,10 +63,10 @@ def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
                     extend = min if side < 3 else max
                     larger_box = boxes[box].copy()
                     larger_box[side] = extend(boxes[box, side], boxes[other, side])
-                    gained_cells = np.prod(larger_box[3:] - larger_box[:3]) - np.prod(
+                    gained_cell_count = np.prod(larger_box[3:] - larger_box[:3]) - np.prod(
                         boxes[box, 3:] - boxes[box, :3]
                     )
-                    if gained_cells > 0 and is_free[_slice_cells(larger_box)].sum() == gained_cells:
+                    if gained_cell_count > 0 and is_free[_slice_cells(larger_box)].sum() == gained_cell_count:
                         boxes[box] = larger_box
                         is_free[_slice_cells(larger_box)] = False
     return [(a, b, c, d, e, f) for a, b, c, d, e, f in boxes.tolist()]
@@ -260,9 +260,9 @@ def find_clear_position_mm(
         Distance to keep from flat faces.
     """
     low_mm, high_mm = sorted((position_mm, target_mm))
-    positions = [target_mm, *(flats_mm - clearance_mm), *(flats_mm + clearance_mm)]
+    positions_mm = [target_mm, *(flats_mm - clearance_mm), *(flats_mm + clearance_mm)]
     for clear_mm in sorted(
-        (p for p in positions if low_mm <= p <= high_mm), key=lambda p: abs(p - target_mm)
+        (p for p in positions_mm if low_mm <= p <= high_mm), key=lambda p: abs(p - target_mm)
     ):
         if np.abs(flats_mm - clear_mm).min(initial=np.inf) >= clearance_mm - SAME_PLANE_MM:
             return float(clear_mm)

@@ -73,8 +73,8 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     layer = ty * tz
     size = nx * (nx + 1) // 2 * layer
-    states = len(value) // size
-    transposed_value = np.empty(states * ny * tz, value.dtype)
+    state_count = len(value) // size
+    transposed_value = np.empty(state_count * ny * tz, value.dtype)
     for x0 in range(first, end):
         start = index_interval(x0, x0 + length, nx) * layer
         for x in range(x0 + 1, x0 + length):
@@ -87,13 +87,13 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
             for cut in range(1, dy):
                 a, b = start + index_interval(0, cut, ny) * tz, start + index_interval(cut, dy, ny) * tz
                 _lower_values(value, size, (row, a, b), block, sums)
-            for state in range(states):
+            for state in range(state_count):
                 source, target = state * size + row, state * block
                 _transpose_table(
                     value[source : source + block], transposed_value[target : target + block], rows, tz
                 )
             _lower_along_z(transposed_value, sums, nz, rows)
-            for state in range(states):
+            for state in range(state_count):
                 source, target = state * block, state * size + row
                 _transpose_table(
                     transposed_value[source : source + block], value[target : target + block], tz, rows

@@ -113,7 +113,7 @@ def _find_box_frame(vertices: Floats, axis: int) -> Floats:
     -1 allows all.
     """
     if axis < 0:
-        to_box: Any = oriented_bounds  # trimesh has no types for it
+        to_box: Any = oriented_bounds  # trimesh is untyped
         return _find_smallest_rotation(to_box(vertices, ordered=False)[0][:3, :3])
     x, y = (axis + 1) % 3, (axis + 2) % 3
     outline = find_convex_outline(np.ascontiguousarray(vertices[:, [x, y]]))

@@ -71,22 +71,26 @@ class SeedSource:
 
 
 def draw_seed_sets(
-    source: SeedSource, printer_count: int, tries: int, random_seed: int, map_function: MapFunction = map
+    source: SeedSource,
+    printer_count: int,
+    draws_per_count: int,
+    random_seed: int,
+    map_function: MapFunction = map,
 ) -> list[Seeds]:
-    """Draw the seeds from which blocks grow: `tries` draws of each number from `printer_count` down to 1.
+    """Draw the seeds from which blocks grow: from `printer_count` down to 1 seed, several draws of each.
 
     Parameters
     ----------
     source
         Points to cluster, and cells that may be seeds.
-    printer_count, tries
-        Maximum number of seeds, and draws of each number.
+    printer_count, draws_per_count
+        Maximum number of seeds, and number of draws for each number of seeds.
     random_seed
         Seed of the random numbers.
     map_function
         `map`, or that of an executor, for the draws.
     """
-    draws = [(count, number) for count in range(printer_count, 0, -1) for number in range(tries)]
+    draws = [(count, number) for count in range(printer_count, 0, -1) for number in range(draws_per_count)]
 
     def draw_set(draw: tuple[int, int]) -> Seeds:
         return draw_seeds(source, draw[0], np.random.default_rng([random_seed, *draw]))
@@ -140,7 +144,7 @@ def _run_attempt(
 
 
 def _count_parts(blocks: Ints, tables: GrowthTables) -> int:
-    """Count the pieces in blocks (n, 6), by the grid."""
+    """Count the pieces in blocks (n, 6), as counted on the grid."""
     indices = [index_box((*block,), tables.shape) for block in blocks.tolist()]
     return int(tables.piece_counts[indices].sum())
 

@@ -243,7 +243,7 @@ def _cover_voids(
     """
     nx, ny, nz = owner.shape
     blocks = np.zeros((max(max_parts, 0), 6), np.int64)
-    block_count = parts = 0
+    block_count = part_count = 0
     for z in range(nz):
         for y in range(ny):
             for x in range(nx):
@@ -251,8 +251,8 @@ def _cover_voids(
                     continue
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
                 index = compute_index((x, y, z, x + 1, y + 1, z + 1), owner.shape)
-                parts += piece_counts[index]
-                if parts > max_parts or not np.isfinite(seconds[index]):
+                part_count += piece_counts[index]
+                if part_count > max_parts or not np.isfinite(seconds[index]):
                     return False, blocks[:block_count]
                 can_grow = True
                 while can_grow:

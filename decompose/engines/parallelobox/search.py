@@ -171,7 +171,7 @@ def _find_candidates(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     for halves in _list_halves(space, points, len(problem.printers)):
         attempts_by_half = [_grow_half(half, space, problem) for half in halves]
         interpretation = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
-        paper_attempts = [by_space.get((0, interpretation), []) for by_space in attempts_by_half]
+        paper_attempts = [grown_half.get((0, interpretation), []) for grown_half in attempts_by_half]
         candidates += _find_first_candidate(
             _rank_partitions(paper_attempts, lambda a: a.max_price), space, problem
         )
@@ -180,7 +180,7 @@ def _find_candidates(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
                 break
             continue
         attempts = [
-            [attempt for group in by_space.values() for attempt in group] for by_space in attempts_by_half
+            [attempt for group in grown_half.values() for attempt in group] for grown_half in attempts_by_half
         ]
         candidates += _find_fastest_candidate(
             _rank_partitions(attempts, lambda a: space.boxes.find_longest_time_s(a.blocks)), space, problem
@@ -232,8 +232,8 @@ def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
     source = SeedSource(points, space.grid, table_sets[0].is_barred)
     seed_sets = draw_seed_sets(source, printer_count, options.parallelobox.tries, options.seed, run)
     problem.effort.record(Work.POINT_CLUSTERED, clustered_count)
-    attempts = len(seed_sets) * len(table_sets) * len(options.parallelobox.score.interpretations)
-    problem.effort.record(Work.CELL_GROWN, attempts * space.grid.is_needed.size)
+    attempt_count = len(seed_sets) * len(table_sets) * len(options.parallelobox.score.interpretations)
+    problem.effort.record(Work.CELL_GROWN, attempt_count * space.grid.is_needed.size)
     return {
         (number, interpretation): run_attempts(seed_sets, tables, printer_count, interpretation, run)
         for number, tables in enumerate(table_sets)
@@ -284,8 +284,8 @@ def _find_fastest_candidate(
 
 def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _Candidate | None:
     """Cut and pose a partition; None if it has more pieces than there are printers."""
-    new_boxes = sum(box not in space.pieces_by_box for box in boxes)
-    problem.effort.record(Work.FACE_CUT, new_boxes * space.aligned_model.model.solid.face_count)
+    new_box_count = sum(box not in space.pieces_by_box for box in boxes)
+    problem.effort.record(Work.FACE_CUT, new_box_count * space.aligned_model.model.solid.face_count)
     pieces_by_box = {box: space.cut_box(box) for box in boxes}
     pieces = [piece for box_pieces in pieces_by_box.values() for piece in box_pieces]
     if len(pieces) > len(problem.printers):

@@ -104,11 +104,11 @@ def measure_columns(
     sums = sweep_columns(
         triangles, is_marked.astype(np.float64), Rays(origin_mm, step_mm, shape), height_mm, overhang_cos
     )
-    mass = np.maximum(sums.levels[:, 3:], 1e-12)
+    mass = np.maximum(sums.level_moments[:, 3:], 1e-12)
     area_mm2 = step_mm**2
     return Columns(
         support_mm3=float(sums.supports_mm.sum() * area_mm2),
-        support_side_mm2=sum_steps_mm(sums.supports_mm) * step_mm + sums.edges_mm2,
+        support_side_mm2=sum_steps_mm(sums.supports_mm) * step_mm + sums.strip_sides_mm2,
         towers_mm=sums.towers_mm,
         islands_mm=sums.islands_mm,
         bodies_mm=sums.bodies_mm,
@@ -120,8 +120,8 @@ def measure_columns(
         bed_support_mm2=float(sums.is_bed_support.sum() * area_mm2),
         bed_support_border_mm=origin_mm + step_mm * _find_row_ends(sums.is_bed_support),
         touched_mm2=float(sums.touched_count * area_mm2),
-        volumes_mm3=sums.levels[:, 3] * area_mm2,
-        centres_mm=sums.levels[:, :3] / mass,
+        volumes_mm3=sums.level_moments[:, 3] * area_mm2,
+        centres_mm=sums.level_moments[:, :3] / mass,
     )
 
 

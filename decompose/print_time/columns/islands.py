@@ -54,27 +54,27 @@ def sum_islands_mm(
         sums of islands and of holes times their mean distance.
     """
     nx, ny = shape
-    other_islands, other_bodies, holes, hole_paths, island_paths = 0, 0, 0, 0.0, 0.0
+    extra_island_count, extra_body_count, total_hole_count, hole_paths, island_paths = 0, 0, 0, 0.0, 0.0
     rows, row_length = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
     kinds = _fill_levels(runs, ny, height_mm, (rows, row_length))
     parent = np.zeros(rows * row_length, np.int64)
     for level in range(ISLAND_LEVEL_COUNT):
         kind = kinds[level]
-        islands, bodies, cells = _count_islands(kind, parent, rows, row_length)
-        if islands > 1:
-            rectangle = _count_rectangle_cells(kind, rows, row_length)
-            other_islands += islands - 1
-            island_paths += _estimate_paths_mm(islands - 1, islands, rectangle, step_mm)
-        other_bodies += max(0, bodies - 1)
-        hole_count = max(0, bodies - _compute_euler_number(kind, rows, row_length))
+        island_count, body_count, cell_count = _count_islands(kind, parent, rows, row_length)
+        if island_count > 1:
+            rectangle_cell_count = _count_rectangle_cells(kind, rows, row_length)
+            extra_island_count += island_count - 1
+            island_paths += _estimate_paths_mm(island_count - 1, island_count, rectangle_cell_count, step_mm)
+        extra_body_count += max(0, body_count - 1)
+        hole_count = max(0, body_count - _compute_euler_number(kind, rows, row_length))
         if hole_count > 0:
-            holes += hole_count
-            hole_paths += _estimate_paths_mm(hole_count, bodies + hole_count, cells, step_mm)
+            total_hole_count += hole_count
+            hole_paths += _estimate_paths_mm(hole_count, body_count + hole_count, cell_count, step_mm)
     level_mm = height_mm / ISLAND_LEVEL_COUNT
     return (
-        other_islands * level_mm,
-        other_bodies * level_mm,
-        holes * level_mm,
+        extra_island_count * level_mm,
+        extra_body_count * level_mm,
+        total_hole_count * level_mm,
         island_paths * level_mm,
         hole_paths * level_mm,
     )
@@ -170,7 +170,7 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tup
     rows, row_length
         Number of rows of the raster, and number of cells in each row.
     """
-    islands, bodies, cells = 0, 0, 0
+    island_count, body_count, cell_count = 0, 0, 0
     for i in range(rows):
         for j in range(row_length):
             index = i * row_length + j
@@ -178,7 +178,11 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tup
             if kind[index] == 0:
                 continue
             solid_count = 1 if kind[index] == 1 else 0
-            islands, bodies, cells = islands + 1, bodies + solid_count, cells + solid_count
+            island_count, body_count, cell_count = (
+                island_count + 1,
+                body_count + solid_count,
+                cell_count + solid_count,
+            )
             for n in range(4):  # the four neighbours that have been visited
                 u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
                 if u < 0 or v < 0 or v >= row_length or kind[u * row_length + v] != kind[index]:
@@ -186,9 +190,9 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tup
                 a, b = _find_root(parent, index), _find_root(parent, u * row_length + v)
                 if a != b:
                     parent[a] = b
-                    islands -= 1
-                    bodies -= solid_count
-    return islands, bodies, cells
+                    island_count -= 1
+                    body_count -= solid_count
+    return island_count, body_count, cell_count
 
 
 @jit

@@ -26,23 +26,23 @@ class Sweep(NamedTuple):
     ----------
     touched_count
         Number of marked faces that columns of support touch, with their upper or their lower end.
-    levels
+    level_moments
         (LEVEL_COUNT, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a
         column.
     is_bed_support, is_standing
         (nx, ny) bool, true where support carries the part from the bed, and where the part stands on the bed.
     supports_mm
         (nx, ny) float64 height of support in each column.
-    towers_mm, edges_mm2, islands_mm, bodies_mm, holes_mm, island_paths_mm2, hole_paths_mm2
+    towers_mm, strip_sides_mm2, islands_mm, bodies_mm, holes_mm, island_paths_mm2, hole_paths_mm2
         See `_sum_towers_mm` and `sum_islands_mm`.
     """
 
     touched_count: float
-    levels: Floats
+    level_moments: Floats
     is_bed_support: Bools
     supports_mm: Floats
     towers_mm: float
-    edges_mm2: float
+    strip_sides_mm2: float
     islands_mm: float
     bodies_mm: float
     holes_mm: float
@@ -91,11 +91,18 @@ def sweep_columns(
         for upper_level in range(level, LEVEL_COUNT):
             passing_sums[upper_level] += ending_sums[level]
     min_carrier_drop_mm = step_mm * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
-    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports_mm, min_carrier_drop_mm, step_mm)
+    towers_mm, strip_sides_mm2 = _sum_towers_mm(runs, supports_mm, min_carrier_drop_mm, step_mm)
     paths = sum_islands_mm(runs, rays.shape, height_mm, step_mm)
     is_standing = _find_standing_columns(runs, rays.shape)
     return Sweep(
-        touched_count, passing_sums, is_bed_support, supports_mm, towers_mm, edges_mm2, *paths, is_standing
+        touched_count,
+        passing_sums,
+        is_bed_support,
+        supports_mm,
+        towers_mm,
+        strip_sides_mm2,
+        *paths,
+        is_standing,
     )
 
 
@@ -156,8 +163,8 @@ def _follow_ray(
 def _add_run(
     passing_sums: Floats,
     ending_sums: Floats,
-    position: tuple[float, float],
-    run: tuple[float, float],
+    position_mm: tuple[float, float],
+    run_ends_mm: tuple[float, float],
     height_mm: float,
 ) -> None:
     """Add a run of a column to the moments and the mass of each level.
@@ -166,24 +173,24 @@ def _add_run(
     ----------
     passing_sums, ending_sums
         (LEVEL_COUNT, 4) float64 sums of the runs that continue above a level, and of those that end below it.
-    position
-        x and y of the column in mm.
-    run
-        Bottom and top of the run in mm.
+    position_mm
+        x and y of the column.
+    run_ends_mm
+        Bottom and top of the run.
     height_mm
         Height of the mesh in mm.
     """
-    bottom_mm, top_mm = run
+    bottom_mm, top_mm = run_ends_mm
     level = int(bottom_mm / height_mm * LEVEL_COUNT)
     while level < LEVEL_COUNT - 1 and height_mm * (level + 1) / LEVEL_COUNT < top_mm:
-        _add_moments(passing_sums, level, position, bottom_mm, height_mm * (level + 1) / LEVEL_COUNT)
+        _add_moments(passing_sums, level, position_mm, bottom_mm, height_mm * (level + 1) / LEVEL_COUNT)
         level += 1
-    _add_moments(ending_sums, min(level, LEVEL_COUNT - 1), position, bottom_mm, top_mm)
+    _add_moments(ending_sums, min(level, LEVEL_COUNT - 1), position_mm, bottom_mm, top_mm)
 
 
 @jit_inline
 def _add_moments(
-    sums: Floats, level: int, position: tuple[float, float], bottom_mm: float, top_mm: float
+    sums: Floats, level: int, position_mm: tuple[float, float], bottom_mm: float, top_mm: float
 ) -> None:
     """Add the moments and the mass of a part of a column to the sums of a level.
 
@@ -193,12 +200,12 @@ def _add_moments(
         (LEVEL_COUNT, 4) float64 moments in x, y, z and mass, updated in place.
     level
         Index of the level.
-    position
-        x and y of the column in mm.
+    position_mm
+        x and y of the column.
     bottom_mm, top_mm
         Heights between which the part of the column lies.
     """
-    x, y = position
+    x, y = position_mm
     sums[level, 0] += x * (top_mm - bottom_mm)
     sums[level, 1] += y * (top_mm - bottom_mm)
     sums[level, 2] += (top_mm * top_mm - bottom_mm * bottom_mm) / 2.0

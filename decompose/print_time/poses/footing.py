@@ -12,7 +12,7 @@ from decompose.arrays import Floats
 from decompose.geometry import find_convex_outline, find_half_planes
 from decompose.jit import jit
 
-FIRST_LAYER_MM = 0.15  # height of the middle of the first layer, at which the mesh is cut
+FIRST_LAYER_MIDDLE_MM = 0.15  # height of the middle of the first layer, at which the mesh is cut
 MAX_SHARP_DEG = 120.0  # maximum angle of a sharp corner
 MAX_ROUNDING_MM = 1.0  # maximum size of a chamfer or a rounding that counts as one corner
 
@@ -148,21 +148,21 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     points = np.zeros((4 * _count_low_triangles(triangles), 2))
     ends = np.zeros((2, 2))
     for t in range(len(triangles)):
-        corners_below = 0
+        low_corner_count = 0
         for corner in range(3):
-            if triangles[t, corner, 2] < FIRST_LAYER_MM:
-                corners_below += 1
+            if triangles[t, corner, 2] < FIRST_LAYER_MIDDLE_MM:
+                low_corner_count += 1
                 points[count] = triangles[t, corner, :2]
                 count += 1
-        if corners_below == 0:
+        if low_corner_count == 0:
             continue
         a, b, c = triangles[t]
         down_mm2 = ((b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])) / 2.0
-        if corners_below == 3:
+        if low_corner_count == 3:
             area_mm2 += down_mm2
             continue
-        share = _cut_triangle(triangles[t], corners_below == 1, ends)
-        area_mm2 += down_mm2 * (share if corners_below == 1 else 1.0 - share)
+        share = _cut_triangle(triangles[t], low_corner_count == 1, ends)
+        area_mm2 += down_mm2 * (share if low_corner_count == 1 else 1.0 - share)
         outline_mm += np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1])
         points[count : count + 2] = ends
         count += 2
@@ -180,7 +180,7 @@ def _count_low_triangles(triangles: Floats) -> int:
     """
     count = 0
     for t in range(len(triangles)):
-        if min(triangles[t, 0, 2], triangles[t, 1, 2], triangles[t, 2, 2]) < FIRST_LAYER_MM:
+        if min(triangles[t, 0, 2], triangles[t, 1, 2], triangles[t, 2, 2]) < FIRST_LAYER_MIDDLE_MM:
             count += 1
     return count
 
@@ -205,12 +205,12 @@ def _cut_triangle(triangle: Floats, is_apex_below: bool, ends: Floats) -> float:
     """
     apex = 0
     for corner in range(3):
-        if (triangle[corner, 2] < FIRST_LAYER_MM) == is_apex_below:
+        if (triangle[corner, 2] < FIRST_LAYER_MIDDLE_MM) == is_apex_below:
             apex = corner
     product = 1.0
     for k in range(2):
         other = (apex + 1 + k) % 3
-        share = (FIRST_LAYER_MM - triangle[apex, 2]) / (triangle[other, 2] - triangle[apex, 2])
+        share = (FIRST_LAYER_MIDDLE_MM - triangle[apex, 2]) / (triangle[other, 2] - triangle[apex, 2])
         product *= share
         for axis in range(2):
             ends[k, axis] = triangle[apex, axis] + share * (triangle[other, axis] - triangle[apex, axis])

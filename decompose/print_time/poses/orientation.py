@@ -70,20 +70,20 @@ def find_best_pose(
     features, extents = sum_pose_features(vertices, faces, rotations, cost, hull.points, is_cut)
     min_s, max_s = _bound_prices_s(features, extents, cost, fit_first_layer)
     mesh = PartMesh(vertices, faces, is_cut)
-    best: Pose | None = None
+    best_pose: Pose | None = None
     measured_count = 0
     for i in np.argsort(max_s, kind="stable"):
-        if best is not None and best.rank[:3] == (0, 0.0, 0.0):
-            if min_s[i] >= best.price_s or measured_count >= MAX_MEASURED_POSES:
+        if best_pose is not None and best_pose.rank[:3] == (0, 0.0, 0.0):
+            if min_s[i] >= best_pose.price_s or measured_count >= MAX_MEASURED_POSES:
                 continue
             support_s = _estimate_support_s(mesh, hull.points, rotations[i], cost)
-            if min_s[i] + CERTAIN_SUPPORT_SHARE * support_s >= best.price_s:
+            if min_s[i] + CERTAIN_SUPPORT_SHARE * support_s >= best_pose.price_s:
                 continue
         pose = measure_pose_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
         measured_count += 1
-        if best is None or pose.rank < best.rank:
-            best = pose
-    return best
+        if best_pose is None or pose.rank < best_pose.rank:
+            best_pose = pose
+    return best_pose
 
 
 def _bound_prices_s(
@@ -92,9 +92,10 @@ def _bound_prices_s(
     """Bound the prices of poses with features (k, 5): without supports and brim, and with all supports."""
     cost_without_brim = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     min_s = [
-        cost_without_brim.price_s([*f[:COLUMN_INDEX], 0.0], e) for f, e in zip(features, extents, strict=True)
+        cost_without_brim.price_part_s([*f[:COLUMN_INDEX], 0.0], e)
+        for f, e in zip(features, extents, strict=True)
     ]
-    return min_s, [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
+    return min_s, [cost.price_part_s(f, e) for f, e in zip(features, extents, strict=True)]
 
 
 def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[TargetPrinter]) -> Floats:

@@ -20,7 +20,7 @@ from decompose.print_time.pose_prices import (
     price_short_layers_s,
     sum_pose_features,
 )
-from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
+from decompose.print_time.poses.footing import FIRST_LAYER_MIDDLE_MM, Footing
 from decompose.print_time.thin_walls import SheetLimits, ThinWalls, WallWidths, measure_thin_walls
 from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
@@ -229,21 +229,21 @@ def _build_motion(rotation: Floats, origin_mm: Floats) -> Floats:
 def _measure_thin_walls(triangles: Floats, hidden_faces: HiddenFaces, cost: CostModel) -> ThinWalls:
     """Measure the thin walls and sheets of a part on the bed; hidden skins of sheets are thinner."""
     saved_mm = hidden_faces.compute_saved_height_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
-    sheets = SheetLimits(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
-    widths = WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm)
+    sheets = SheetLimits(cost.skins_mm - saved_mm, cost.layer_height_mm, cost.skin_cos)
+    widths = WallWidths(cost.line_width_mm, cost.outer_walls_mm, cost.walls_mm)
     return measure_thin_walls(triangles, widths, sheets)
 
 
 def _touches_first_layer(cut_triangles: Floats) -> bool:
     """Check whether a cut face, given as triangles (k, 3, 3), reaches into the first layer."""
-    return bool((cut_triangles[:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
+    return bool((cut_triangles[:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MIDDLE_MM).any())
 
 
 def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: CostModel) -> float:
     """Price a pose by its `ADDITIVE_FEATURES` (5,) and extents (3,), corrected by the part's columns."""
     bodies_mm = columns.bodies_mm - HOLE_INSET_SHARE * columns.holes_mm
     return (
-        cost.price_s([*features[:COLUMN_INDEX], 0.0], extents_mm)
+        cost.price_part_s([*features[:COLUMN_INDEX], 0.0], extents_mm)
         - cost.price_insets_s(float(features[LATERAL_INDEX]), float(extents_mm[2]), bodies_mm)
         + cost.price_paths_s(columns.island_paths_mm2, columns.holes_mm, columns.hole_paths_mm2)
         + cost.price_brim_s(columns.measure_brim_mm2(cost.brim_mm), extents_mm)
@@ -254,7 +254,7 @@ def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: 
 
 
 def _price_side_ends_s(mesh: PartMesh, up: Floats, cut_side_mm2: float, cost: CostModel) -> float:
-    """Price the ends of hidden sides of an area; they are only measured if there are such sides."""
+    """Price the ends of the hidden sides; measure these ends only if there are such sides."""
     return cost.price_side_ends_s(cut_side_mm2, sum_side_ends_mm(mesh, up) if cut_side_mm2 else 0.0)
 
 

@@ -16,7 +16,7 @@ from decompose.arrays import Floats
 from decompose.print_time.cost import CostModel
 from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import sum_pose_features
-from decompose.print_time.poses.footing import FIRST_LAYER_MM
+from decompose.print_time.poses.footing import FIRST_LAYER_MIDDLE_MM
 from decompose.print_time.poses.orientation import find_fitting_rotations
 from decompose.print_time.poses.pose import COLUMN_INDEX, Pose, measure_pose_from_features
 from decompose.printers import TargetPrinter
@@ -82,7 +82,7 @@ def find_steady_pose(
         (features,), (extents,) = sum_pose_features(
             mesh.vertices, mesh.faces, rotations[i : i + 1], cost, is_cut=mesh.is_cut
         )
-        if cost_without_brim.price_s([*features[:COLUMN_INDEX], 0.0], extents) > limit_s:
+        if cost_without_brim.price_part_s([*features[:COLUMN_INDEX], 0.0], extents) > limit_s:
             continue
         pose = measure_pose_from_features(
             mesh, rotations[i], features, cost, fastest_pose.brim_width_mm is not None
@@ -103,7 +103,7 @@ def _estimate_slenderness(mesh: PartMesh, rotation: Floats) -> float:
     """Estimate the slenderness of a part in a pose (3, 3) from its flat faces on the bed."""
     z_mm = mesh.vertices @ rotation[2]
     low_mm = float(z_mm.min())
-    bottom_faces = mesh.faces[(z_mm[mesh.faces] < low_mm + FIRST_LAYER_MM).all(axis=1)]
+    bottom_faces = mesh.faces[(z_mm[mesh.faces] < low_mm + FIRST_LAYER_MIDDLE_MM).all(axis=1)]
     a, b, c = (mesh.vertices[bottom_faces[:, corner]] for corner in range(3))
     foot_mm2 = -float((np.cross(b - a, c - a) @ rotation[2]).sum()) / 2.0
     return (float(z_mm.max()) - low_mm) / math.sqrt(foot_mm2) if foot_mm2 > 0.0 else math.inf

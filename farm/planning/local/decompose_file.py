@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from decompose.advised_size import advise_longest_side_mm
-from decompose.auto import CountGoal, decompose_auto
+from decompose.auto import CountGoal, decompose_for_goal
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.export import write_decomposition
@@ -185,7 +185,7 @@ def _decompose(
     try:
         if request.printer_count is None:
             goal = CountGoal(request.clear_s, request.assemble_s)
-            return decompose_auto(model, printers, options, cost, executor, goal)
+            return decompose_for_goal(model, printers, options, cost, executor, goal)
         return decompose_model(model, printers, options, cost, executor)
     except NoFit as error:
         side_mm = (

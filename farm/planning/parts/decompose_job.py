@@ -10,7 +10,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from decompose.auto import CountGoal, build_curve, decompose_auto
+from decompose.auto import CountGoal, build_curve, decompose_for_goal
 from decompose.decompose import decompose_model
 from decompose.engines.guillotine import ASSEMBLY_S
 from decompose.errors import NoFit
@@ -85,8 +85,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
             search = PausedSearch(decomposition, model, cost, threads)
         return finish_job(search, task)
     except NoFit as error:
-        if error.printers_needed is not None and error.printers_needed > len(printers):
-            raise TooFewPrinters(str(error), error.printers_needed) from error
+        if error.needed_printer_count is not None and error.needed_printer_count > len(printers):
+            raise TooFewPrinters(str(error), error.needed_printer_count) from error
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except Exception:
         with translate_errors():
@@ -198,7 +198,7 @@ class ModelCutter:
     def cut_for_worthwhile_printers(self, time_limit_s: float | None = None) -> Decomposition:
         """Cut the model for as many printers as save time, or for the fewest that finish within a time."""
         goal = replace(self.goal, time_limit_s=time_limit_s)
-        return decompose_auto(self.model, self.printers, self.options, self.cost, self.executor, goal)
+        return decompose_for_goal(self.model, self.printers, self.options, self.cost, self.executor, goal)
 
     def keep_model_whole(self) -> Decomposition | None:
         """Keep the model whole, on the printer of lowest build height that it fits; None if it fits none.
@@ -253,7 +253,7 @@ class ModelCutter:
             except NoFit as error:
                 if parts == part_limit:
                     raise
-                min_parts = error.printers_needed or 0
+                min_parts = error.needed_printer_count or 0
         raise AssertionError("the last attempt has all printers")
 
     def cut_within_time(self, time_limit_s: float) -> Decomposition:

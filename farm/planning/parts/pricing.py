@@ -145,12 +145,12 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         line_width_mm=settings.line_width_mm,
         outer_line_width_mm=settings.line_width_0_mm,
         wall_count=settings.wall_count,
-        skin_layers=(settings.top_layers + settings.bottom_layers) / 2,
-        bed_layers_saved=settings.bottom_layers - settings.hidden_layers.bed_layers,
-        top_layers_saved=settings.top_layers - settings.hidden_layers.top_layers,
+        skin_layer_count=(settings.top_layers + settings.bottom_layers) / 2,
+        saved_bed_layer_count=settings.bottom_layers - settings.hidden_layers.bed_layers,
+        saved_top_layer_count=settings.top_layers - settings.hidden_layers.top_layers,
         infill_line_distance_mm=settings.infill_line_distance_mm,
-        infill_connected=is_connected,
-        infill_steps=int(extruder["gradual_infill_steps"]),
+        is_infill_connected=is_connected,
+        infill_step_count=int(extruder["gradual_infill_steps"]),
         infill_step_mm=float(extruder["gradual_infill_step_height"]),
         support_line_distance_mm=settings.support_line_distance_mm,
         outer_wall_mm_s=settings.speed_wall_0_mm_s,
@@ -163,7 +163,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         skin_line_width_mm=float(extruder["skin_line_width"]),
         skin_mm_s=settings.speed_topbottom_mm_s,
         roof_line_width_mm=float(extruder["roofing_line_width"]),
-        roof_layers=int(extruder["roofing_layer_count"]),
+        roof_layer_count=int(extruder["roofing_layer_count"]),
         roof_mm_s=float(extruder["speed_roofing"]),
         support_mm_s=settings.speed_support_mm_s,
         support_angle_deg=settings.support_angle_deg,
@@ -171,7 +171,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         small_overhang_mm2=SMALL_OVERHANG_MM2,
         brim_mm=settings.brim_width_mm if global_settings["adhesion_type"] == "brim" else 0.0,
         brim_mm_s=settings.speed_layer_0_mm_s,
-        slow_layers=int(float(global_settings["speed_slowdown_layers"])),
+        slow_layer_count=int(float(global_settings["speed_slowdown_layers"])),
         travel_mm_s=settings.speed_travel_mm_s,
         retraction_s=_compute_retraction_s(extruder),
         acceleration_mm_s2=float(global_settings["machine_acceleration"]),
@@ -204,4 +204,4 @@ def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> Cos
 def compute_time_ratio(cost: CostModel, reference: CostModel) -> float:
     """Return the ratio of the estimated times of a 50 mm cube by two cost models."""
     cube_sums, size_mm = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
-    return cost.price_s(cube_sums, size_mm) / reference.price_s(cube_sums, size_mm)
+    return cost.price_part_s(cube_sums, size_mm) / reference.price_part_s(cube_sums, size_mm)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from decompose.auto import decompose_auto
+from decompose.auto import decompose_for_goal
 from decompose.connectors import read_pair_distances_mm
 from decompose.errors import NoFit
 from decompose.export import draw_assembly, write_decomposition, write_glb
@@ -46,7 +46,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     time_factors = estimate_time_factors(task.printers, task.time_factors, whole.solid, quality, resources)
     printers, cost = build_target_printers(task.printers, time_factors, quality, resources)
     try:
-        decomposition = decompose_auto(whole, printers, options, cost)
+        decomposition = decompose_for_goal(whole, printers, options, cost)
         if len(decomposition.parts) < 2:
             raise FarmError(f"part {task.part.id} finishes sooner in one piece", ErrorCode.NO_FIT)
         beds = find_beds(task.printers, task.options.quality, resources)

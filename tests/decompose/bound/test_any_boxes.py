@@ -27,7 +27,9 @@ KNOWN_MAKESPAN_RATIO = 1.001
 """Ratio of the known makespan that is passed in to the one that the bound must not exceed."""
 COSTS = (
     CostModel.from_settings(PrintTimeSettings()),
-    CostModel.from_settings(PrintTimeSettings(overhead_s=60.0, bed_layers_saved=2.0, top_layers_saved=1.0)),
+    CostModel.from_settings(
+        PrintTimeSettings(overhead_s=60.0, saved_bed_layer_count=2.0, saved_top_layer_count=1.0)
+    ),
 )
 
 

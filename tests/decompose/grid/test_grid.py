@@ -41,8 +41,9 @@ def grid(triangles: Triangles) -> Grid:
 
 @pytest.fixture(scope="module")
 def default_cost() -> CostModel:
-    supported_deg = math.degrees(math.asin(0.7))
-    return replace(CostModel.from_settings(PrintTimeSettings()), supported_deg=supported_deg, skin_cos=0.75)
+    support_angle_deg = math.degrees(math.asin(0.7))
+    cost = CostModel.from_settings(PrintTimeSettings())
+    return replace(cost, effective_support_angle_deg=support_angle_deg, skin_cos=0.75)
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,7 @@ def test_ball_has_no_rims() -> None:
 
 def test_rings_lie_below_slopes_that_are_flat_enough() -> None:
     """Check the smallest slope that has a ring: 10 degrees for 2 mm of depth and lines of 0.35 mm."""
-    ring_cos = PrintTimeSettings(infill_steps=1, infill_step_mm=2.0).ring_cos
+    ring_cos = PrintTimeSettings(infill_step_count=1, infill_step_mm=2.0).ring_cos
     assert np.degrees(np.arcsin(ring_cos)) == pytest.approx(9.93, abs=0.01)
     flat_frustum, steep_frustum = (
         make_frustum(60, 60 - 2 * 20 * np.tan(np.radians(15)), 20),

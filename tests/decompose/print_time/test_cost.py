@@ -80,7 +80,7 @@ def test_walls_inside_the_outline_are_shorter() -> None:
 
 def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
     settings = PrintTimeSettings(
-        skin_layers=4.0, skin_line_width_mm=0.4, skin_mm_s=20.0, brim_mm_s=30.0, slow_layers=2
+        skin_layer_count=4.0, skin_line_width_mm=0.4, skin_mm_s=20.0, brim_mm_s=30.0, slow_layer_count=2
     )
     bed_layers_s_mm, upper_layers_s_mm = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
     assert settings.skin_s_mm2 == pytest.approx((bed_layers_s_mm + upper_layers_s_mm) / 2.0 / 0.4)
@@ -88,21 +88,21 @@ def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
 
 def test_uppermost_layer_of_a_top_has_its_own_lines_and_speed() -> None:
     settings = PrintTimeSettings(
-        skin_layers=4.0,
+        skin_layer_count=4.0,
         skin_line_width_mm=0.5,
         skin_mm_s=40.0,
         brim_mm_s=40.0,
-        roof_layers=1,
+        roof_layer_count=1,
         roof_line_width_mm=0.4,
         roof_mm_s=25.0,
     )
     assert settings.skin_s_mm2 == pytest.approx((4.0 / 20.0 + 3.0 / 20.0 + 1.0 / 10.0) / 2.0)
-    hidden_settings = replace(settings, bed_layers_saved=2.0, top_layers_saved=1.0)
+    hidden_settings = replace(settings, saved_bed_layer_count=2.0, saved_top_layer_count=1.0)
     assert hidden_settings.hidden_bed_share * settings.skin_s_mm2 == pytest.approx(2.0 / 20.0)
     # A hidden top saves one layer and the roof.
     assert hidden_settings.hidden_top_share * settings.skin_s_mm2 == pytest.approx(1.0 / 20.0 + 1.0 / 20.0)
     assert settings.hidden_top_share * settings.skin_s_mm2 == pytest.approx(1.0 / 20.0)
-    assert replace(settings, skin_layers=0.0).hidden_top_share == 0.0
+    assert replace(settings, skin_layer_count=0.0).hidden_top_share == 0.0
 
 
 def test_ends_of_skin_lines_take_the_same_time_above_a_speed_limit() -> None:
@@ -117,9 +117,9 @@ def test_ends_of_skin_lines_take_the_same_time_above_a_speed_limit() -> None:
 def test_infill_gets_sparser_below_the_tops(steps, extra_mm):
     """Use lines 4 mm apart, whose number is halved by each step of 2 mm in height."""
     settings = PrintTimeSettings(
-        infill_line_distance_mm=4.0, infill_steps=steps, infill_step_mm=2.0, skin_layers=0.0
+        infill_line_distance_mm=4.0, infill_step_count=steps, infill_step_mm=2.0, skin_layer_count=0.0
     )
-    even_settings = replace(settings, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
+    even_settings = replace(settings, infill_line_distance_mm=4.0 * 2.0**steps, infill_step_count=0)
     infill_terms, even_terms = (
         compute_time_terms(settings)["infill"],
         compute_time_terms(even_settings)["infill"],
@@ -158,7 +158,7 @@ def test_slopes_up_to_45_degrees_need_no_support() -> None:
 
 
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
-    settings = PrintTimeSettings(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
+    settings = PrintTimeSettings(layer_height_mm=0.2, skin_layer_count=4.0, wall_count=2, line_width_mm=0.35)
     cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=settings.skin_cos)
     # At this slope (height over width), a step of 4 layers is exactly as wide as the walls.
     max_slope = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)
@@ -180,13 +180,13 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
         ({"layer_height_mm": 0.125}, "brim", 1.0),
         ({"outer_wall_mm_s": 20.0, "inner_wall_mm_s": 25.0}, "walls", 2.0),
         ({"skin_mm_s": 15.0, "brim_mm_s": 15.0}, "skin", 2.0),
-        ({"skin_mm_s": 15.0, "slow_layers": 0}, "skin", 2.0),
-        ({"skin_mm_s": 15.0, "slow_layers": 0}, "skin rim", 2.0),
-        ({"infill_connected": False}, "infill ends", 2.0),
-        ({"skin_layers": 6.0}, "skin", 2.0),
+        ({"skin_mm_s": 15.0, "slow_layer_count": 0}, "skin", 2.0),
+        ({"skin_mm_s": 15.0, "slow_layer_count": 0}, "skin rim", 2.0),
+        ({"is_infill_connected": False}, "infill ends", 2.0),
+        ({"skin_layer_count": 6.0}, "skin", 2.0),
         ({"travel_mm_s": 75.0}, "travel", 2.0),
         ({"acceleration_mm_s2": 1500.0}, "slope ends", 2.0),
-        ({"infill_connected": False}, "connections", 0.0),
+        ({"is_infill_connected": False}, "connections", 0.0),
         ({"infill_line_distance_mm": 0.0}, "infill", 0.0),
         ({"support_line_distance_mm": 0.0}, "support", 0.0),
         ({"support_line_distance_mm": 0.0}, "support sides", 0.0),
@@ -287,7 +287,7 @@ def test_compiled_code_reads_prices_by_name() -> None:
     values = {"another": 7.0} | dict(reversed(asdict(cost).items()))
     dtype = np.dtype([(name, np.float64) for name in values])
     moved_prices = np.array([tuple(values.values())], dtype=dtype)[0]
-    assert compute_price_s(moved_prices, additive, extents) == cost.price_s(additive, extents)
+    assert compute_price_s(moved_prices, additive, extents) == cost.price_part_s(additive, extents)
 
 
 def test_inner_walls_of_each_body_are_shorter() -> None:

@@ -25,11 +25,11 @@ from decompose.print_time.hidden_faces import SIDE_END_MM, sum_side_ends_mm
 from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
 from decompose.printers import TargetPrinter
 
-SETTINGS = PrintTimeSettings(skin_layers=4.0, bed_layers_saved=2.0, top_layers_saved=1.0)
+SETTINGS = PrintTimeSettings(skin_layer_count=4.0, saved_bed_layer_count=2.0, saved_top_layer_count=1.0)
 COST, PLAIN_COST = (
     CostModel.from_settings(SETTINGS),
     CostModel.from_settings(
-        replace(SETTINGS, **dict.fromkeys(("bed_layers_saved", "top_layers_saved"), 0.0))
+        replace(SETTINGS, **dict.fromkeys(("saved_bed_layer_count", "saved_top_layer_count"), 0.0))
     ),
 )
 BLOCK = Solid.box((0.0, 0.0, 0.0), (40.0, 30.0, 20.0))
@@ -132,7 +132,7 @@ def test_short_hidden_side_saves_nothing():
 @pytest.mark.parametrize("side_share", [0.0, 0.2])
 def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: float, side_share: float):
     """Compare faces on the bed exactly, and faces on top only if no face above or below needs skin."""
-    angles = {"supported_deg": math.degrees(math.asin(0.7)), "skin_cos": 0.75}
+    angles = {"effective_support_angle_deg": math.degrees(math.asin(0.7)), "skin_cos": 0.75}
     cost = replace(COST, hidden_top_share=top_share, hidden_side_share=side_share, **angles)
     vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
@@ -145,7 +145,7 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
         planes = [[*axis, end[i]] for end in (lo, hi) for i, axis in enumerate(np.eye(3).tolist())]
         is_cut = find_cut_faces(*mesh, np.array(planes))
         features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, is_cut=is_cut)
-        hidden_s = min(cost.price_s(*pose) for pose in zip(features, extents, strict=True))
+        hidden_s = min(cost.price_part_s(*pose) for pose in zip(features, extents, strict=True))
         visible_s = price_poses_s(*mesh, POSE_ROTATIONS, cost).min()
         assert hidden_s * (1.0 - 1e-5) <= tables.seconds[index] <= visible_s * (1.0 + 1e-5)
         cheaper_count += tables.seconds[index] < visible_s * (1.0 - 1e-3)

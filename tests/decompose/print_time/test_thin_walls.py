@@ -42,7 +42,7 @@ def test_leaning_wall_has_its_area_and_its_horizontal_width() -> None:
     lean_rad = np.radians(20.0)
     wall = Solid.box((0, 0, 0), (50, 1.6 * np.cos(lean_rad), 20 / np.cos(lean_rad)))
     leaning_wall = measure_solid(wall.rotate(Rotation.from_euler("x", -20.0, degrees=True).as_matrix()))
-    assert leaning_wall.full_mm2 == pytest.approx(SIDES_MM2 / np.cos(lean_rad), rel=0.1)
+    assert leaning_wall.solid_wall_mm2 == pytest.approx(SIDES_MM2 / np.cos(lean_rad), rel=0.1)
 
 
 @pytest.mark.parametrize("height_mm, layers", [(1.2, 2), (1.6, 0), (3.0, 0)])

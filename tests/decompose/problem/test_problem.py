@@ -138,6 +138,6 @@ def test_started_work_is_done_once(threads: int, cost: CostModel) -> None:
     calls: list[int] = []
     with ThreadPoolExecutor(1) as executor:
         problem = replace(make_problem(cost, make_fleet(1.0)), executor=executor if threads else None)
-        get_result = problem.start(lambda: calls.append(len(calls)) or len(calls))
+        get_result = problem.start_work(lambda: calls.append(len(calls)) or len(calls))
         assert get_result() == get_result() == 1
     assert calls == [0]

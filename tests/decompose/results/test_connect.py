@@ -295,7 +295,7 @@ def test_seams_that_cannot_be_measured_are_left_out(
 def test_tool_that_opens_outside_its_joint_is_refused(drilled_parts: DrilledParts) -> None:
     mark = drilled_parts.connectors.marks[0]
     shifted_tools = tuple(
-        Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.inward_normal, t.face_mm)
+        Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.inward_normal, t.face_offset_mm)
         for t in mark.grooves
     )
     connectors = replace(drilled_parts.connectors, marks=(replace(mark, grooves=shifted_tools),))

@@ -232,12 +232,12 @@ def test_faithful_form_reproduces_the_published_parts(cost: CostModel) -> None:
     faithful_options = replace(OPTIONS, faithful=True)
     with pytest.raises(NoFit, match="each on its own printer, but there are 2") as error:
         decompose_model(make_ball(95.0), make_printers(2), faithful_options, cost)
-    printers_needed = error.value.printers_needed
+    needed_printer_count = error.value.needed_printer_count
     # There are 26 parts, which are merged in pairs at most.
-    assert printers_needed is not None and printers_needed >= 13
+    assert needed_printer_count is not None and needed_printer_count >= 13
     assert (
         len(decompose_model(make_ball(95.0), make_printers(26), faithful_options, cost).parts)
-        == printers_needed
+        == needed_printer_count
     )
     with pytest.raises(NoFit, match=r"of the \d+ parts that cube-skeleton makes for 26 printers fit none"):
         decompose_model(make_ball(330.0), make_printers(26), faithful_options, cost)

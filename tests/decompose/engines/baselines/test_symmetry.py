@@ -140,7 +140,7 @@ def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost:
         decompose_model(rough_ball, make_printers(4), FAITHFUL_OPTIONS, cost)
     with pytest.raises(NoFit, match="need at least 8 parts, but there are 4 printers") as error:
         decompose_model(rough_ball, make_printers(4), OPTIONS, cost)
-    assert error.value.printers_needed == 8
+    assert error.value.needed_printer_count == 8
 
 
 def test_one_printer_gets_an_uncut_model_that_fits(ring_with_bar: Solid, cost: CostModel) -> None:

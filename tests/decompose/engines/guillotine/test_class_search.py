@@ -69,7 +69,7 @@ def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -
     message = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
     with pytest.raises(NoFit, match=message) as error:
         decompose_model(model, [*low_printers, high_printers[0]], options, cost)
-    assert error.value.printers_needed == 6
+    assert error.value.needed_printer_count == 6
     assert len(decompose_model(model, [*low_printers, *high_printers], options, cost).parts) == 6
     with pytest.raises(NoFit, match="there are 5: free 1 more"):
         decompose_model(model, [*low_printers, *high_printers[:2]], options, cost)

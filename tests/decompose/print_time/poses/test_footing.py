@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.geometry import Solid
-from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
+from decompose.print_time.poses.footing import FIRST_LAYER_MIDDLE_MM, Footing
 
 NO_SUPPORTS_MM = np.zeros((0, 2))
 
@@ -39,7 +39,7 @@ def test_ball_touches_where_its_first_layer_is_cut() -> None:
     mesh = trimesh.creation.icosphere(5, 20.0)
     mesh.apply_translation([0, 0, 20])
     result = measure_footing(Solid.from_arrays(mesh.vertices, mesh.faces))
-    assert result.contact_mm2 == pytest.approx(math.pi * (400 - (20 - FIRST_LAYER_MM) ** 2), rel=0.1)
+    assert result.contact_mm2 == pytest.approx(math.pi * (400 - (20 - FIRST_LAYER_MIDDLE_MM) ** 2), rel=0.1)
     assert result.sharp_corner_count == 0
 
 
@@ -65,7 +65,7 @@ def test_footing_of_an_edge_is_empty() -> None:
     mesh.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 4, [1, 0, 0]))
     mesh.apply_translation([0, 0, math.sqrt(50.0)])
     result = measure_footing(Solid.from_arrays(mesh.vertices, mesh.faces))
-    assert result.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MM * 10.0)
+    assert result.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MIDDLE_MM * 10.0)
     assert (
         Footing.from_mesh(np.zeros((0, 3, 3)), NO_SUPPORTS_MM).measure_margin_mm(np.zeros((1, 2)))
         == -math.inf

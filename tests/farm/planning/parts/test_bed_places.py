@@ -45,4 +45,4 @@ def test_place_is_described_from_the_front():
     assert describe_place(None) == ""
     assert describe_place(BedPlace((223.0, 223.0), (0.2, -0.4), False)) == "in the middle"
     text = describe_place(BedPlace((223.0, 223.0), (-3.0, 12.4), True))
-    assert text == "3 mm to the left and 12 mm to the back, from the middle"
+    assert text == "3 mm left of and 12 mm behind the middle"

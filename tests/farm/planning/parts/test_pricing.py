@@ -48,10 +48,10 @@ def resolve_slice_settings():
 
 def test_changed_setting_reaches_the_cost(resolve_slice_settings):
     old_cost = build_print_time_settings(resolve_slice_settings("glue"), overhead_s=0.0)
-    assert old_cost.infill_connected
+    assert old_cost.is_infill_connected
     for key, value, field in (
         ("infill_sparse_density", 20, "infill_line_distance_mm"),
-        ("infill_pattern", "grid", "infill_connected"),
+        ("infill_pattern", "grid", "is_infill_connected"),
         ("cool_min_layer_time", 12, "min_layer_s"),
         ("speed_travel", 100, "travel_mm_s"),
         ("support_enable", False, "support_line_distance_mm"),
