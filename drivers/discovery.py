@@ -65,7 +65,7 @@ def list_plugged_devices(
     Returns
     -------
     list[PluggedDevice]
-        In the order of `devices`.
+        The devices, in the order of `devices`.
     """
     printer_by_path = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
     links = {link.resolve(): link for link in sorted(links_folder.glob("*"), reverse=True)}

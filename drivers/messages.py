@@ -117,7 +117,7 @@ class PrintSnapshot(PrintReadings, _AgentMessage):
     fault: str | None = None  # a value of `drivers.errors.Fault`
     reason: str | None = None  # one sentence for a person
     line: int = 0  # number of acknowledged lines of the stripped file
-    lines: int = 0
+    lines: int = 0  # number of all lines of that file
     progress_s: float = 0.0  # elapsed print time, by the slicer's ;TIME_ELAPSED
     print_time_s: float = 0.0  # print time of the whole file
     layers: int = 0
@@ -286,7 +286,7 @@ class Commission(_Request):
 
 
 class Shutdown(_Request):
-    """End the agent. With `now` it first ends an open print safely; otherwise it refuses while printing."""
+    """End the agent, which refuses this while printing; with `now`, it first ends an open print safely."""
 
     do: Literal["shutdown"] = "shutdown"
     id: int

@@ -149,7 +149,7 @@ def time_layers_s(path: Toolpath, limits: Limits) -> float:
         planner.advance(now_s)
         planner.add(tuple(position_mm.tolist()), max(feed_mm_s, 1.0), now_s)
     planner.advance(np.inf)
-    return planner.busy_s
+    return planner.moving_s
 
 
 def learn_factors(parts: Sequence[PartTimes], actual_s: Sequence[float]) -> TimeFactors:

@@ -54,7 +54,7 @@ class FakeBoard:
 
     def reset(self) -> None:
         """Reset, as when the host opens the port."""
-        self.port.discard()
+        self.port.discard_bytes()
         self._partial, self._nozzle_c, self._bed_c = b"", b"0", b"0"
         self.boot_end_s = time.monotonic() + BOOT_S
 
@@ -111,7 +111,7 @@ class FakeBoards(threading.Thread):
         for board in self._boards:
             poll.register(board.port.watch_fd, select.EPOLLIN)
         boards_by_watch_fd = {board.port.watch_fd: board for board in self._boards}
-        boards_by_master_fd = {board.port.master: board for board in self._boards}
+        boards_by_master_fd = {board.port.master_fd: board for board in self._boards}
         open_ports: set[int] = set()
         while not self.is_stopped:
             wait_s = max(0.0, deadlines[0][0] - time.monotonic()) if deadlines else 0.1
@@ -127,7 +127,7 @@ class FakeBoards(threading.Thread):
                         deadlines = [entry for entry in deadlines if entry[2] is not board]
                         heapq.heapify(deadlines)
                         heapq.heappush(deadlines, (board.boot_end_s, fd, board))
-                    master = board.port.master
+                    master = board.port.master_fd
                     if board.port.is_open != (master in open_ports):
                         if board.port.is_open:
                             poll.register(master, select.EPOLLIN)

@@ -226,9 +226,9 @@ class Recorder(EmulatedFirmware):
     def _read_plain_move(self) -> bool:
         return False
 
-    def _accept(self, line: bytes) -> None:
+    def _accept_line(self, line: bytes) -> None:
         previous_number = self._last_number
-        super()._accept(line)
+        super()._accept_line(line)
         if self._last_number != previous_number and (body := remove_frame(line)) != b"M105":
             self.received.append(body)
 
@@ -318,7 +318,7 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
         to_board.put(injector.damage_line(link.take()), now_s)
         if injector.fault_count > fault_count and len(fault_marks) <= faults:
             fault_count = injector.fault_count
-            fault_marks.append((now_s, firmware.printing_s))
+            fault_marks.append((now_s, firmware.moving_s))
     stalls_s = tuple(
         max(0.0, next_mark[0] - mark[0] - (next_mark[1] - mark[1]))
         for mark, next_mark in pairwise(fault_marks)

@@ -116,14 +116,14 @@ class Board:
         except PortError as error:
             self._on_port_lost(error)
             return
-        self._process(events, now_s)
+        self._process_events(events, now_s)
 
     def tick(self) -> None:
         """Perform the actions that are due now."""
         if self._port is None and read_wall_s() >= self._retry_wall_s:
             self.open()
         now_s = self._clock.now()
-        self._process(self.link.tick(now_s), now_s)
+        self._process_events(self.link.tick(now_s), now_s)
 
     def compute_wake_wall_s(self) -> float:
         """Return the wall time of the next call of `tick`."""
@@ -162,7 +162,7 @@ class Board:
             send_abort(self._port, self._firmware)
             self._on_opened()
         else:
-            self._reset()  # opening does not reset the board if the last host left DTR up, as agents do
+            self._reset_board()  # opening does not reset the board if the last host left DTR up, as agents do
 
     @property
     def _is_responsible(self) -> bool:
@@ -174,7 +174,7 @@ class Board:
         self.session = session
         self.stuck_heater_text = None
         self.idle_watch.reset()
-        self._process((), self._clock.now())
+        self._process_events((), self._clock.now())
 
     def cancel(self, reason: str) -> None:
         """End the open print safely."""
@@ -184,15 +184,15 @@ class Board:
         """Pause or resume the open print."""
         self._call_session(lambda session, now_s: (session.pause if is_paused else session.resume)(now_s))
 
-    def set_time_limit(self, at_s: float | None) -> None:
+    def set_latest_end(self, at_s: float | None) -> None:
         """Set the time at which the open print is ended safely; None for no limit."""
-        self._call_session(lambda session, now_s: session.set_time_limit(at_s, now_s))
+        self._call_session(lambda session, now_s: session.set_latest_end(at_s, now_s))
 
     def _call_session(self, action: Callable[[Session, float], None]) -> None:
         if self.session is not None:
             now_s = self._clock.now()
             action(self.session, now_s)
-            self._process((), now_s)
+            self._process_events((), now_s)
 
     def clear_attention(self) -> None:
         """Clear all findings: a person has checked the printer.
@@ -241,7 +241,7 @@ class Board:
         if self._port is None:
             self.open()
         if self._port is not None:
-            self._reset()
+            self._reset_board()
         if self._port is not None:
             self._pulses_left = RESET_PULSE_COUNT
         else:
@@ -264,12 +264,12 @@ class Board:
 
     # --- events ---
 
-    def _process(self, events: Events, now_s: float) -> None:
+    def _process_events(self, events: Events, now_s: float) -> None:
         self.has_changed = True
         for event in events:
             self._on_event(event, now_s)
         if self.session is not None:
-            self._advance(self.session, events, now_s)
+            self._advance_session(self.session, events, now_s)
         self._save()
         data = self.link.take()
         if self._port is not None and (data or self._port.has_unsent_bytes):
@@ -278,11 +278,11 @@ class Board:
             except PortError as error:
                 self._on_port_lost(error)
 
-    def _advance(self, session: Session, events: Events, now_s: float) -> None:
+    def _advance_session(self, session: Session, events: Events, now_s: float) -> None:
         session.advance(events, now_s)
-        while session.context.wants_reset and self._port is not None and not session.context.ended:
+        while session.context.wants_reset and self._port is not None and not session.context.has_ended:
             self._save()
-            self._reset()
+            self._reset_board()
             session.advance((), now_s)
 
     def _on_event(self, event: Event, now_s: float) -> None:
@@ -317,7 +317,7 @@ class Board:
             self.state.verified_reset_port, self.state.failed_reset_port = self._url, None
         elif self._pulses_left > 1:
             self._pulses_left -= 1
-            self._reset()  # the board's `start` may have been lost
+            self._reset_board()  # the board's `start` may have been lost
             return
         elif self._pulses_left:
             log.warning("%s", NO_RESET_REASON)
@@ -344,7 +344,7 @@ class Board:
         elif fault.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
             self._on_port_lost(PortError(f"{self._url}: {fault.text}; is the printer switched on?"))
         elif fault.fault is Fault.MAXTEMP:  # both heaters are off: one is stuck on, or a sensor is broken
-            self.stuck_heater_text = f"both heaters are off, and the board says {fault.text.lstrip(' :')}"
+            self.stuck_heater_text = f"both heaters are off, and the board reports {fault.text.lstrip(' :')}"
         else:
             self.state.attention_reason = fault.text
 
@@ -363,7 +363,7 @@ class Board:
         self.link.on_opened(self._clock.now(), abort_commands)
         self._on_port_change(self._port.fileno())
 
-    def _reset(self) -> None:
+    def _reset_board(self) -> None:
         assert self._port is not None
         self._on_port_change(None)
         self.idle_watch.filament.note_reset()
@@ -378,7 +378,7 @@ class Board:
 
     def _mark_bed_unknown(self, reason: str) -> None:
         """Record that the states of bed and filament are unknown, and keep the first reason."""
-        self.idle_watch.filament.forget()
+        self.idle_watch.filament.distrust_journal()
         if self.state.bed_unknown_reason is None:
             log.warning("bed and filament are unknown: %s", reason)
             self.state.bed_unknown_reason = reason
@@ -386,7 +386,7 @@ class Board:
     def _on_port_lost(self, error: PortError) -> None:
         log.warning("%s", error)
         if self.session is None and self.absent_reason is None:
-            self._mark_bed_unknown("its port was disconnected: it may have been used since")
+            self._mark_bed_unknown("its port was disconnected: the printer may have been used since")
         self._on_port_change(None)
         self.close()
         self.absent_reason = str(error)

@@ -39,7 +39,7 @@ class FilamentWatch:
         self.is_certain, self.rest_position = is_certain, rest_position
         self._has_printed = False  # since the last reset; the position proves nothing before a print
 
-    def confirm(self) -> None:
+    def trust_journal(self) -> None:
         """Trust the journal from now on: a print is beginning, or a person has stated the position."""
         self.is_certain, self.rest_position = True, None
 
@@ -51,7 +51,7 @@ class FilamentWatch:
         """Ignore positions until the next print: after a reset, every printer reports the same position."""
         self._has_printed, self.rest_position = False, None
 
-    def forget(self) -> None:
+    def distrust_journal(self) -> None:
         """Stop trusting the journal, as a person has used the printer."""
         self.is_certain, self.rest_position = False, None
 

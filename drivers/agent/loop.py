@@ -41,7 +41,7 @@ class Agent:
     folder
         The agent's folder: socket, journal, spool, and an emulator's folder.
     inhibitor
-        Prevents sleep and shutdown of the host while a print is open.
+        Inhibitor that prevents sleep and shutdown of the host while a print is open.
     """
 
     def __init__(self, start: StartFile, folder: Path, inhibitor: Inhibitor | None = None) -> None:
@@ -55,8 +55,9 @@ class Agent:
         saved_print = self._journal.state.print
         spool.delete_others(None if saved_print is None else saved_print.print_id)
         self._journal.shorten()
+        emulator_folder = folder / EMULATOR_FOLDER
         self._board = Board(
-            start.port, profile, folder / EMULATOR_FOLDER, self._clock, self._save, self._on_port_change
+            start.port, profile, emulator_folder, self._clock, self._save_changes, self._on_port_change
         )
         self._recorder = Recorder(start, self._board, self._journal, self._clock)
         self._request_handler = RequestHandler(start.printer, self._recorder, spool, self._clock)
@@ -93,7 +94,7 @@ class Agent:
             self._recorder.begin(None, self._journal.state.filament, saved_print.extruded)
         self._board.open()
         self._board.tick()
-        self._server = Server(self._folder, self._selector, self._answer, self._build_snapshot)
+        self._server = Server(self._folder, self._selector, self._answer_request, self._build_snapshot)
         wake_wall_s = 0.0
         while not self._request_handler.must_end:
             wait_s = wake_wall_s - read_wall_s()
@@ -106,7 +107,7 @@ class Agent:
             # In all other cases only a line of the program was sent, and no deadline became earlier.
             if is_due or self._board.has_changed:
                 self._board.has_changed = False
-                self._push()
+                self._push_snapshot()
                 alarms_wall_s = self._recorder.alarms.compute_wake_wall_s()
                 wake_wall_s = min(self._board.compute_wake_wall_s(), self._push_wall_s, alarms_wall_s)
 
@@ -116,7 +117,7 @@ class Agent:
             self._log_wall_s = read_wall_s() + LOG_CHECK_INTERVAL_S
             rotate_log(self._folder / AGENT_LOG)
 
-    def _save(self) -> None:
+    def _save_changes(self) -> None:
         self._recorder.record_changes()
         if (
             self._request_handler.must_end_after_print
@@ -130,7 +131,7 @@ class Agent:
     def _build_snapshot(self) -> Snapshot:
         return make_snapshot(self._start, self._recorder, self._clock.now())
 
-    def _answer(self, request: Request) -> Reply:
+    def _answer_request(self, request: Request) -> Reply:
         try:
             self._request_handler.handle(request)
         except (DriverError, OSError) as error:
@@ -142,7 +143,7 @@ class Agent:
         wire_lines = tuple(WireLine(at_s=line.at_s, sent=line.sent, text=line.text) for line in lines)
         return Reply(id=request.id, snapshot=self._build_snapshot(), prints=prints, lines=wire_lines)
 
-    def _push(self) -> None:
+    def _push_snapshot(self) -> None:
         """Send a snapshot to all clients: at once after a change, otherwise at intervals."""
         session, report, journal_state = self._board.session, self._board.report, self._journal.state
         self._inhibitor.set_lock(session is not None)
@@ -155,7 +156,7 @@ class Agent:
             self._recorder.alarms.message,
             report is None,
             journal_state.print.print_id if journal_state.print is not None else None,
-            context and (context.phase, context.extruded, context.filament, context.heaters_off),
+            context and (context.phase, context.has_extruded, context.filament, context.heaters_off),
         )
         now_s = read_wall_s()
         if self._server is not None:

@@ -59,7 +59,7 @@ class Recorder:
             board.state.bed_unknown_reason = NOT_WATCHED_REASON
 
     def begin(
-        self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
+        self, program: Program | None, filament: Filament, has_extruded: bool, ends_by_s: float | None = None
     ) -> None:
         """Begin a print; without a program, end the print that a dead agent left open.
 
@@ -69,7 +69,7 @@ class Recorder:
             The program to print.
         filament
             Position of the filament's end.
-        extruded
+        has_extruded
             True if material of the print may be on the bed already.
         ends_by_s
             Farm time at which the print is ended safely; None for no limit.
@@ -86,12 +86,12 @@ class Recorder:
             identity=saved_state.identity,
             previous_fault=fault,
             suspicion=self.alarms.suspicion,
-            extruded=extruded,
+            has_extruded=has_extruded,
             can_reset_board=not self.board.reset_failed,
             ends_by_s=ends_by_s,
         )
         self._program = program
-        self.board.idle_watch.filament.confirm()
+        self.board.idle_watch.filament.trust_journal()
         status = self.board.emulator.read_status()
         self._starvation_before_s = status.starvation_s if status is not None else 0.0
         self.board.begin(Session(context))
@@ -104,7 +104,7 @@ class Recorder:
         """
         self._update_alarm()
         try:
-            self._write()
+            self._write_changes()
         except JournalError as error:
             if self.journal_error is None:
                 log.error("%s", error)
@@ -134,7 +134,7 @@ class Recorder:
             finding = None if alarms.alarm is None else alarms.alarm.text
             board.state.attention_reason = _join_clauses(board.state.attention_reason or finding, outcome)
 
-    def _write(self) -> None:
+    def _write_changes(self) -> None:
         session, saved_state, now_s = self.board.session, self.journal.state, self._clock.now()
         state, alarm = self.board.state, self.alarms.alarm
         state.rest_position = self.board.idle_watch.filament.rest_position
@@ -148,15 +148,15 @@ class Recorder:
             return
         if context.phase is PrintPhase.PRINTING:
             self.board.idle_watch.filament.note_print()
-        has_changed = (context.phase, context.extruded) != (saved_print.phase, saved_print.extruded)
+        has_changed = (context.phase, context.has_extruded) != (saved_print.phase, saved_print.extruded)
         if not has_changed and context.filament is saved_state.filament:
             return
         needs_attention = (
             context.fault in _ATTENTION_FAULTS or context.wants_power_off or not context.heaters_off
         )
-        if context.ended and needs_attention:
+        if context.has_ended and needs_attention:
             self.board.state.attention_reason = context.reason
-        if context.ended:
+        if context.has_ended:
             self.board.state.hot = not context.heaters_off
         snapshot = self.describe_print(saved_print, context)
         self.journal.write(
@@ -172,13 +172,13 @@ class Recorder:
             snapshot.phase,
             f" ({snapshot.reason})" if snapshot.reason else "",
         )
-        if context.ended:
+        if context.has_ended:
             self.board.session = None
             self._program = None
 
     def _lacks_outcome(self, context: SessionContext) -> bool:
         """Return True if the reason of an ended print still lacks the outcome of `power_off_cmd`."""
-        return context.ended and self.alarms.is_pending
+        return context.has_ended and self.alarms.is_pending
 
     def describe_print(self, saved_print: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
         """Return the current state of the open print."""
@@ -191,7 +191,7 @@ class Recorder:
             "phase": PrintPhase.ENDING if awaits_outcome else context.phase,
             "fault": context.fault,
             "reason": context.reason,
-            "extruded": context.extruded,
+            "extruded": context.has_extruded,
             "ended_s": None if awaits_outcome else context.ended_s,
             "ends_by_s": context.ends_by_s,
             "pause_ends_s": context.pause_ends_s if context.phase is PrintPhase.PAUSED else None,

@@ -74,7 +74,7 @@ class RequestHandler:
             case Hello() | ListPrints() | ListLines():
                 pass
             case StartPrint():
-                self._start(request)
+                self._start_print(request)
             case Upload():
                 self._spool.append_upload(request.print_id, request.offset, request.data)
             case CancelPrint() | EndPrintBy() | PausePrint() | ResumePrint() | ForgetPrint():
@@ -97,7 +97,7 @@ class RequestHandler:
             case CancelPrint():
                 self._board.cancel(request.reason)
             case EndPrintBy():
-                self._board.set_time_limit(request.ends_by_s)
+                self._board.set_latest_end(request.ends_by_s)
             case PausePrint() | ResumePrint():
                 self._board.set_paused(isinstance(request, PausePrint))
             case ForgetPrint():
@@ -107,7 +107,7 @@ class RequestHandler:
                 self._spool.delete(request.print_id)
                 self._journal.shorten()
 
-    def _start(self, request: StartPrint) -> None:
+    def _start_print(self, request: StartPrint) -> None:
         self._spool.check_print_id(request.print_id)
         journal_state = self._journal.state
         if request.print_id in journal_state.ended_print_ids or (
@@ -134,7 +134,7 @@ class RequestHandler:
             return
         snapshot = snapshot.model_copy(update={"lines": program.line_count, "started_s": now_s})
         self._journal.write(now_s, print=snapshot.model_dump(mode="json"), filament=request.filament.value)
-        self._recorder.begin(program, request.filament, extruded=False, ends_by_s=request.ends_by_s)
+        self._recorder.begin(program, request.filament, has_extruded=False, ends_by_s=request.ends_by_s)
 
     def _check_can_start(self, request: StartPrint, now_s: float) -> None:
         """Raise AgentError unless the printer is ready, its bed clear and its filament known."""
@@ -161,7 +161,7 @@ class RequestHandler:
         self._recorder.alarms.clear()
         if request.filament is not None:
             self._journal.write(self._clock.now(), filament=request.filament.value)
-            self._board.idle_watch.filament.confirm()
+            self._board.idle_watch.filament.trust_journal()
         self._recorder.record_changes()
 
     def _shut_down(self, request: Shutdown) -> None:

@@ -84,7 +84,7 @@ class Server:
         """Send a snapshot to every client."""
         line = _encode_line(snapshot)
         for client in tuple(self._clients):
-            self._send(client, line)
+            self._send_bytes(client, line)
 
     def drop_stalled_clients(self) -> None:
         """Drop clients whose request has been incomplete for 10 s, and accept clients again after a pause.
@@ -94,25 +94,25 @@ class Server:
         now_s = read_wall_s()
         for client in tuple(self._clients):
             if now_s - client.partial_since_s > _REQUEST_TIMEOUT_S:
-                self._drop(client)
+                self._drop_client(client)
         self._set_listening(now_s >= self._paused_until_s)
 
     def close(self) -> None:
         """Drop all clients, and stop listening."""
         for client in tuple(self._clients):
-            self._drop(client)
+            self._drop_client(client)
         self._set_listening(False)
         self._listener.close()
 
     def _set_listening(self, is_enabled: bool) -> None:
         """Start or stop accepting new clients."""
         if is_enabled and not self._is_listening:
-            self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
+            self._selector.register(self._listener, selectors.EVENT_READ, self._accept_client)
         elif self._is_listening and not is_enabled:
             self._selector.unregister(self._listener)
         self._is_listening = is_enabled
 
-    def _accept(self, _: int) -> None:
+    def _accept_client(self, _: int) -> None:
         now_s = read_wall_s()
         try:
             connection, _address = self._listener.accept()
@@ -126,20 +126,20 @@ class Server:
                 log.warning("cannot accept a client: %s", error)
             return
         if len(self._clients) >= _MAX_CLIENTS:  # a live client that is dropped will reconnect
-            self._drop(min(self._clients, key=lambda client: client.last_request_s))
+            self._drop_client(min(self._clients, key=lambda client: client.last_request_s))
         connection.setblocking(False)
         client = _Client(connection)
         self._clients[client] = None
         self._selector.register(connection, selectors.EVENT_READ, partial(self._serve_client, client))
-        self._send(client, _encode_line(self._make_snapshot()))
+        self._send_bytes(client, _encode_line(self._make_snapshot()))
 
     def _serve_client(self, client: _Client, mask: int) -> None:
         if mask & selectors.EVENT_WRITE:
-            self._send(client, b"")
+            self._send_bytes(client, b"")
         if mask & selectors.EVENT_READ and client in self._clients:
-            self._read(client)
+            self._read_requests(client)
 
-    def _read(self, client: _Client) -> None:
+    def _read_requests(self, client: _Client) -> None:
         try:
             data = client.socket.recv(_MAX_REQUEST_BYTES)
         except BlockingIOError:
@@ -148,7 +148,7 @@ class Server:
             data = b""
         *lines, client.incoming_bytes = (client.incoming_bytes + data).split(b"\n")
         if not data or len(client.incoming_bytes) > _MAX_REQUEST_BYTES:
-            self._drop(client)
+            self._drop_client(client)
             return
         now_s = read_wall_s()
         if lines or not client.incoming_bytes:
@@ -162,11 +162,11 @@ class Server:
                 request = request_adapter.validate_json(line)
             except ValidationError as error:
                 log.warning("a client sent an invalid request: %s", error.errors()[0]["msg"])
-                self._drop(client)
+                self._drop_client(client)
                 return
-            self._send(client, _encode_line(self._answer(request)))
+            self._send_bytes(client, _encode_line(self._answer(request)))
 
-    def _send(self, client: _Client, data: bytes) -> None:
+    def _send_bytes(self, client: _Client, data: bytes) -> None:
         if client not in self._clients:
             return
         client.outgoing_bytes += data
@@ -175,17 +175,17 @@ class Server:
         except BlockingIOError:
             pass
         except OSError:
-            self._drop(client)
+            self._drop_client(client)
             return
         if len(client.outgoing_bytes) > _MAX_BACKLOG_BYTES:
-            self._drop(client)
+            self._drop_client(client)
             return
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing_bytes else 0)
         key = self._selector.get_key(client.socket)
         if key.events != events:
             self._selector.modify(client.socket, events, key.data)
 
-    def _drop(self, client: _Client) -> None:
+    def _drop_client(self, client: _Client) -> None:
         if client in self._clients:
             del self._clients[client]
             self._selector.unregister(client.socket)

@@ -65,7 +65,7 @@ class Emulator:
         self._wires = (Wire(baud_rate), Wire(baud_rate)) if faults.wire else None
         self._firmware = EmulatedFirmware(profile, faults, random.Random(seed), 0.0)
         self._port = Port(folder / TTY_LINK)
-        self._control = _listen(folder)
+        self._control = _open_control_socket(folder)
         self._bytewise = faults.bytewise
         self._pieces: deque[bytes] = deque()
         self._is_on = True
@@ -90,7 +90,7 @@ class Emulator:
             sources = [
                 control_fd,
                 *([port.watch_fd] if port.is_plugged else ()),
-                *([port.master] if port.is_open else ()),
+                *([port.master_fd] if port.is_open else ()),
             ]
             ready = select.select(sources, (), (), max(0.0, wait_s))[0]
             now_s = max(now_s, clock.now() - self._origin_s)
@@ -98,7 +98,7 @@ class Emulator:
             if ready:
                 if port.is_plugged and port.watch_fd in ready:
                     self._process_port_events(now_s)
-                elif port.is_open and port.master in ready:
+                elif port.is_open and port.master_fd in ready:
                     data = port.read()
                 if control_fd in ready:
                     self._serve_control(now_s)
@@ -151,7 +151,7 @@ class Emulator:
             lines=firmware.line_count,
             errors=firmware.error_count,
             resets=firmware.reset_count,
-            printing_s=round(firmware.printing_s, 4),
+            printing_s=round(firmware.moving_s, 4),
             damaged_byte_count=firmware.noise.damaged_byte_count if firmware.noise is not None else 0,
             altered_line_count=firmware.noise.altered_line_count if firmware.noise is not None else 0,
         )
@@ -167,7 +167,7 @@ class Emulator:
         """Handle openings and closings of the port by the host: opening resets the board."""
         was_open = self._port.is_open
         if self._port.process_port_events() and not self._firmware.board.faults.no_reset:
-            self._port.discard()
+            self._port.discard_bytes()
             for wire in self._wires or ():
                 wire.clear()
             self._firmware.feed(b"", now_s)
@@ -182,13 +182,13 @@ class Emulator:
             with connection:
                 connection.settimeout(CONTROL_TIMEOUT_S)
                 with connection.makefile("rb") as requests:
-                    answer = self._execute(json.loads(requests.readline()), now_s)
+                    answer = self._execute_command(json.loads(requests.readline()), now_s)
                 self.publish_status(now_s)
                 connection.sendall(json.dumps(answer).encode() + b"\n")
         except (OSError, ValueError, KeyError) as error:
             print(f"control: {error}", file=sys.stderr)  # noqa: T201 - its log
 
-    def _execute(self, request: dict[str, Any], now_s: float) -> dict[str, Any]:
+    def _execute_command(self, request: dict[str, Any], now_s: float) -> dict[str, Any]:
         match request.get("do"):
             case Command.CLEAR_BED:
                 self._firmware.board.clear_bed()
@@ -221,7 +221,7 @@ class Emulator:
         return {"done": request["do"]}
 
 
-def _listen(folder: Path) -> socket.socket:
+def _open_control_socket(folder: Path) -> socket.socket:
     (folder / CONTROL_SOCKET).unlink(missing_ok=True)
     listener = socket.socket(socket.AF_UNIX)
     with shorten_path(folder) as short_path:

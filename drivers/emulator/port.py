@@ -27,7 +27,7 @@ class Port:
     ----------
     name
         The slave's device file.
-    master
+    master_fd
         File descriptor of the printer's end; non-blocking.
     watch_fd
         File descriptor that becomes readable when the slave is opened or closed.
@@ -47,13 +47,13 @@ class Port:
         pty_pairs = [pty.openpty()]
         while os.ttyname(pty_pairs[-1][1]) == self.name:  # the old name, which was just released
             pty_pairs.append(pty.openpty())
-        self.master, slave = pty_pairs.pop()
+        self.master_fd, slave = pty_pairs.pop()
         for end_fd in (end for ends in pty_pairs for end in ends):
             os.close(end_fd)
         tty.setraw(slave, termios.TCSANOW)
         self.name = os.ttyname(slave)
         os.close(slave)  # otherwise an open port would look like a closed one
-        os.set_blocking(self.master, False)
+        os.set_blocking(self.master_fd, False)
         self.watch_fd = _open_watch(self.name)
         self.is_plugged = True
         self.is_open = False
@@ -67,7 +67,7 @@ class Port:
         """Pull the cable: the host's end hangs up, and the board continues."""
         if self.is_plugged:
             self.unlink()
-            os.close(self.master)
+            os.close(self.master_fd)
             os.close(self.watch_fd)
         self.is_plugged = self.is_open = False
 
@@ -96,7 +96,7 @@ class Port:
     def read(self) -> bytes:
         """Read bytes from the host; empty if there are none, or if the host has closed the port."""
         try:
-            return os.read(self.master, 4096)
+            return os.read(self.master_fd, 4096)
         except OSError:  # EIO: no host has the slave open; EAGAIN: no data
             return b""
 
@@ -104,7 +104,7 @@ class Port:
         """Send bytes to the host. Bytes that exceed its buffer are lost, as with a USB chip."""
         if self.is_open:
             try:
-                os.write(self.master, data)
+                os.write(self.master_fd, data)
             except OSError:
                 return
 
@@ -114,7 +114,7 @@ class Port:
             if str(self._link.readlink()) == self.name:
                 self._link.unlink()
 
-    def discard(self) -> None:
+    def discard_bytes(self) -> None:
         """Drop all bytes in transit in both directions, after a host has reopened the port."""
         while self.read():
             pass

@@ -136,7 +136,7 @@ class MotionState:
         self.position_mm[axis] = value
         self._moves = deque(
             (
-                (_shift(start_point, axis, shift), _shift(end_point, axis, shift), retracted_mm)
+                (_shift_point(start_point, axis, shift), _shift_point(end_point, axis, shift), retracted_mm)
                 for start_point, end_point, retracted_mm in self._moves
             ),
             BUFFERED_LINES,
@@ -165,7 +165,7 @@ def _find_feedrate_mm_min(program: Program, line: int) -> float:
     return math.nan
 
 
-def _shift(point: list[float], axis: int, distance_mm: float) -> list[float]:
+def _shift_point(point: list[float], axis: int, distance_mm: float) -> list[float]:
     return [value + distance_mm if index == axis else value for index, value in enumerate(point)]
 
 

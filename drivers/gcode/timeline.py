@@ -114,18 +114,18 @@ class Timeline:
     def add_time(self, line: int, time_s: float) -> None:
         """Add the print time at a line."""
         self.time_s = max(self.time_s, time_s)
-        self._mark(line, self.time_s)
+        self._add_mark(line, self.time_s)
 
     def add_layer(self, line: int, layer: int) -> None:
         """Add a layer that begins at a line."""
         self.layer_count = max(self.layer_count, layer + 1)
         self._layer, self._feature = layer, -1
-        self._mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first layer
+        self._add_mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first layer
 
     def add_feature(self, line: int, name: str) -> None:
         """Add a feature that begins at a line."""
         self._feature = _FEATURE_NUMBERS[Feature(name)] if name in _FEATURE_NUMBERS else -1
-        self._mark(line, math.nan)
+        self._add_mark(line, math.nan)
 
     def set_layer_height(self, z_mm: float) -> None:
         """Set the height of the current layer; call this before the first feature of the layer."""
@@ -147,7 +147,7 @@ class Timeline:
         for unknown in range(unknown_start, len(lines)):
             times_s[unknown] = last_s
 
-    def _mark(self, line: int, time_s: float) -> None:
+    def _add_mark(self, line: int, time_s: float) -> None:
         if not (self._lines and self._lines[-1] == line):
             self._lines.append(line)
             self._times_s.append(time_s)

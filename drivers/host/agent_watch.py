@@ -117,7 +117,7 @@ class AgentWatch:
     def keep_alive(self) -> None:
         """Start the agent if none is running and the wait before its restart is over; kill one that hangs."""
         if self._listen_task is None:
-            self._listen_task = asyncio.create_task(self._listen())
+            self._listen_task = asyncio.create_task(self._listen_to_agent())
         if self._process is not None and self._process.poll() is not None:
             # If systemctl ended with 0, it has started the agent's unit.
             if self._process.returncode or not agents_are_units():
@@ -128,7 +128,7 @@ class AgentWatch:
         if self._process is not None or self.is_alive:
             self._kill_if_hung()
         elif self.is_wanted and self._backoff.may_start(time.monotonic()):
-            self._start()
+            self._start_agent()
         phase = self._find_phase()
         if phase is not self._phase:
             self._phase = phase
@@ -138,7 +138,7 @@ class AgentWatch:
         """Let the next check start an ended agent without a delay."""
         self._backoff = Backoff()
 
-    def _start(self) -> None:
+    def _start_agent(self) -> None:
         self._backoff = self._backoff.record_start(time.monotonic())
         self._heartbeat.reset()
         self.start_count += 1
@@ -162,7 +162,7 @@ class AgentWatch:
             self._reason = "its agent stopped responding, and was replaced"
             self.kill()
 
-    async def _listen(self) -> None:
+    async def _listen_to_agent(self) -> None:
         while True:
             with suppress(DriverError):
                 await self._client.connect()

@@ -125,10 +125,10 @@ class MuxConnection:
 
     async def run(self) -> None:
         """Carry bytes until the connection ends. Raises OSError or MessageError."""
-        send_task = asyncio.create_task(self._send())
+        send_task = asyncio.create_task(self._send_bytes())
         try:
             while data := await self._reader.read(_READ_BYTES):
-                self._receive(data)
+                self._receive_bytes(data)
         finally:
             self.is_lost = True
             send_task.cancel()
@@ -140,7 +140,7 @@ class MuxConnection:
                 stream.on_closed("the connection to its host is lost")
             self._streams.clear()
 
-    async def _send(self) -> None:
+    async def _send_bytes(self) -> None:
         with suppress(OSError):  # the reader of this connection ends too
             while True:
                 await self._output_event.wait()
@@ -151,13 +151,13 @@ class MuxConnection:
                     for stream in list(self._streams.values()):
                         stream.on_sent()
 
-    def _receive(self, data: bytes) -> None:
+    def _receive_bytes(self, data: bytes) -> None:
         for event in self._mux.receive(data):
             match event:
                 case Message():
                     self._on_message(event.data)
                 case StreamOpened():
-                    self._accept(event)
+                    self._accept_stream(event)
                 case DataReceived():
                     if event.number in self._streams:
                         self._streams[event.number].on_data(event.data)
@@ -167,7 +167,7 @@ class MuxConnection:
                         stream.on_closed(event.reason)
         self._output_event.set()  # credit may have been received, or may be due
 
-    def _accept(self, event: StreamOpened) -> None:
+    def _accept_stream(self, event: StreamOpened) -> None:
         if self._on_stream is None:
             self._mux.close(event.number, "no streams are opened in this direction")
             return

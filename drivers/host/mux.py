@@ -95,7 +95,7 @@ class Mux:
         stream = self._streams.get(number)
         if stream is not None and stream.close_reason is None:
             stream.outgoing_bytes += data
-            self._queue(number, stream)
+            self._queue_stream(number, stream)
 
     def count_unsent_bytes(self, number: int) -> int:
         """Count the unsent bytes of a stream."""
@@ -107,7 +107,7 @@ class Mux:
         stream = self._streams.get(number)
         if stream is not None and stream.close_reason is None:
             stream.close_reason = reason.encode()[:FRAME_BYTES]
-            self._queue(number, stream)
+            self._queue_stream(number, stream)
 
     def consume(self, number: int, count: int) -> None:
         """Allow the other end to send `count` more bytes, because as many were taken from the stream."""
@@ -149,7 +149,7 @@ class Mux:
             if event is not None:
                 yield event
 
-    def _queue(self, number: int, stream: _Stream) -> None:
+    def _queue_stream(self, number: int, stream: _Stream) -> None:
         if stream.is_ready and number not in self._ready_numbers:
             self._ready_numbers.append(number)
 
@@ -165,7 +165,7 @@ class Mux:
         payload = bytes(stream.outgoing_bytes[:size])
         del stream.outgoing_bytes[:size]
         stream.send_credit_bytes -= size
-        self._queue(number, stream)
+        self._queue_stream(number, stream)
         return Frame(FrameKind.DATA, number, payload)
 
     def _handle_frame(self, frame: Frame) -> MuxEvent | None:
@@ -181,20 +181,20 @@ class Mux:
         if stream is None:
             return None  # closed here while the frame was in transit
         if frame.kind is FrameKind.CLOSE:
-            self._forget(number)
+            self._forget_stream(number)
             return StreamClosed(number, frame.payload.decode(errors="replace"))
         if frame.kind is FrameKind.CREDIT:
             if len(frame.payload) != _CREDIT.size:
                 raise MessageError(f"a CREDIT frame has {len(frame.payload)} bytes, not {_CREDIT.size}")
             stream.send_credit_bytes += _CREDIT.unpack(frame.payload)[0]
-            self._queue(number, stream)
+            self._queue_stream(number, stream)
             return None
         stream.receive_credit_bytes -= len(frame.payload)
         if stream.receive_credit_bytes < 0:
             raise MessageError(f"stream {number} has sent more than it may")
         return DataReceived(number, frame.payload)
 
-    def _forget(self, number: int) -> None:
+    def _forget_stream(self, number: int) -> None:
         del self._streams[number]
         if number in self._ready_numbers:
             self._ready_numbers.remove(number)

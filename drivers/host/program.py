@@ -37,7 +37,7 @@ def serve_stdio() -> int:
         else:
             with connect_to_service(paths) as service:
                 service.sendall(line)
-                _carry(service)
+                _copy_bytes(service)
     except BrokenPipeError:
         return 0
     except (DriverError, OSError) as error:
@@ -46,7 +46,7 @@ def serve_stdio() -> int:
     return 0
 
 
-def _carry(service: socket.socket) -> None:
+def _copy_bytes(service: socket.socket) -> None:
     """Copy bytes until one end closes. A slow end stops only its own direction."""
     target_by_source = {0: service.fileno(), service.fileno(): 1}
     unwritten = {0: b"", service.fileno(): b""}  # bytes that were read, but not written yet, by their source
@@ -69,12 +69,12 @@ def _carry(service: socket.socket) -> None:
 def _stop_printers(request: HostRequest, paths: HostPaths) -> None:
     """Stop printers in parallel; write each result as a line of JSON as soon as it is known."""
     with ThreadPoolExecutor(max_workers=max(1, len(request.starts))) as pool:
-        for stop in as_completed([pool.submit(_stop, start, paths) for start in request.starts]):
+        for stop in as_completed([pool.submit(_stop_printer, start, paths) for start in request.starts]):
             sys.stdout.write(stop.result().dump() + "\n")
             sys.stdout.flush()
 
 
-def _stop(start: StartFile, paths: HostPaths) -> StopResult:
+def _stop_printer(start: StartFile, paths: HostPaths) -> StopResult:
     try:
         return stop_printer(StopTarget.from_agent(start, paths.find_agent_folder(start.printer)))
     except (AgentError, OSError) as error:

@@ -31,7 +31,7 @@ async def relay_stream(stream: MuxStream, folder: Path, report_interval_s: float
         See `ReportFilter`.
     """
     reader, writer = stream.make_pair()
-    agent = await _connect(folder)
+    agent = await _connect_to_agent(folder)
     if agent is None:
         stream.close(f"no agent answers; see {folder / AGENT_LOG} there")
         return
@@ -49,7 +49,7 @@ async def relay_stream(stream: MuxStream, folder: Path, report_interval_s: float
             await agent[1].wait_closed()
 
 
-async def _connect(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWriter] | None:
+async def _connect_to_agent(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWriter] | None:
     """Connect to an agent that may just be starting; None if none answers in time."""
     deadline_s = time.monotonic() + _CONNECT_TIMEOUT_S
     while time.monotonic() < deadline_s:

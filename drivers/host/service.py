@@ -66,17 +66,17 @@ class HostService:
         self._version, self._installation = read_version(), Installation.from_this_process()
         self._update = AgentsUpdate(self._installation, self._on_update)
         for start, kept_installation in paths.read_agents().values():
-            self._add(start, kept_installation)
+            self._add_agent(start, kept_installation)
 
     async def run(self) -> None:
         """Serve until there has been neither an agent nor a daemon for `_UNUSED_TIMEOUT_S`."""
         with self._paths.open_socket_path() as path:
-            server = await asyncio.start_unix_server(self._serve, path, limit=MAX_LINE_BYTES)
+            server = await asyncio.start_unix_server(self._serve_daemon, path, limit=MAX_LINE_BYTES)
         state_task = asyncio.create_task(self._send_states())
         port_task = asyncio.create_task(self._watch_ports())
         try:
             while self._watches or time.monotonic() - self._last_message_s < _UNUSED_TIMEOUT_S:
-                self._watch()
+                self._check_agents()
                 await asyncio.sleep(_WATCH_INTERVAL_S)
         finally:
             server.close()
@@ -88,7 +88,7 @@ class HostService:
 
     # -- agents -----------------------------------------------------------------------------------------
 
-    def _watch(self) -> None:
+    def _check_agents(self) -> None:
         for watch in list(self._watches.values()):
             watch.keep_alive()
             if not watch.is_wanted and not watch.is_alive:
@@ -108,22 +108,22 @@ class HostService:
                 watch.start, watch.is_wanted = start, True
             else:
                 try:
-                    self._add(start, None)
+                    self._add_agent(start, None)
                 except AgentError as error:
                     log.error("%s has no agent: %s", start.printer, error)
         names = {start.printer for start in starts}
         for watch in self._watches.values():
             if watch.printer not in names and watch.is_wanted:
                 watch.is_wanted = False
-                self._spawn(self._retire(watch))
-        self._store()
-        self._watch()
+                self._spawn(self._retire_agent(watch))
+        self._store_agents()
+        self._check_agents()
 
-    def _add(self, start: StartFile, kept_installation: Installation | None) -> None:
+    def _add_agent(self, start: StartFile, kept_installation: Installation | None) -> None:
         folder = self._paths.find_agent_folder(start.printer)
         self._watches[start.printer] = AgentWatch(start, folder, kept_installation, self._change_event.set)
 
-    async def _retire(self, watch: AgentWatch) -> None:
+    async def _retire_agent(self, watch: AgentWatch) -> None:
         """End an agent whose printer is no longer in the fleet, as soon as it is idle."""
         while not watch.is_wanted and watch.is_alive:
             with suppress(DriverError):
@@ -132,10 +132,10 @@ class HostService:
             await asyncio.sleep(_WATCH_INTERVAL_S)
 
     def _on_update(self) -> None:
-        self._store()  # an agent may now keep another version
+        self._store_agents()  # an agent may now keep another version
         self._change_event.set()
 
-    def _store(self) -> None:
+    def _store_agents(self) -> None:
         try:
             agents = [
                 (watch.start, watch.kept_installation) for watch in self._watches.values() if watch.is_wanted
@@ -146,7 +146,7 @@ class HostService:
 
     # -- daemon -----------------------------------------------------------------------------------------
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _serve_daemon(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             async with asyncio.timeout(SILENCE_TIMEOUT_S):
                 request = HostRequest.parse(await reader.readline())
@@ -209,9 +209,9 @@ class HostService:
 
     def _send_state(self) -> None:
         if self._daemon is not None:
-            self._daemon.send_message(self._describe().encode())
+            self._daemon.send_message(self._describe_host().encode())
 
-    def _describe(self) -> HostState:
+    def _describe_host(self) -> HostState:
         return HostState(
             version=self._version,
             installation=self._installation.folder,

@@ -84,7 +84,7 @@ class AgentsUpdate:
         self._is_running = False
 
     def step(self, watches: Sequence[AgentWatch], spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:
-        """Replace the next idle agent, unless one is being replaced; end if no agent is outdated."""
+        """Replace the next idle agent, unless one is being replaced; end the update if none is outdated."""
         if not self._is_running or self._printer_in_replacement is not None:
             return
         outdated_watches = self._list_outdated_watches(watches)
@@ -95,7 +95,7 @@ class AgentsUpdate:
         idle_watches = [w for w in outdated_watches if w.snapshot is not None and w.snapshot.print is None]
         if idle_watches:
             self._printer_in_replacement = idle_watches[0].printer
-            spawn(self._replace(idle_watches[0]))
+            spawn(self._replace_agent(idle_watches[0]))
 
     def describe(self, watches: Sequence[AgentWatch]) -> Update:
         """Describe the update for the daemon."""
@@ -115,7 +115,7 @@ class AgentsUpdate:
     def _list_outdated_watches(self, watches: Sequence[AgentWatch]) -> list[AgentWatch]:
         return [w for w in watches if w.is_wanted and w.find_installation() not in (None, self._installation)]
 
-    async def _replace(self, watch: AgentWatch) -> None:
+    async def _replace_agent(self, watch: AgentWatch) -> None:
         """Replace an agent; after a fault, start its old version again and end the update."""
         try:
             old_snapshot, start_count = watch.snapshot, watch.start_count

@@ -202,7 +202,7 @@ class Link:
                 self._schedule_query(now_s)
 
     def _handle_boot_line(self, line: bytes, now_s: float, events: list[Event]) -> None:
-        kind = self._opening.classify(line)
+        kind = self._opening.classify_line(line)
         if kind is OpeningLine.START:
             self.phase = Phase.BANNER
             self._due_s = now_s + self._opening.banner_timeout_s
@@ -357,7 +357,10 @@ class Link:
     def _place(self) -> Place:
         """Place of the last sent line; an answer to a query from another place is out of date."""
         return Place(
-            self._outbox.number, self.repeat_count, self._outbox.highest_number, self._recovery.confirmations
+            self._outbox.number,
+            self.repeat_count,
+            self._outbox.highest_number,
+            self._recovery.confirmation_count,
         )
 
     # --- sending ---

@@ -59,7 +59,7 @@ class Opening:
         self.is_refused = False
         self._firmware, self._min_timeout_s = firmware, min_timeout_s
         self._unconfirmed_commands = unconfirmed_commands
-        self._tries = 0
+        self._query_count = 0
 
     @property
     def first_query_s(self) -> float:
@@ -82,7 +82,7 @@ class Opening:
             START_TIMEOUT_S if self._unconfirmed_commands else START_TIMEOUT_S / 2, self._min_timeout_s
         )
 
-    def classify(self, line: bytes) -> OpeningLine:
+    def classify_line(self, line: bytes) -> OpeningLine:
         """Classify a line from the board."""
         if line.endswith(b"start"):  # a reset may put noise in front of it
             self.has_restarted, self.banner = True, b""
@@ -96,14 +96,14 @@ class Opening:
         if self._unconfirmed_commands and b"Resend" in line:
             self.is_refused = True
             return OpeningLine.REFUSAL
-        answers = line.startswith(b"ok T:" if self._unconfirmed_commands else b"ok") and self._tries > 0
+        answers = line.startswith(b"ok T:" if self._unconfirmed_commands else b"ok") and self._query_count > 0
         return OpeningLine.READY if answers else OpeningLine.NOTHING
 
     def take_next_query(self) -> bytes | None:
         """Return the next query for a board that did not restart; None after the last one."""
-        self._tries += 1
-        if self._tries > MAX_ATTEMPTS:
+        self._query_count += 1
+        if self._query_count > MAX_ATTEMPTS:
             return None
-        commands = self._unconfirmed_commands if self.is_refused or self._tries > 1 else b""
+        commands = self._unconfirmed_commands if self.is_refused or self._query_count > 1 else b""
         self.is_refused = False
         return commands + self._firmware.report_query + b"\n"

@@ -30,14 +30,14 @@ class Place(NamedTuple):
         Number of lines resent so far.
     highest_number
         Highest number sent so far.
-    confirmations
+    confirmation_count
         Number of earlier answers that confirm the line in flight.
     """
 
     number: int
     repeat_count: int
     highest_number: int
-    confirmations: int
+    confirmation_count: int
 
 
 class Action(Enum):
@@ -69,7 +69,7 @@ class Recovery:
     ----------
     query_count
         Number of queries since the last readable answer.
-    confirmations
+    confirmation_count
         Number of answers that confirm the line in flight; counted for lines other than moves.
     resend_number
         Number in the last Resend since then; negative if there was none.
@@ -78,17 +78,17 @@ class Recovery:
     """
 
     def __init__(self) -> None:
-        self.query_count = self.confirmations = 0
+        self.query_count = self.confirmation_count = 0
         self.resend_number = -1
         self.sent_s = self.busy_s = self._queried_s = -math.inf
         self._unanswered_queries: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # oldest first
         self._unconfirmed_line = -1  # last line that was reported once, and is not yet confirmed
-        self._contradictions = 0  # number of times that the reported line changed
+        self._contradiction_count = 0  # number of times that the reported line changed
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
 
     def start_line(self, now_s: float) -> None:
         """Reset the state for a line that was just sent."""
-        self.query_count = self.confirmations = 0
+        self.query_count = self.confirmation_count = 0
         self.sent_s = now_s
 
     @property
@@ -177,15 +177,15 @@ class Recovery:
         self.query_count = 0
         if number > 0 and last_line not in (number - 1, number, self._unconfirmed_line):
             self._unconfirmed_line = last_line
-            self._contradictions += 1
+            self._contradiction_count += 1
             return Decision(
-                Action.GIVE_UP_NOISY if self._contradictions > MAX_ATTEMPTS else Action.QUERY_AGAIN
+                Action.GIVE_UP_NOISY if self._contradiction_count > MAX_ATTEMPTS else Action.QUERY_AGAIN
             )
         self._unconfirmed_line = self.resend_number = -1
-        self._contradictions = 0
+        self._contradiction_count = 0
         if last_line == number:
-            self.confirmations += 1
-            return Decision(Action.ACCEPT if self.confirmations >= needed_answers else Action.WAIT)
+            self.confirmation_count += 1
+            return Decision(Action.ACCEPT if self.confirmation_count >= needed_answers else Action.WAIT)
         if number == 0:
             return Decision(Action.REPEAT, 0)  # the M110 that restarts the count was lost
         if number < last_line <= highest_number:

@@ -68,10 +68,12 @@ class NetPort:
         self._remote = RemotePort(url, baud_rate)
         self._local_end, self._remote_end = socket.socketpair()
         self._local_end.setblocking(False)
-        threading.Thread(target=self._forward, args=(self._remote, self._remote_end), daemon=True).start()
+        threading.Thread(
+            target=self._forward_bytes, args=(self._remote, self._remote_end), daemon=True
+        ).start()
 
     @staticmethod
-    def _forward(remote: RemotePort, receiver: socket.socket) -> None:
+    def _forward_bytes(remote: RemotePort, receiver: socket.socket) -> None:
         with suppress(Exception), receiver:  # any error closes the socket, which the reader notices
             while True:
                 receiver.sendall(remote.read_some())

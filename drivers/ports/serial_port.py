@@ -51,9 +51,9 @@ class SerialPort:
         self.path, self._baud_rate = path, baud_rate
         self._is_exclusive = not is_shared
         self._unsent_bytes = b""
-        self._open()
+        self._open_device()
 
-    def _open(self) -> None:
+    def _open_device(self) -> None:
         try:
             port = serial.Serial(str(self.path), self._baud_rate, timeout=0, exclusive=self._is_exclusive)
         except (serial.SerialException, OSError, ValueError) as error:
@@ -135,9 +135,9 @@ class SerialPort:
         deadline_s = time.monotonic() + DRAIN_TIMEOUT_S
         try:
             # On a pseudo-terminal, a flush also discards bytes that are on their way to the other end.
-            self._replace(data, flush=not self._is_pty)
+            self._replace_unsent_bytes(data, flush=not self._is_pty)
             if self._is_pty and self._unsent_bytes:  # the other end has stopped reading
-                self._replace(data, flush=True)
+                self._replace_unsent_bytes(data, flush=True)
             while self._unsent_bytes or self._count_queued_bytes():
                 if time.monotonic() > deadline_s:
                     return
@@ -147,7 +147,7 @@ class SerialPort:
         except (OSError, termios.error) as error:
             raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
 
-    def _replace(self, data: bytes, *, flush: bool) -> None:
+    def _replace_unsent_bytes(self, data: bytes, *, flush: bool) -> None:
         self._unsent_bytes = b""
         if flush:
             termios.tcflush(self._fd, termios.TCOFLUSH)
@@ -169,7 +169,7 @@ class SerialPort:
         try:
             if os.ttyname(self._fd).startswith(_PTY_PREFIX):  # raises if the printer was disconnected
                 self.close()
-                self._open()
+                self._open_device()
                 return
             self._serial.dtr = False
             time.sleep(DTR_PULSE_S)

@@ -47,7 +47,7 @@ class WireRecord:
     def list_lines(self) -> list[RecordedLine]:
         """List the last 400 lines, oldest first; the beginning of the first may be missing.
 
-        It reads no more bytes than needed, as the agent's loop waits meanwhile.
+        Only as many bytes as needed are read, as the agent's loop waits for the result.
         """
         chunks: deque[tuple[float, bool, bytes]] = deque()
         newlines = 0

@@ -70,7 +70,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
         if request.do is BridgeTask.REACH:
             raise AgentError(f"{start.printer}: {NO_AGENT_REASON}")
         spawn_agent(start.printer, start.model, start.port, folder, start.clock, start.power_off_cmd)
-    with _connect(folder) as agent:
+    with _connect_to_agent(folder) as agent:
         heartbeat = Heartbeat()
         while True:
             ready = select.select([0, agent.fileno()], [], [], _POLL_INTERVAL_S)[0]
@@ -79,7 +79,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
                 heartbeat.reset()
                 if not data:
                     return
-                _write(data)
+                _write_to_stdout(data)
             if 0 in ready:
                 data = os.read(0, _READ_BYTES)
                 if not data:
@@ -91,7 +91,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
                 raise AgentError(f"{start.printer}: its agent stopped responding, and is replaced")
 
 
-def _connect(folder: Path) -> socket.socket:
+def _connect_to_agent(folder: Path) -> socket.socket:
     deadline_s = time.monotonic() + _CONNECT_TIMEOUT_S
     while True:
         agent = socket.socket(socket.AF_UNIX)
@@ -110,7 +110,7 @@ def _connect(folder: Path) -> socket.socket:
             return agent
 
 
-def _write(data: bytes) -> None:
+def _write_to_stdout(data: bytes) -> None:
     while data:
         data = data[os.write(1, data) :]
 
@@ -139,7 +139,7 @@ def execute(line: bytes) -> int:
         folder = find_folder(request.farm, request.start.printer)
         if request.do is BridgeTask.STOP:
             result = stop_printer(StopTarget.from_agent(request.start, folder))
-            _write(result.dump().encode() + b"\n")
+            _write_to_stdout(result.dump().encode() + b"\n")
         else:
             serve(request, folder)
     except BrokenPipeError:

@@ -88,7 +88,7 @@ class AgentClient:
         await self.close()
         if callable(self._route):
             reader, self._writer = await self._route()
-            self._listen(reader)
+            self._start_reading(reader)
             return
         if self._route is not None:
             await self._connect_by_route(*self._route)
@@ -97,13 +97,13 @@ class AgentClient:
         deadline_s = loop.time() + timeout_s
         while True:
             try:
-                reader, self._writer = await self._open()
+                reader, self._writer = await self._open_socket()
                 break
             except OSError as error:
                 if loop.time() + RETRY_INTERVAL_S > deadline_s:
                     raise AgentError(f"{self._folder}: no agent answers ({error}); is it running?") from error
                 await asyncio.sleep(RETRY_INTERVAL_S)
-        self._listen(reader)
+        self._start_reading(reader)
 
     async def _connect_by_route(self, command: Sequence[str], first_line: bytes) -> None:
         """Start the command that copies bytes; the first message shows that the whole route works."""
@@ -127,16 +127,16 @@ class AgentClient:
             raise AgentError(f"{command[0]}: no connection to the agent ({error or 'time-out'})") from error
         if not first:
             raise AgentError(f"no connection to the agent: {_read_last_line(self._folder / AGENT_LOG)}")
-        self._listen(reader)
+        self._start_reading(reader)
         with suppress(MessageError):
             message = read_line(first)
             if isinstance(message, Snapshot):
                 self._protocol = message.protocol
                 self._snapshots.put_nowait(message)
 
-    def _listen(self, reader: asyncio.StreamReader) -> None:
+    def _start_reading(self, reader: asyncio.StreamReader) -> None:
         self._snapshots = asyncio.Queue()
-        self._read_task = asyncio.create_task(self._read(reader, self._snapshots))
+        self._read_task = asyncio.create_task(self._read_messages(reader, self._snapshots))
 
     async def receive_snapshots(self) -> AsyncIterator[Snapshot]:
         """Yield the snapshots of the agent until the connection closes."""
@@ -189,7 +189,7 @@ class AgentClient:
             await self._read_task
             self._read_task = None
 
-    async def _open(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    async def _open_socket(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         # The path of a socket is limited to 107 bytes, but the path of a state folder is not.
         descriptor = os.open(self._folder, os.O_PATH | os.O_DIRECTORY)
         try:
@@ -198,7 +198,9 @@ class AgentClient:
         finally:
             os.close(descriptor)
 
-    async def _read(self, reader: asyncio.StreamReader, queue: asyncio.Queue[Snapshot | None]) -> None:
+    async def _read_messages(
+        self, reader: asyncio.StreamReader, queue: asyncio.Queue[Snapshot | None]
+    ) -> None:
         reason = "the connection to the agent is closed"
         try:
             while line := await reader.readline():

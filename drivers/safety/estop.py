@@ -132,10 +132,10 @@ class StopResult:
         return cls(**{_FIELD_NAMES.get(name, name): value for name, value in fields.items()})
 
 
-def list_targets(agents: Path) -> dict[str, StopTarget]:
+def list_targets(agents_folder: Path) -> dict[str, StopTarget]:
     """Find all printers whose agents have a start file, by name."""
     targets = {}
-    for folder in sorted(agents.glob("*/")):
+    for folder in sorted(agents_folder.glob("*/")):
         with suppress(AgentError):
             targets[folder.name] = replace(
                 StopTarget.from_agent(StartFile.read(folder), folder), printer=folder.name
@@ -190,17 +190,17 @@ def stop_board(
     target, report_timeout_s, notify
         See `stop_printer`.
     """
-    result = _reset(target, report_timeout_s, notify)
+    result = _reset_board(target, report_timeout_s, notify)
     if result.is_confirmed_off or not target.power_off_cmd:
         return result
     return replace(result, text=f"{result.text}; {cut_mains(target.power_off_cmd, target.printer)}")
 
 
-def _reset(target: StopTarget, report_timeout_s: float, notify: ProgressCallback) -> StopResult:
+def _reset_board(target: StopTarget, report_timeout_s: float, notify: ProgressCallback) -> StopResult:
     """Reset the board and confirm that its heaters are off."""
     name = target.printer
     try:
-        port = _open(target)
+        port = _open_port(target)
     except PortError as error:
         return StopResult(name, None, False, f"cannot be stopped ({error}); switch the printer off")
     if port is None:
@@ -221,7 +221,7 @@ def _reset(target: StopTarget, report_timeout_s: float, notify: ProgressCallback
     return StopResult(name, reset_s, heaters_off, f"{text}; {board.motion_text}", board.is_still)
 
 
-def _open(target: StopTarget) -> Port | None:
+def _open_port(target: StopTarget) -> Port | None:
     """Open the printer's port; None if it is simulated and without power. Raises PortError."""
     path = Path(target.port)
     if target.port.startswith("sim://"):
@@ -327,7 +327,7 @@ class _Board:
             self._on_event(now_s, event)
             if isinstance(event, Report):
                 report = event
-                finding = watch.judge(event, dict.fromkeys(HeaterName, 0.0), now_s)
+                finding = watch.judge_report(event, dict.fromkeys(HeaterName, 0.0), now_s)
                 if finding is not None or not event.targets_off:
                     break
                 if watch.is_cooling:

@@ -96,7 +96,7 @@ class HeaterWatch:
         self._watched_s = 0.0  # seconds covered by reports
         self._heaters = {name: _Heater(name, rule, min_duration_s) for name, rule in RULES.items()}
 
-    def judge(
+    def judge_report(
         self, report: Report, expected_targets_c: dict[HeaterName, float], now_s: float
     ) -> Finding | None:
         """Judge a report.

@@ -100,7 +100,7 @@ class SessionContext:
     suspicion
         Heater that may be stuck on: it was found in this session or the previous one, and has not been seen
         to cool since.
-    extruded
+    has_extruded
         True if material of this print may be on the bed.
     ends_by_s
         Time at which the print is ended safely if it has not ended by then.
@@ -135,7 +135,7 @@ class SessionContext:
         Number of lines up to the last heating line that the session executed itself.
     final_lines
         Number of lines that the printer has acknowledged, once the stream is over.
-    pause_requested, pause_ends_s, nozzle_paused
+    is_pause_requested, pause_ends_s, is_nozzle_paused
         True if a person has requested a pause; the time at which the pause times out; True if the pause
         switched the nozzle off, whatever target the file has set.
     read_error
@@ -151,7 +151,7 @@ class SessionContext:
     identity: str | None = None
     previous_fault: Fault = Fault.AGENT_DIED
     suspicion: Suspicion | None = None
-    extruded: bool = False
+    has_extruded: bool = False
     can_reset_board: bool = True
     ends_by_s: float | None = None
     phase: PrintPhase = field(default=PrintPhase.CONNECTING, init=False)
@@ -175,9 +175,9 @@ class SessionContext:
     last_command_s: float = field(init=False)
     executed_lines: int = field(default=0, init=False)
     final_lines: int | None = field(default=None, init=False)
-    pause_requested: bool = field(default=False, init=False)
+    is_pause_requested: bool = field(default=False, init=False)
     pause_ends_s: float | None = field(default=None, init=False)
-    nozzle_paused: bool = field(default=False, init=False)
+    is_nozzle_paused: bool = field(default=False, init=False)
     read_error: UnreadableFile | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -190,7 +190,7 @@ class SessionContext:
         return self.profile.firmware
 
     @property
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         """True if the print has ended."""
         return self.phase.ended
 

@@ -117,7 +117,7 @@ def verify_targets(context: SessionContext) -> Script:
 def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     """Judge a report; return the end of the print that it causes, or None."""
     expected_targets_c = _find_expected_targets_c(context)
-    finding = context.heater_watch.judge(report, expected_targets_c, context.now_s)
+    finding = context.heater_watch.judge_report(report, expected_targets_c, context.now_s)
     is_ending = context.phase is PrintPhase.ENDING
     if context.phase not in _HEATED_PHASES and not is_ending:
         return None
@@ -141,7 +141,7 @@ def note_suspicion(context: SessionContext, text: str) -> None:
 
 def compute_power_off_due_s(context: SessionContext) -> float:
     """Return the time at which to request a cut of the mains, unless the heater is seen to cool before."""
-    if context.suspicion is None or context.wants_power_off or context.ended:
+    if context.suspicion is None or context.wants_power_off or context.has_ended:
         return math.inf
     min_wait_s = 2 * context.pace.min_timeout_s
     # The suspicion may be from the previous session.
@@ -157,7 +157,7 @@ def _find_expected_targets_c(context: SessionContext) -> dict[HeaterName, float]
     if program is None or context.phase not in _HEATED_PHASES:
         return dict.fromkeys(HeaterName, 0.0)
     expected_targets_c = {name: program.find_target_c(name, context.done_lines) or 0.0 for name in HeaterName}
-    if context.nozzle_paused:
+    if context.is_nozzle_paused:
         expected_targets_c[HeaterName.NOZZLE] = 0.0
     return expected_targets_c
 

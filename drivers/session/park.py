@@ -134,13 +134,13 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     yield from send(
         context, b"G90", lift_command, b"G1 F9000 X%g Y%g" % context.profile.pause_xy_mm, b"M104 S0"
     )
-    context.nozzle_paused = True
+    context.is_nozzle_paused = True
     yield from arm_dead_man_timer(context, PAUSE_DEAD_MAN_TIMEOUT_S)
     yield from _await_resume(context)
     target_c = program.find_target_c(HeaterName.NOZZLE, done_lines) or 0.0
     yield from arm_dead_man_timer(context, PRINTING_DEAD_MAN_TIMEOUT_S)
     yield from set_target(context, HeaterName.NOZZLE, target_c)
-    context.nozzle_paused = False
+    context.is_nozzle_paused = False
     yield from heat(context, HeatCommand(done_lines, HeaterName.NOZZLE, target_c, waits=True))
     context.filament = Filament.UNKNOWN
     yield from send(
@@ -171,10 +171,10 @@ def _await_resume(context: SessionContext) -> Script:
     """Wait until a person resumes the print, and reset the dead-man timer meanwhile."""
     context.pause_ends_s = context.now_s + PAUSE_TIMEOUT_S
     context.link.poll_interval_s = context.pace.printing_interval_s
-    while context.pause_requested:
+    while context.is_pause_requested:
         if context.now_s >= context.pause_ends_s:
             raise PrintEnded(Fault.PAUSE_TIMEOUT, f"nobody resumed it within {PAUSE_TIMEOUT_S / 3600:g} h")
-        yield context.wait(lambda: not context.pause_requested, PAUSE_COMMAND_INTERVAL_S)
-        if context.pause_requested:
+        yield context.wait(lambda: not context.is_pause_requested, PAUSE_COMMAND_INTERVAL_S)
+        if context.is_pause_requested:
             yield from arm_dead_man_timer(context, context.dead_man_timeout_s)
     context.pause_ends_s = None

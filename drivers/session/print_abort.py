@@ -34,7 +34,7 @@ def abort_print(context: SessionContext) -> Script:
                 return
         except PrintEnded:
             pass  # the board stopped responding during the sequence
-    yield from _switch_off_by_reset(context, is_homed)
+    yield from _switch_heaters_off_by_reset(context, is_homed)
 
 
 def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
@@ -74,7 +74,7 @@ def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
     return True
 
 
-def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
+def _switch_heaters_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
     """Switch the heaters off by a reset, which is the emergency stop for every board with DTR."""
     if context.filament is Filament.AT_NOZZLE:
         context.filament = Filament.UNKNOWN
@@ -83,7 +83,7 @@ def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
         for _ in range(MAX_ATTEMPTS):
             context.heaters_off = False
             try:
-                if (yield from _reset_and_confirm_off(context, is_homed)):
+                if (yield from _reset_and_confirm_heaters_off(context, is_homed)):
                     return
             except PrintEnded as print_end:
                 if print_end.fault is Fault.PORT_LOST:
@@ -96,7 +96,7 @@ def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
         context.link.ignore_faults = False
 
 
-def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> TimedScript:
+def _reset_and_confirm_heaters_off(context: SessionContext, is_homed: bool) -> TimedScript:
     """Reset the board and confirm its heaters off; then move away from the part, if that is safe."""
     firmware = context.firmware
     yield from connect(context)

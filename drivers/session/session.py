@@ -50,7 +50,7 @@ class Session:
     @property
     def deadline_s(self) -> float:
         """Time of the next call of `advance` without events."""
-        if self.context.ended:
+        if self.context.has_ended:
             return math.inf
         return min(
             self._wait.deadline_s, self._find_print_deadline_s(), compute_power_off_due_s(self.context)
@@ -69,7 +69,7 @@ class Session:
             self._end_print(print_end)
         if now_s >= compute_power_off_due_s(context):
             context.request_power_off()
-        while not context.ended:
+        while not context.has_ended:
             if self._wait.condition():
                 self._run_step(lambda: self._script.send(True))
             elif now_s >= self._wait.deadline_s:
@@ -83,15 +83,15 @@ class Session:
 
     def pause(self, now_s: float) -> None:
         """Request a pause at the next position to which the head can return; no effect unless printing."""
-        self.context.pause_requested = self.context.phase in (PrintPhase.PRINTING, PrintPhase.PAUSED)
+        self.context.is_pause_requested = self.context.phase in (PrintPhase.PRINTING, PrintPhase.PAUSED)
         self.advance((), now_s)
 
     def resume(self, now_s: float) -> None:
         """Continue after a `pause`."""
-        self.context.pause_requested = False
+        self.context.is_pause_requested = False
         self.advance((), now_s)
 
-    def set_time_limit(self, at_s: float | None, now_s: float) -> None:
+    def set_latest_end(self, at_s: float | None, now_s: float) -> None:
         """Set the time at which the print is ended safely; None for no limit."""
         self.context.ends_by_s = at_s
         self.advance((), now_s)
@@ -99,14 +99,14 @@ class Session:
     def cancel(self, reason: str, now_s: float) -> None:
         """End the print safely; no effect if it is ending already."""
         self.context.now_s = now_s
-        if self.context.phase is not PrintPhase.ENDING and not self.context.ended:
+        if self.context.phase is not PrintPhase.ENDING and not self.context.has_ended:
             self._end_print(PrintEnded(None, reason))
             self.advance((), now_s)
 
     def fail(self, fault: Fault, reason: str, now_s: float) -> None:
         """End the print because of a fault that the caller found, such as a lost port."""
         self.context.now_s = now_s
-        if not self.context.ended:
+        if not self.context.has_ended:
             self._end_print(PrintEnded(fault, reason))
             self.advance((), now_s)
 
@@ -119,7 +119,7 @@ class Session:
     def _find_print_deadline_s(self) -> float:
         """Return the time at which an open print is ended safely; infinite without a limit."""
         context = self.context
-        is_printing = context.phase is not PrintPhase.ENDING and not context.ended
+        is_printing = context.phase is not PrintPhase.ENDING and not context.has_ended
         return context.ends_by_s if is_printing and context.ends_by_s is not None else math.inf
 
     def _run_step(self, step: Callable[[], Wait]) -> None:

@@ -31,7 +31,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
     )
     start = 0
     for stop, heat_command in _list_stops(program, cooling_line):
-        yield from _stream(context, program, start, stop)
+        yield from _stream_lines(context, program, start, stop)
         start = stop
         if stop == program.home_line + 1:
             yield from check_height(context, program.read_lines(program.home_line, stop)[0])
@@ -44,12 +44,12 @@ def print_program(context: SessionContext, program: Program) -> Script:
             if can_extrude and context.filament is Filament.PARKED:
                 yield from unpark(context)
         elif stop == program.extrusion_line < program.line_count:
-            context.extruded = True
+            context.has_extruded = True
             context.phase = PrintPhase.PRINTING
             yield from arm_dead_man_timer(context, PRINTING_DEAD_MAN_TIMEOUT_S)
         if stop == cooling_line and context.phase is PrintPhase.PRINTING:
             yield from verify_targets(context)
-    yield from _finish(context, program)
+    yield from _finish_print(context, program)
 
 
 def _list_stops(program: Program, cooling_line: int) -> list[tuple[int, HeatCommand | None]]:
@@ -69,7 +69,7 @@ def _switches_nozzle_off(heat_command: HeatCommand, after_line: int) -> bool:
     )
 
 
-def _stream(context: SessionContext, program: Program, start: int, stop: int) -> Script:
+def _stream_lines(context: SessionContext, program: Program, start: int, stop: int) -> Script:
     """Send lines `start` to `stop`, and pause when requested."""
     link = context.link
 
@@ -83,7 +83,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         return []
 
     def is_sent_or_paused() -> bool:
-        can_begin_pause = context.pause_requested and can_pause(context)
+        can_begin_pause = context.is_pause_requested and can_pause(context)
         return link.is_drained or context.read_error is not None or can_begin_pause
 
     while start < stop:
@@ -104,7 +104,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
             yield from pause(context, program, start)
 
 
-def _finish(context: SessionContext, program: Program) -> Script:
+def _finish_print(context: SessionContext, program: Program) -> Script:
     """Send the file's end code, and confirm the heaters off."""
     firmware = context.firmware
     context.phase = PrintPhase.ENDING

@@ -167,7 +167,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
         link.on_opened(clock.now())
         session.on_port_reset()
         deadline_s = time.monotonic() + TIME_LIMIT_S
-        while not context.ended:
+        while not context.has_ended:
             assert time.monotonic() < deadline_s, f"{context.phase}, {context.acknowledged_lines} lines"
             due_s = min(link.deadline_s, session.deadline_s) - clock.now()
             wait_s = max(0.0, min(clock.to_wall_duration_s(due_s), 1.0))

@@ -70,7 +70,7 @@ class EmulatedFirmware(Listener):
         moves, moving_s, starvation_s = self._totals_before_reset
         self._totals_before_reset = (
             moves + old_machine.planner.move_count,
-            moving_s + old_machine.planner.busy_s,
+            moving_s + old_machine.planner.moving_s,
             starvation_s + old_machine.starvation_s,
         )
         self.reset_count += 1
@@ -109,7 +109,7 @@ class EmulatedFirmware(Listener):
         if data and self.phase in (Phase.RUNNING, Phase.BOOTING):
             if not self._is_busy():
                 self._time_s = now_s
-            self._store(data, now_s)
+            self._store_bytes(data, now_s)
         if not self._output:
             return b""
         answers = b"".join(self._output)
@@ -144,9 +144,9 @@ class EmulatedFirmware(Listener):
         return self._totals_before_reset[0] + self.machine.planner.move_count
 
     @property
-    def printing_s(self) -> float:
+    def moving_s(self) -> float:
         """Total duration of the finished moves since power-on, in seconds."""
-        return self._totals_before_reset[1] + self.machine.planner.busy_s
+        return self._totals_before_reset[1] + self.machine.planner.moving_s
 
     @property
     def starvation_s(self) -> float:
@@ -226,13 +226,13 @@ class EmulatedFirmware(Listener):
             if not self._buffer:
                 break
             planner.advance(self._time_s)
-            self._process(self._buffer.popleft())
+            self._process_line(self._buffer.popleft())
             machine = self.machine  # a fault may have reset the board
             planner = machine.planner
         if not machine.waiting_moves:
             planner.advance(now_s)
 
-    def _store(self, data: bytes, now_s: float) -> None:
+    def _store_bytes(self, data: bytes, now_s: float) -> None:
         """Store bytes in the ring buffer; those that do not fit are lost."""
         while data:
             overflow = self._receiver.put(data)
@@ -243,7 +243,7 @@ class EmulatedFirmware(Listener):
 
     # --- lines ---
 
-    def _process(self, line: bytes) -> None:
+    def _process_line(self, line: bytes) -> None:
         """Execute one line of the buffer."""
         machine, now_s = self.machine, self._time_s
         number = read_value(line, b"N")
@@ -318,12 +318,12 @@ class EmulatedFirmware(Listener):
         if not machine.is_stopped:
             machine.is_stopped = True
             self._stopped_number = self._last_number
-            self._report_error(b"Error:" + wording.STOPPED)
+            self._report_error(b"Error:" + wording.STOPPED_MESSAGE)
 
     def kill(self, now_s: float) -> None:
         """Execute ``kill()``: switch everything off until the watchdog or the host resets the board."""
         self.machine.power_down(now_s)
-        self._report_error(wording.KILLED)
+        self._report_error(wording.KILLED_MESSAGE)
         self.phase = Phase.HALTED
         self._running_command = None
         self._schedule = deque(

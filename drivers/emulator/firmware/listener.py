@@ -81,7 +81,7 @@ class Listener(ABC):
         self._last_number = 0
         self._stuck_number = -1  # line that is requested endlessly
         if self.noise is not None:
-            self.noise.forget()
+            self.noise.forget_lines()
 
     @abstractmethod
     def _is_busy(self) -> bool:
@@ -144,9 +144,9 @@ class Listener(ABC):
             line = self._receiver.take_line()
             if line is None:
                 return
-            self._accept(line)
+            self._accept_line(line)
 
-    def _accept(self, line: bytes) -> None:
+    def _accept_line(self, line: bytes) -> None:
         """Check number and checksum, and buffer the line or refuse it."""
         if self._affects_lines:
             if self._sampler.swallows_line():
@@ -158,16 +158,16 @@ class Listener(ABC):
             match = _WHOLE_NUMBER.match(line, line.find(b"N") + 1)
             n = int(match[1]) if match else 0
             if n != self._last_number + 1 and b"M110" not in line:
-                self._refuse(wording.WRONG_LINE_NUMBER)
+                self._refuse_line(wording.WRONG_LINE_NUMBER)
                 return
             if star < 0:
-                self._refuse(wording.NO_CHECKSUM)
+                self._refuse_line(wording.NO_CHECKSUM)
                 return
             if int(read_value(line, b"*") or 0.0) != compute_checksum(line[:star]):
-                self._refuse(wording.WRONG_CHECKSUM)
+                self._refuse_line(wording.WRONG_CHECKSUM)
                 return
             if (n == self._stuck_number or self._sampler.refuses_line()) and b"M110" not in line:
-                self._refuse(wording.WRONG_CHECKSUM)
+                self._refuse_line(wording.WRONG_CHECKSUM)
                 return
             self._last_number = n
             if self.noise is not None:
@@ -183,7 +183,7 @@ class Listener(ABC):
                 return
         if _is_move(line):
             if self.machine.is_stopped:
-                self._send(wording.STOPPED)
+                self._send(wording.STOPPED_MESSAGE)
             elif self.dialect.acknowledges_read_moves:
                 self._acknowledge()
         self._buffer.append(line)
@@ -191,7 +191,7 @@ class Listener(ABC):
         if self._affects_lines:
             self._trigger_due_faults()
 
-    def _refuse(self, reason: bytes) -> None:
+    def _refuse_line(self, reason: bytes) -> None:
         self._report_error(wording.format_line_error(reason, self._last_number))
         self._request_resend()
 

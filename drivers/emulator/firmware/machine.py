@@ -54,7 +54,7 @@ class Machine:
     fault_messages
         Messages for faults.
     now_s
-        Time of the reset, on the clock of all times.
+        Time of the reset, in seconds of the caller's clock, as are all times.
     """
 
     def __init__(

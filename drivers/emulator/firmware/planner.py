@@ -127,7 +127,7 @@ class Planner:
         self._slows_short_moves = slowdown
         self.target_mm = start  # target of the last queued move
         self.move_count = 0  # number of moves queued since the start
-        self.busy_s = 0.0  # total duration of the finished moves
+        self.moving_s = 0.0  # total duration of the finished moves
         self.idle_since_s = 0.0  # time at which the queue became empty; undefined while it has moves
         self._head_position_mm = start  # position at which the executing block began
         self._on_move = on_move
@@ -153,11 +153,11 @@ class Planner:
         while blocks and self._end_s <= now_s:
             block = blocks.pop(0)
             self._head_position_mm = block.target_mm
-            self.busy_s += self._end_s - self._start_s
+            self.moving_s += self._end_s - self._start_s
             if block.e_mm:
                 self._on_move(block.e_mm, block.target_mm[2])
             if blocks:
-                self._begin(self._end_s)
+                self._begin_block(self._end_s)
             else:
                 self.idle_since_s = self._end_s
 
@@ -213,7 +213,9 @@ class Planner:
         if dz or abs(de) > length_mm * 0.5 or acceleration_mm_s2 > 4000.0:
             acceleration_mm_s2 = self._limit_acceleration(dx, dy, dz, de, length_mm, acceleration_mm_s2)
         max_entry_mm_s = self._limit_junction_speed(vx, vy, vz, ve, speed_mm_s)
-        self._append(Block(target_mm, de, length_mm, speed_mm_s, acceleration_mm_s2, max_entry_mm_s), now_s)
+        self._append_block(
+            Block(target_mm, de, length_mm, speed_mm_s, acceleration_mm_s2, max_entry_mm_s), now_s
+        )
         self.target_mm = target_mm
         self._axis_speeds_mm_s = (vx, vy, vz, ve)
         self._speed_mm_s = speed_mm_s
@@ -262,7 +264,7 @@ class Planner:
         self.advance(now_s)
         position = self.compute_position(now_s)
         if self._blocks:
-            self.busy_s += now_s - self._start_s
+            self.moving_s += now_s - self._start_s
             if position[3] != self._head_position_mm[3]:
                 self._on_move(position[3] - self._head_position_mm[3], position[2])
         self._blocks.clear()
@@ -313,12 +315,12 @@ class Planner:
             safe_mm_s = min(safe_mm_s, limits.jerk_e_mm_s / 2)
         return safe_mm_s
 
-    def _append(self, block: Block, now_s: float) -> None:
+    def _append_block(self, block: Block, now_s: float) -> None:
         blocks = self._blocks
         blocks.append(block)
         last = len(blocks) - 1
         if last == 0:
-            self._begin(now_s)
+            self._begin_block(now_s)
             return
         index = last
         entry_mm2_s2 = block.entry_mm2_s2
@@ -337,7 +339,7 @@ class Planner:
             if blocks[i].entry_mm2_s2 > reach_mm2_s2:
                 blocks[i].entry_mm2_s2 = reach_mm2_s2
 
-    def _begin(self, now_s: float) -> None:
+    def _begin_block(self, now_s: float) -> None:
         """Start the first block, which exits at the entry speed of the next one."""
         blocks = self._blocks
         block = blocks[0]

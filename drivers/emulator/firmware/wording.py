@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 OK = b"ok\n"
 START = b"start\n"
-STOPPED = (
+STOPPED_MESSAGE = (
     b"Printer stopped due to errors. Fix the error and use M999 to restart. "
     b"(Temperature is reset. Set it after restarting)\n"
 )
-KILLED = b"Error:Printer halted. kill() called!\n"
+KILLED_MESSAGE = b"Error:Printer halted. kill() called!\n"
 COLD_EXTRUSION = b"echo: cold extrusion prevented\n"
 LONG_EXTRUSION = b"echo: too long extrusion prevented\n"
 WRONG_LINE_NUMBER = b"Line Number is not Last Line Number+1"

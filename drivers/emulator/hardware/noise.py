@@ -45,7 +45,7 @@ class Noise:
         while start + self._gap_bytes < len(data):
             received_bytes += data[start : start + self._gap_bytes]
             start += self._gap_bytes
-            received_bytes += self._damage(data[start])
+            received_bytes += self._damage_byte(data[start])
             start += 1
             self._gap_bytes = self._draw_gap()
         received_bytes += data[start:]
@@ -72,12 +72,12 @@ class Noise:
         if sent_line is not None and sent_line.split() != line.partition(b"*")[0].split():
             self.altered_line_count += 1
 
-    def forget(self) -> None:
+    def forget_lines(self) -> None:
         """Forget the sent lines: the board was reset and counts from 0."""
         self._sent_lines.clear()
         self._incomplete_line = b""
 
-    def _damage(self, byte: int) -> bytes:
+    def _damage_byte(self, byte: int) -> bytes:
         self.damaged_byte_count += 1
         flip_probability, loss_probability, _ = self._probabilities
         sample = self._rng.random() * self._rate

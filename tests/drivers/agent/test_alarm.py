@@ -110,7 +110,7 @@ def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, run_log: Path):
     assert count_runs(run_log) == 1
     assert (
         agent.attention_reason
-        == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT_OUTCOME}"
+        == f"both heaters are off, and the board reports MAXTEMP triggered: switch it off; {CUT_OUTCOME}"
     )
 
 
@@ -213,7 +213,7 @@ def start_print(folder: Path, command: str | None) -> tuple[Agent, Rig]:
 def step_until(agent: Agent, rig: Rig, condition: Callable[[], bool]) -> None:
     """Run session and recorder together until a condition holds; after the session, wait for the command."""
     while not condition():
-        if rig.session.context.ended:
+        if rig.session.context.has_ended:
             agent.wait_until(condition)
         else:
             rig.step()
@@ -249,7 +249,7 @@ def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, run
         tmp_path, write_relay_script(run_log, f"read go < {tmp_path}/gate; echo no >&2; exit 1")
     )
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
-    step_until(agent, rig, lambda: rig.session.context.ended)
+    step_until(agent, rig, lambda: rig.session.context.has_ended)
     agent.recorder.record_changes()
     assert agent.board.session is not None and agent.journal.state.print is not None
     print_snapshot = agent.recorder.describe_print(agent.journal.state.print, rig.session.context)

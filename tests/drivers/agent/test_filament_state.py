@@ -104,7 +104,7 @@ def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
 
 def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
     watch = FilamentWatch()
-    watch.confirm()
+    watch.trust_journal()
     watch.judge_position(REST_POSITION)
     # A board that has just started reports the same position each time.
     assert watch.is_certain and watch.rest_position is None
@@ -130,5 +130,5 @@ def test_next_agent_knows_the_filament_if_the_printer_has_not_moved(
     )
     watch.judge_position(REST_POSITION)
     assert watch.is_certain is is_certain  # an unknown state needs a person's answer
-    watch.forget()
+    watch.distrust_journal()
     assert (watch.is_certain, watch.rest_position) == (False, None)

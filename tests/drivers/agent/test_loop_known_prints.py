@@ -57,11 +57,11 @@ def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
     journal.write(2.0, print=None)
     agent = make_agent(tmp_path)
     for print_id in ("p-1", "p-2"):
-        reply = agent._answer(make_request(tmp_path, print_id))
+        reply = agent._answer_request(make_request(tmp_path, print_id))
         assert reply.error is None
         assert reply.snapshot is not None and reply.snapshot.print is None
         assert agent._board.session is None
-    assert agent._answer(make_request(tmp_path, "p-3")).error is None  # an unknown print is started
+    assert agent._answer_request(make_request(tmp_path, "p-3")).error is None  # an unknown print is started
     assert agent._board.session is not None
     agent._request_handler.must_end = True
     agent.run()

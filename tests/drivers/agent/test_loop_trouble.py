@@ -33,8 +33,8 @@ class ScriptedAgent(Agent):
 
     run_step: Callable[["ScriptedAgent"], None]
 
-    def _push(self) -> None:
-        super()._push()
+    def _push_snapshot(self) -> None:
+        super()._push_snapshot()
         self.run_step(self)
 
     def start(self, gcode_path: Path, text: str, **limits_s: float) -> m.Reply:
@@ -50,7 +50,7 @@ class ScriptedAgent(Agent):
             not_after_s=limits_s.get("not_after_s"),
             ends_by_s=limits_s.get("ends_by_s"),
         )
-        return self._answer(request)
+        return self._answer_request(request)
 
     @property
     def snapshot(self) -> m.Snapshot:
@@ -143,7 +143,7 @@ def test_full_disk_neither_stops_nor_starts_a_print(
                     assert snapshot.link is m.LinkState.BUSY  # the print ends only when its record is written
                     is_full = False
                 elif snapshot.link is m.LinkState.READY:
-                    assert agent._answer(m.Shutdown(id=2)).error is None
+                    assert agent._answer_request(m.Shutdown(id=2)).error is None
 
     scripted_agent.run_step = run_step
     scripted_agent.run()
@@ -158,7 +158,7 @@ def test_agent_lists_its_prints_including_forgotten_ones(scripted_agent: Scripte
     phases: list[m.PrintPhase] = []
 
     def list_prints(since_s: float) -> tuple[m.PrintSnapshot, ...]:
-        return scripted_agent._answer(m.ListPrints(id=3, since_s=since_s)).prints
+        return scripted_agent._answer_request(m.ListPrints(id=3, since_s=since_s)).prints
 
     def run_step(agent: ScriptedAgent) -> None:
         snapshot = agent.snapshot
@@ -170,15 +170,15 @@ def test_agent_lists_its_prints_including_forgotten_ones(scripted_agent: Scripte
             assert listed_print.sha256 == hashlib.sha256(text.encode()).hexdigest()
             phases.append(listed_print.phase)
         elif snapshot.print is not None:
-            assert agent._answer(m.ForgetPrint(id=2, print_id="p-1")).error is None
+            assert agent._answer_request(m.ForgetPrint(id=2, print_id="p-1")).error is None
             (listed_print,) = list_prints(0.0)
             assert (listed_print.phase, listed_print.ended_s) == (m.PrintPhase.DONE, snapshot.print.ended_s)
             assert list_prints(snapshot.now_s + 1.0) == ()
-            lines = agent._answer(m.ListLines(id=5)).lines
+            lines = agent._answer_request(m.ListLines(id=5)).lines
             assert ("ok", False) in [(line.text, line.sent) for line in lines]
             assert any(line.sent and "G" in line.text for line in lines)
             assert lines[-1].at_s <= snapshot.now_s + 60.0
-            assert agent._answer(m.Shutdown(id=4)).error is None
+            assert agent._answer_request(m.Shutdown(id=4)).error is None
 
     scripted_agent.run_step = run_step
     scripted_agent.run()
@@ -192,8 +192,8 @@ def test_agent_refuses_to_end_while_heaters_may_be_on(scripted_agent: ScriptedAg
     def run_step(agent: ScriptedAgent) -> None:
         if agent.snapshot.link is m.LinkState.READY:
             agent._board.state.hot = True
-            replies.append(agent._answer(m.Shutdown(id=1)).error)
-            assert agent._answer(m.Shutdown(id=2, now=True)).error is None
+            replies.append(agent._answer_request(m.Shutdown(id=1)).error)
+            assert agent._answer_request(m.Shutdown(id=2, now=True)).error is None
 
     scripted_agent.run_step = run_step
     scripted_agent.run()
@@ -221,7 +221,7 @@ def test_ending_agent_switches_off_heaters_left_on_by_an_ended_print(
             assert wait_for_emulator(tmp_path / "emulator", lambda s: s.bed_target_c == 60.0)
             board.state.hot = True
             if isinstance(end_request, m.Shutdown):
-                assert agent._answer(end_request).error is None
+                assert agent._answer_request(end_request).error is None
             else:
                 signal.raise_signal(end_request)
 
@@ -246,12 +246,12 @@ def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daem
             assert agent.start(tmp_path / "a.gcode", make_gcode(20_000), **time_limits).error is None
         elif snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
             if snapshot.print.ends_by_s is not None and snapshot.print.ends_by_s > now_s:
-                agent._answer(m.EndPrintBy(id=3, print_id="another", ends_by_s=now_s))
+                agent._answer_request(m.EndPrintBy(id=3, print_id="another", ends_by_s=now_s))
                 assert agent.snapshot.print == snapshot.print
-                agent._answer(m.EndPrintBy(id=4, print_id="p-1", ends_by_s=now_s))
+                agent._answer_request(m.EndPrintBy(id=4, print_id="p-1", ends_by_s=now_s))
         elif snapshot.link is m.LinkState.READY and snapshot.print is not None and snapshot.print.phase.ended:
             failed_prints.append(snapshot.print)
-            agent._answer(m.Shutdown(id=2))
+            agent._answer_request(m.Shutdown(id=2))
 
     scripted_agent.run_step = run_step
     scripted_agent.run()

@@ -31,9 +31,9 @@ class Recorder(EmulatedFirmware):
     def _read_plain_move(self) -> bool:
         return False
 
-    def _accept(self, line: bytes) -> None:
+    def _accept_line(self, line: bytes) -> None:
         old_number = self._last_number
-        super()._accept(line)
+        super()._accept_line(line)
         if self._last_number != old_number:
             self.accepted_lines.append((self._last_number, remove_frame(line)))
 

@@ -33,7 +33,9 @@ def observe_heater(
     watch: HeaterWatch, name: HeaterName, now_c: float, set_c: float, now_s: float
 ) -> Finding | None:
     nozzle_c, bed_c = (now_c, 21.0) if name is NOZZLE else (21.0, now_c)
-    return watch.judge(Report(nozzle_c, 0.0, bed_c, 0.0), {NOZZLE: 0.0, BED: 0.0} | {name: set_c}, now_s)
+    return watch.judge_report(
+        Report(nozzle_c, 0.0, bed_c, 0.0), {NOZZLE: 0.0, BED: 0.0} | {name: set_c}, now_s
+    )
 
 
 @pytest.mark.parametrize(("name", "set_c"), [(NOZZLE, 210.0), (NOZZLE, 260.0), (BED, 60.0), (BED, 100.0)])

@@ -12,7 +12,7 @@ def test_board_of_another_model_is_refused_before_anything_heats():
     rig = Rig(model="ultimaker2_extended_plus").run()
     assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert b"M140 S60" not in rig.sent_bytes
-    assert not rig.session.context.extruded
+    assert not rig.session.context.has_extruded
 
 
 def test_printer_is_identified_by_its_home_offset():
@@ -24,7 +24,7 @@ def test_printer_is_identified_by_its_home_offset():
     assert_end_with_heaters_off(other_rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert (
         b"M140" not in other_rig.sent_bytes.replace(b"M140 S0", b"")
-        and not other_rig.session.context.extruded
+        and not other_rig.session.context.has_extruded
     )
 
 

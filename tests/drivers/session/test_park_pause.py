@@ -74,7 +74,7 @@ def test_head_leaves_a_part_above_the_finished_ones(is_cancelled: bool):
         rig.session.cancel("no more", rig.now_s)
     else:
         rig.session.pause(rig.now_s)
-    while not rig.session.context.ended and rig.read_targets()[1 if is_cancelled else 0] > 0:
+    while not rig.session.context.has_ended and rig.read_targets()[1 if is_cancelled else 0] > 0:
         rig.step()
     rig.run(
         until=lambda: (

@@ -126,10 +126,10 @@ def end_print(ending: Ending, lines: int, seconds: float, text: str) -> Rig:
     rig.run(until=lambda: rig.session.context.acknowledged_lines >= lines)
     end_s = rig.now_s + seconds
     rig.run(until=lambda: rig.now_s >= end_s)
-    if not rig.session.context.ended:
+    if not rig.session.context.has_ended:
         ending(rig)
     rig.run()
-    assert rig.session.context.ended
+    assert rig.session.context.has_ended
     return rig
 
 
@@ -202,7 +202,7 @@ def test_any_print_ends_and_reports_its_heaters_correctly(
     """Check that heaters are off or a power-off is requested, and that a finished print was executed."""
     rig = Rig(faults, text=make_gcode(150), seed=seed)
     board, session, is_paused = rig.firmware.board, rig.session, False
-    while not session.context.ended:
+    while not session.context.has_ended:
         rig.step()
         elapsed_s = rig.now_s - 1000.0
         if elapsed_s > unplug_s:

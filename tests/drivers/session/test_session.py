@@ -20,7 +20,7 @@ def test_print_passes_its_phases_and_ends_with_heaters_off_and_filament_parked()
     assert rig.phases == [
         PrintPhase.CONNECTING, PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.ENDING, PrintPhase.DONE,
     ]  # fmt: skip
-    assert rig.session.context.extruded
+    assert rig.session.context.has_extruded
     assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
     assert rig.firmware.error_count == 0

@@ -33,7 +33,7 @@ def test_time_limit_applies_in_pauses_and_heat_up():
     heating_rig.run(until=lambda: heating_rig.session.context.phase is PrintPhase.HEATING)
     heating_rig.session.context.ends_by_s = heating_rig.now_s + 5.0
     assert_end_with_heaters_off(heating_rig.run(), PrintPhase.FAILED, Fault.HOURS_ENDED)
-    assert not heating_rig.session.context.extruded
+    assert not heating_rig.session.context.has_extruded
 
 
 def test_postponed_time_limit_ends_nothing():

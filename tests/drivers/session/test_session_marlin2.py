@@ -174,7 +174,7 @@ def test_hot_head_stops_no_longer_than_the_keep_alive_interval(fault: str):
     text = make_gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{move_lines}")
     printer = Rig(Faults(**{fault: 0.002}), text, "creality_ender3", seed=4, profile=ENDER3)
     longest_stall_s, last_starvation_s = 0.0, 0.0
-    while not printer.session.context.ended:
+    while not printer.session.context.has_ended:
         printer.step()
         starvation_s = printer.firmware.starvation_s
         longest_stall_s, last_starvation_s = (

@@ -165,7 +165,7 @@ def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)
     rig.run(until=lambda: not rig.session.context.wants_reset and rig.link.phase is LinkPhase.LIVE)
-    assert not rig.session.context.ended
+    assert not rig.session.context.has_ended
     rig.firmware.reset(rig.now_s)
     restarted_s = rig.now_s
     rig.run(until=lambda: rig.session.context.wants_reset)

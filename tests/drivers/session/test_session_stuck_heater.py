@@ -161,8 +161,8 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
     fast_watch, slow_watch = HeaterWatch(4.0), HeaterWatch(480.0)
     for now_s in range(400):
         report = Report(200.0 + now_s, 0.0, 21.0, 0.0)
-        late_finding = slow_watch.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
-        early_finding = fast_watch.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        late_finding = slow_watch.judge_report(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        early_finding = fast_watch.judge_report(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
         assert late_finding is None and (early_finding is None) == (now_s < 13)
     pace = Pace(min_timeout_s=240.0)
     rig = Rig()
@@ -191,7 +191,7 @@ def compute_overshoot_c(now_s: float, peak_c: float) -> float:
 
 
 def observe_nozzle(watch: HeaterWatch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
-    return watch.judge(Report(nozzle_c, target_c, 21.0, 0.0), {NOZZLE: 0.0, BED: 0.0}, now_s)
+    return watch.judge_report(Report(nozzle_c, target_c, 21.0, 0.0), {NOZZLE: 0.0, BED: 0.0}, now_s)
 
 
 @pytest.mark.parametrize("peak_c", [2.0, 6.0, 9.0])

@@ -54,7 +54,7 @@ def simulate_move_times_s(path):
         old_moves = planner.move_count
         planner.add(tuple(position), feed_mm_s, now_s)
         queued_moves += [index] * (planner.move_count - old_moves)
-        ends_s.append((len(queued_moves) - len(planner), planner.busy_s))
+        ends_s.append((len(queued_moves) - len(planner), planner.moving_s))
     finished_moves = np.array(ends_s)
     busy_s = np.interp(
         np.arange(len(queued_moves) + 1),

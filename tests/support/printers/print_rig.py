@@ -108,7 +108,7 @@ class Rig:
             self.phases.append(session.context.phase)
 
     def run(self, until: Callable[[], bool] = lambda: False, limit_s: float = 20_000.0) -> "Rig":
-        while not self.session.context.ended and not until():
+        while not self.session.context.has_ended and not until():
             assert self.now_s < 1000.0 + limit_s, "the print does not end"
             self.step()
         return self

@@ -200,7 +200,7 @@ def test_m400_ends_with_the_last_move(host: Host) -> None:
     host.send("M400")
     assert host.now_s == pytest.approx(host.firmware.machine.planner.idle_since_s)
     assert host.now_s - started_s == pytest.approx(10.0, abs=0.5)
-    assert host.firmware.printing_s == pytest.approx(host.now_s - started_s)
+    assert host.firmware.moving_s == pytest.approx(host.now_s - started_s)
 
 
 def test_relative_moves_and_g92_are_applied(host: Host) -> None:
@@ -215,10 +215,10 @@ def test_relative_moves_and_g92_are_applied(host: Host) -> None:
 def test_arc_follows_its_circle(host: Host) -> None:
     for line in ("G28", "G1 X100 Y100 Z100 F9000", "M400"):
         host.send(line)
-    old_printing_s = host.firmware.printing_s
+    old_moving_s = host.firmware.moving_s
     for line in ("G2 X100 Y100 I20 J0 F1200", "M400"):
         host.send(line)
-    assert host.firmware.printing_s - old_printing_s == pytest.approx(2 * math.pi * 20 / 20, rel=0.02)
+    assert host.firmware.moving_s - old_moving_s == pytest.approx(2 * math.pi * 20 / 20, rel=0.02)
 
 
 def test_quick_stop_empties_the_planner_and_keeps_the_position(host: Host) -> None:
@@ -316,7 +316,7 @@ def test_commands_with_arbitrary_numbers_do_not_crash_the_firmware(
         host.now_s += pause_s
         host.firmware.feed(b"", host.now_s)
         assert all(map(math.isfinite, host.firmware.machine.planner.compute_position(host.now_s)))
-        assert host.firmware.printing_s <= host.now_s
+        assert host.firmware.moving_s <= host.now_s
     host.firmware.reset(host.now_s)
     host.wait(5.0)
     assert host.send("M105")[0].startswith("ok T:")

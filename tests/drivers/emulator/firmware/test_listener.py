@@ -173,5 +173,5 @@ def test_fast_path_of_a_move_equals_the_slow_path(moves: list[tuple[float | None
             )
             host.send_numbered(body)
         host.send("M400", 1e4)
-        ends.append((host.send("M114"), host.firmware.printing_s, host.board.filament_mm, host.now_s))
+        ends.append((host.send("M114"), host.firmware.moving_s, host.board.filament_mm, host.now_s))
     assert ends[0] == ends[1]
