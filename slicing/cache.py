@@ -10,7 +10,7 @@ from pathlib import Path
 
 CACHE_BYTES = 4 * 2**30
 """Maximum size of a cache; a part that fills a bed has 0.07 GB of G-code."""
-# KEY.json, KEY.gcode, and .KEY.gcode.xyz of a program that was killed while writing.
+# KEY.json and KEY.gcode, and .KEY.gcode.xyz if a program was killed while it wrote that file.
 _ENTRY_FILE = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
 
@@ -81,7 +81,7 @@ def trim_cache(folder: Path, max_bytes: int = CACHE_BYTES) -> None:
 
 
 def _list_files(folder: Path) -> list[Path]:
-    """List a folder, the files that make an entry valid (.json) first; empty if it cannot be read."""
+    """List the files of a folder, those that make an entry valid (.json) first; none if it cannot be read."""
     try:
         return sorted(folder.iterdir(), key=lambda path: path.suffix != ".json")
     except OSError:

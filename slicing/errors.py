@@ -37,7 +37,7 @@ class EngineTimeout(SlicingError):
 
 
 class BadSetting(SlicingError):
-    """A printer model, quality, material or setting does not exist or does not fit."""
+    """A printer model, quality, material or setting does not exist, or is not valid here."""
 
 
 class DefinitionError(SlicingError):
@@ -58,7 +58,7 @@ class Rule(StrEnum):
     OUTSIDE_BED = "outside the bed"
     FLAVOUR = "flavour"
     HOMING = "homing"
-    COLD = "cold"
+    COLD_EXTRUSION = "cold extrusion"
     HEATERS_ON = "heaters on"
     OUTLINE = "outline"
     PARKING = "parking"

@@ -220,7 +220,7 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: ProgressCallba
             engine_toolpath,
             corners,
             layout,
-            removed_layers=removed_layers,
+            removed_layer_count=removed_layers,
             centre_mm=_find_bed_centre(settings),
             filament_mm2=settings.filament_mm2,
         )

@@ -136,8 +136,8 @@ def slice_part(stl: Path, cache: Path) -> PlateResult:
 
 def time_layers_s(path: Toolpath, limits: Limits) -> float:
     """Time the layers of a file with a planner that is always kept full, in seconds."""
-    time_moves = [comment.move for comment in path.comments if comment.text.startswith("TIME_ELAPSED:")]
-    first_move = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
+    time_moves = [comment.next_move for comment in path.comments if comment.text.startswith("TIME_ELAPSED:")]
+    first_move = next(comment.next_move for comment in path.comments if comment.text.startswith("LAYER:"))
     last_move = time_moves[-1]
     start = tuple(path.start[first_move].tolist())
     planner, now_s = Planner(limits, start, lambda e_mm, z_mm: None), 0.0

@@ -118,7 +118,7 @@ class ZeroTimeEstimator:
     def wait(self, seconds: float) -> None:
         """Ignore a wait."""
 
-    def measure_s(self, finish: bool = False) -> float:
+    def measure_time_s(self, finish: bool = False) -> float:
         """Return 0."""
         return 0.0
 

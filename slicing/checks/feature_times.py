@@ -64,7 +64,7 @@ class MotionLimits:
 
 
 def measure_feature_times(path: Toolpath, limits: MotionLimits) -> FeatureTimes:
-    """Divide CuraEngine's time of each layer among the features, by the times of their moves.
+    """Divide CuraEngine's time of each layer among the features, in proportion to the times of moves.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def measure_feature_times(path: Toolpath, limits: MotionLimits) -> FeatureTimes:
     layer_moves = slice(int(bounds[0]), int(bounds[-1]))
     scaled_s = seconds[layer_moves] * np.repeat(scales, np.diff(bounds))
     groups = [names.index(_FIELD_BY_FEATURE.get(feature, "travel_s")) for feature in path.features]
-    extrudes = (path.extruded_mm > 0.0) & path.moves_head
+    extrudes = (path.extruded_mm > 0.0) & path.is_head_move
     group = np.where(extrudes, np.array(groups)[path.feature], names.index("travel_s"))
     return FeatureTimes(*np.bincount(group[layer_moves], weights=scaled_s, minlength=len(names)).tolist())
 

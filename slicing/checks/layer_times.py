@@ -35,11 +35,11 @@ def remove_reset_times(gcode: bytes, path: Toolpath, limits: MotionLimits) -> by
     if path.first_layer_move is None:
         return gcode
     resets = [
-        command.move
+        command.next_move
         for command in path.commands
         if command.code == "G92"
         and "E" in command.words
-        and path.first_layer_move < command.move < len(path.start)
+        and path.first_layer_move < command.next_move < len(path.start)
     ]
     if not resets:
         return gcode

@@ -21,8 +21,8 @@ from slicing.checks.walls import TOLERANCE_MM, WallLayout, Walls
 from slicing.errors import Rule, SliceRejected
 
 SLACK_MM2, SLACK_MM = 0.5, 0.005
-"""Difference of a layer's area up to which its polygons are not compared: a constant, plus a part for each mm
-of outline. Nearly all layers of sound models stay below it."""
+"""Difference of a layer's area up to which its polygons are not compared: a constant, plus an amount for each
+mm of outline. Nearly all layers of sound models stay below it."""
 MIN_WALL_MM2 = 5.0
 """Minimum area of a wall that is reported."""
 MIN_REJECTED_MM2 = 1.0
@@ -71,7 +71,7 @@ def check_outline(
     corners: Floats,
     layout: WallLayout,
     *,
-    removed_layers: int,
+    removed_layer_count: int,
     centre_mm: tuple[float, float],
     filament_mm2: float,
 ) -> tuple[UnprintedWall, ...]:
@@ -85,7 +85,7 @@ def check_outline(
         (n, 3 corners, xyz) The mesh that was sliced, in mm from the bed's centre.
     layout
         Position of the outer wall in the model.
-    removed_layers
+    removed_layer_count
         Number of empty layers that the engine removed at the bottom, lowering the others to the bed.
     centre_mm
         The bed's centre in the printer's coordinates.
@@ -98,12 +98,12 @@ def check_outline(
         `OUTLINE` if something thick enough to print is missing, something is printed outside the model, or
         most of the model is too thin.
     """
-    if removed_layers:  # the expansion of the first layer was lost with the removed layers
+    if removed_layer_count:  # the expansion of the first layer was lost with the removed layers
         layout = replace(layout, offset_0_mm=layout.offset_mm)
     if np.linalg.det(corners).sum() < 0:  # an inverted mesh, which the engine accepts
         corners = corners[:, ::-1]
     walls = Walls.from_toolpath(path, layout, centre_mm, filament_mm2)
-    z_mm = _find_cut_heights_mm(corners, walls, layout, removed_layers)
+    z_mm = _find_cut_heights_mm(corners, walls, layout, removed_layer_count)
     differing_layers, difference_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
     if not len(differing_layers):
         return ()
@@ -117,12 +117,14 @@ def check_outline(
     return _join_pieces(thin_pieces, layout, len(differing_layers) / len(sampled_layers))
 
 
-def _find_cut_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed_layers: int) -> Floats:
+def _find_cut_heights_mm(
+    corners: Floats, walls: Walls, layout: WallLayout, removed_layer_count: int
+) -> Floats:
     """Compute the heights (layers,) at which the engine cut the model for the layers that it printed."""
     height_mm = float(corners[..., 2].max())
     planned_count = int((height_mm - layout.layer_height_0_mm) / layout.layer_height_mm + 0.5) + 1
-    layer_count = max(1, planned_count - removed_layers, int(walls.layer.max(initial=-1)) + 1)
-    return layout.compute_section_heights_mm(layer_count + removed_layers)[removed_layers:]
+    layer_count = max(1, planned_count - removed_layer_count, int(walls.layer.max(initial=-1)) + 1)
+    return layout.compute_section_heights_mm(layer_count + removed_layer_count)[removed_layer_count:]
 
 
 def _find_differing_layers(

@@ -56,7 +56,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     min_extrusion_c
         Nozzle temperature, in C, below which the firmware does not extrude.
     """
-    extruded_mm, has_moved = path.extruded_mm, path.moves_head
+    extruded_mm, has_moved = path.extruded_mm, path.is_head_move
     is_printing = (extruded_mm > 0) & has_moved & (path.layer != NO_LAYER)
     layers = path.layer[is_printing]
     last = int(np.flatnonzero(is_printing)[-1]) if is_printing.any() else -1
@@ -64,7 +64,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     low_mm = end_points.min(axis=0, initial=math.inf)
     high_mm = end_points.max(axis=0, initial=-math.inf)
     first_move_after_homing = next(
-        (command.move for command in path.commands if command.code == "G28"), len(has_moved)
+        (command.next_move for command in path.commands if command.code == "G28"), len(has_moved)
     )
     is_cold, heaters_off = _check_heat(path, extruded_mm > 0, min_extrusion_c)
     return GcodeFacts(
@@ -103,8 +103,8 @@ def _check_heat(
         if command.code not in ("M104", "M109", "M140", "M190"):
             continue
         if min(reached_c, target_c["M104"]) < min_extrusion_c:
-            is_cold |= bool(is_extruding[first_move : command.move].any())
-        first_move = command.move
+            is_cold |= bool(is_extruding[first_move : command.next_move].any())
+        first_move = command.next_move
         new_target_c = command.words.get("S", 0.0)
         target_c["M104" if command.code in ("M104", "M109") else "M140"] = new_target_c
         if command.code == "M109":
@@ -191,7 +191,8 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
         (
             Rule.FLAVOUR,
             facts.flavour == "Marlin" and not facts.uses_firmware_retraction,
-            "not in Marlin's flavour; leave machine_gcode_flavor and machine_firmware_retract as they are",
+            "the G-code is not in Marlin's flavour; leave machine_gcode_flavor and machine_firmware_retract "
+            "as they are",
         ),
         (
             Rule.HOMING,
@@ -199,9 +200,9 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
             "a move comes before G28; leave the start code as it is",
         ),
         (
-            Rule.COLD,
+            Rule.COLD_EXTRUSION,
             not facts.extruded_cold,
-            f"extrudes before waiting for the nozzle to reach {min_extrusion_c:g} C; set a higher "
+            f"it extrudes before it waits for the nozzle to reach {min_extrusion_c:g} C; set a higher "
             "material_print_temperature",
         ),
         (
@@ -291,9 +292,9 @@ def replace_header(
     sliced_s
         Time of the layers, in place of the one in the log.
     filament_mm
-        Filament, in place of that in the log if given.
+        Length of filament, in place of the one in the log; None keeps that one.
     height_mm
-        Greatest height, in place of that in the log if given.
+        Greatest height, in place of the one in the log; None keeps that one.
     """
     _, separator, rest = log.rpartition("Gcode header after slicing:")
     header, header_end, _ = rest.partition(_HEADER_END)

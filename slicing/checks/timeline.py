@@ -29,10 +29,10 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
     type_comments = [
         comment
         for comment in path.comments
-        if comment.text.startswith("TYPE:") and moves[0] < comment.move < moves[-1]
+        if comment.text.startswith("TYPE:") and moves[0] < comment.next_move < moves[-1]
     ]
     mark_times_s = np.interp(
-        move_times_s[[comment.move for comment in type_comments]], move_times_s[moves], elapsed_s
+        move_times_s[[comment.next_move for comment in type_comments]], move_times_s[moves], elapsed_s
     )
     pieces, offset = [], 0
     for comment, seconds in zip(type_comments, mark_times_s, strict=True):

@@ -29,18 +29,18 @@ TIME_PREFIX = "TIME_ELAPSED:"
 
 @dataclass(frozen=True, slots=True)
 class Comment:
-    """Comment: the number of moves before it, its offset in the file, and its text without ``;``."""
+    """Comment: the index of the next move, its offset in the file, and its text without ``;``."""
 
-    move: int
+    next_move: int
     offset: int
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Line other than a move: the number of moves before it, its code (``G28``), and its words."""
+    """Line other than a move: the index of the next move, its code (``G28``), and its words."""
 
-    move: int
+    next_move: int
     code: str
     words: Words
 
@@ -80,19 +80,21 @@ class Toolpath:
         return self.end[:, 3] - self.start[:, 3]
 
     @property
-    def moves_head(self) -> npt.NDArray[np.bool_]:
+    def is_head_move(self) -> npt.NDArray[np.bool_]:
         """Mask (n,) of the moves in which the head moves, rather than only the filament."""
         return np.asarray((self.end[:, :3] != self.start[:, :3]).any(axis=1))
 
     @property
     def first_layer_move(self) -> int | None:
         """Number of moves before the first layer; None without layers."""
-        return next((comment.move for comment in self.comments if comment.text.startswith("LAYER:")), None)
+        return next(
+            (comment.next_move for comment in self.comments if comment.text.startswith("LAYER:")), None
+        )
 
     def list_layer_ends(self) -> list[tuple[int, float]]:
-        """List the number of moves before the end of each layer, and Cura's time there in seconds."""
+        """List, for each layer, the number of moves before its end and Cura's estimate of the time there."""
         return [
-            (comment.move, float(comment.text[len(TIME_PREFIX) :]))
+            (comment.next_move, float(comment.text[len(TIME_PREFIX) :]))
             for comment in self.comments
             if comment.text.startswith(TIME_PREFIX)
         ]
@@ -221,7 +223,7 @@ def _find_positions(columns: dict[int, Floats], commands: Iterable[Command]) -> 
     for command in commands:
         if command.code not in ("G90", "G91", "G92", "M82", "M83"):
             continue
-        fill_rows(command.move)
+        fill_rows(command.next_move)
         match command.code:
             case "G90" | "G91":
                 is_relative = command.code == "G91"
@@ -250,7 +252,9 @@ def _expand_steps(steps: list[tuple[int, int]], first: int, move_count: int) -> 
 
 def _find_layers(comments: Iterable[Comment]) -> list[tuple[int, int]]:
     """Find the moves at which layers begin, with the numbers of the layers."""
-    layers = [(comment.move, comment.text[6:]) for comment in comments if comment.text.startswith("LAYER:")]
+    layers = [
+        (comment.next_move, comment.text[6:]) for comment in comments if comment.text.startswith("LAYER:")
+    ]
     return [(move, int(number)) for move, number in layers if number.lstrip("-").isdecimal()]
 
 
@@ -258,5 +262,7 @@ def _find_features(comments: Iterable[Comment], features: tuple[str, ...]) -> li
     """Find the moves at which features begin, with the indices of the features."""
     code = {name: number for number, name in enumerate(features)}
     return [
-        (comment.move, code[comment.text[5:]]) for comment in comments if comment.text.startswith("TYPE:")
+        (comment.next_move, code[comment.text[5:]])
+        for comment in comments
+        if comment.text.startswith("TYPE:")
     ]

@@ -43,7 +43,7 @@ class WallLayout:
     offset_0_mm: float  # horizontal expansion of the first layer
     offset_mm: float
     slack_mm: float  # distance by which the engine may move the outlines of holes
-    step_mm: float = 0.0  # maximum distance between the middles of neighbouring walls
+    step_mm: float = 0.0  # maximum distance between the centre lines of neighbouring walls
     inner_wall_count: int = 0  # number of closed rings within the outer one; 0 if it is not known
 
     def compute_reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
@@ -61,7 +61,7 @@ class WallLayout:
 
 
 def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
-    """Read the outer wall's layout from settings; None if it does not follow the model's outline."""
+    """Read the outer wall's layout from settings; None if the wall does not follow the model's outline."""
     scopes = (settings.extruder, settings.global_)
 
     def read_number(key: str) -> float:
@@ -99,7 +99,7 @@ class Walls:
     run: npt.NDArray[np.intp]  # index of the unbroken line of a move
     is_closed: npt.NDArray[np.bool_]  # whether that line is a ring
     width_mm: Floats  # computed from the extruded filament
-    half_width_mm: Floats  # half of the line's width; for a ring, from its middle to the model's outline
+    half_width_mm: Floats  # half of the line's width; for a ring, from its centre line to the model's outline
     other_lines: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
     inner_lines: Floats  # (k, 5) lines of the inner walls: start, end, layer
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from slicing.hidden_walls.fast_walls import speed_up_hidden_walls
 from slicing.hidden_walls.inner_walls import remove_inner_walls, removes_inner_walls
-from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, RUN_OUT_MM, HiddenSide, SideGroove
+from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, TRANSITION_MM, HiddenSide, SideGroove
 from slicing.hidden_walls.wall_order import reorder_inner_walls
 
 __all__ = [
     "MAX_NOTCH_DEPTH_MM",
-    "RUN_OUT_MM",
+    "TRANSITION_MM",
     "HiddenSide",
     "SideGroove",
     "remove_inner_walls",

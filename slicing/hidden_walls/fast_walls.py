@@ -14,7 +14,7 @@ from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
 from slicing.hidden_walls.rewriting import MOVE_LINE
 from slicing.hidden_walls.sides import (
-    RUN_OUT_MM,
+    TRANSITION_MM,
     HiddenSide,
     Indices,
     find_bed_points,
@@ -25,13 +25,13 @@ from slicing.hidden_walls.sides import (
 )
 from slicing.settings import EngineSettings
 
-MIN_LINE_MM = 2.0 * RUN_OUT_MM  # shorter lines keep their speed
+MIN_LINE_MM = 2.0 * TRANSITION_MM  # shorter lines keep their speed
 
 
 def speed_up_hidden_walls(
     gcode: bytes, path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings
 ) -> bytes:
-    """Print the walls along hidden sides at up to `EngineSettings.compute_hidden_wall_speed_mm_s`.
+    """Raise the speed of walls along hidden sides to `EngineSettings.compute_hidden_wall_speed_mm_s`.
 
     Walls in layers that the slicer slows down, and in the slow first layers, keep their speed.
 
@@ -84,28 +84,28 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
         if fast_mm_s <= wall.speed_mm_s:
             continue
         has_full_speed = path.feed_mm_min > 60.0 * wall.speed_mm_s - 1.0
-        walls = np.flatnonzero(is_line & path.is_feature(wall.feature) & has_full_speed)
-        ends_mm = points_mm[0][walls], points_mm[1][walls]
+        wall_moves = np.flatnonzero(is_line & path.is_feature(wall.feature) & has_full_speed)
+        ends_mm = points_mm[0][wall_moves], points_mm[1][wall_moves]
         for side in sides:
-            share = _find_fast_share(walls, ends_mm, side, wall.depth_mm)
-            fast_moves.share[walls] = np.maximum(fast_moves.share[walls], share)
-        fast_moves.feed_mm_min[walls] = 60.0 * fast_mm_s
+            share = _find_fast_share(wall_moves, ends_mm, side, wall.depth_mm)
+            fast_moves.share[wall_moves] = np.maximum(fast_moves.share[wall_moves], share)
+        fast_moves.feed_mm_min[wall_moves] = 60.0 * fast_mm_s
     return fast_moves
 
 
 def _find_fast_share(
-    walls: Indices, ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
+    wall_moves: Indices, ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
 ) -> Floats:
-    """Compute the share (k,) of each wall, from its start, that is printed faster along a side.
+    """Compute the share (k,) of each move, from its start, that is printed faster along a side.
 
     The parameters are those of `list_side_runs`.
     """
-    share = np.zeros(len(walls))
+    share = np.zeros(len(wall_moves))
     lengths_mm = np.hypot(*(ends_mm[1] - ends_mm[0]).T)
-    for line in list_side_runs(walls, ends_mm, side, wall_depth_mm):
+    for line in list_side_runs(wall_moves, ends_mm, side, wall_depth_mm):
         to_end_mm = np.cumsum(lengths_mm[line][::-1])[::-1]  # from the start of each move
         if to_end_mm[0] >= MIN_LINE_MM:
-            share[line] = np.clip((to_end_mm - RUN_OUT_MM) / lengths_mm[line], 0.0, 1.0)
+            share[line] = np.clip((to_end_mm - TRANSITION_MM) / lengths_mm[line], 0.0, 1.0)
     return share
 
 

@@ -14,7 +14,7 @@ from slicing.hidden_walls.loops import join_loops, list_loops
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm
 from slicing.hidden_walls.sides import (
     MAX_NOTCH_DEPTH_MM,
-    RUN_OUT_MM,
+    TRANSITION_MM,
     HiddenSide,
     Indices,
     find_level_lines,
@@ -27,8 +27,8 @@ sparsest infill of quality `glue` are 12.4 mm apart along a side that they meet 
 MAX_GAPS_MM = 3.0
 """Maximum length of a stretch without an inner wall that the next layer's outer wall may leave uncovered."""
 _BOUNDARY_DEPTH_MM = 0.3  # depth below the edge of the inner wall within which lines of infill end
-_TAPER_MM = 1.0  # range of depths below that one in which the shift of the infill decreases to zero
-_SKIN_DEPTH_MM = 2.0  # depth of the skin behind a side that needs the inner wall
+_TAPER_MM = 1.0  # range of depths below this boundary in which the shift of the infill decreases to zero
+_SKIN_DEPTH_MM = 2.0  # depth behind a side up to which skin needs the inner wall
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,15 +48,15 @@ class _Band:
     layers: npt.NDArray[np.int32]
     positions_mm: Floats
 
-    def find(self, stretch: Stretch, margin_mm: float = 0.0) -> Floats:
-        """Find the positions of the points beside a stretch, in ascending order."""
+    def find_positions_mm(self, stretch: Stretch, margin_mm: float = 0.0) -> Floats:
+        """Find the positions (m,) of the points beside a stretch, in ascending order."""
         layer = slice(*np.searchsorted(self.layers, (stretch.layer, stretch.layer + 1)))
         positions_mm = np.sort(self.positions_mm[layer])
         limits_mm = (stretch.low_mm - margin_mm, stretch.high_mm + margin_mm)
         return positions_mm[slice(*np.searchsorted(positions_mm, limits_mm))]
 
     def measure_gaps_mm(self, stretch: Stretch, layer: int) -> float:
-        """Measure the length of a stretch that is not beside any line of a layer, by pairs of ends."""
+        """Measure the length of a stretch that no line of a layer covers; each pair of points is a line."""
         rows = slice(*np.searchsorted(self.layers, (layer, layer + 1)))
         ends_mm = np.sort(self.positions_mm[rows].reshape(-1, 2), axis=1)
         ends_mm = np.clip(ends_mm[ends_mm[:, 0].argsort()], stretch.low_mm, stretch.high_mm)
@@ -79,8 +79,8 @@ class Backing:
         path: Toolpath,
         points_mm: tuple[Floats, Floats],
         sides: Sequence[HiddenSide],
-        outer_mm: float,
-        fill_mm: float,
+        outer_wall_depth_mm: float,
+        infill_depth_mm: float,
     ) -> Backing:
         """Find the ends of lines beside the inner wall.
 
@@ -92,8 +92,8 @@ class Backing:
             (n, 2) bed-centred starts and ends of the moves.
         sides
             Hidden sides of the part.
-        outer_mm, fill_mm
-            Depths behind a side of the middle of the outer wall, and of the inner edge of the inner wall.
+        outer_wall_depth_mm, infill_depth_mm
+            Depths of the outer wall's centre line and of the inner wall's inner edge behind a side.
         """
         is_line = find_level_lines(path)
 
@@ -108,11 +108,15 @@ class Backing:
                 bands.append(_Band(layers[is_near], side.measure_positions_mm(points[is_near])))
             return bands
 
-        walls = np.flatnonzero(is_line & path.is_feature("WALL-OUTER"))
+        wall_moves = np.flatnonzero(is_line & path.is_feature("WALL-OUTER"))
         return cls(
-            infill=list_bands("FILL", fill_mm, fill_mm + MAX_NOTCH_DEPTH_MM + _BOUNDARY_DEPTH_MM),
+            infill=list_bands(
+                "FILL", infill_depth_mm, infill_depth_mm + MAX_NOTCH_DEPTH_MM + _BOUNDARY_DEPTH_MM
+            ),
             skin=list_bands("SKIN", 0.0, _SKIN_DEPTH_MM),
-            outer_wall=[_find_outer_wall(path, points_mm, walls, side, outer_mm) for side in sides],
+            outer_wall=[
+                _find_outer_wall(path, points_mm, wall_moves, side, outer_wall_depth_mm) for side in sides
+            ],
         )
 
     def supports(self, stretch: Stretch) -> bool:
@@ -120,21 +124,25 @@ class Backing:
 
         Infill has to reach it, and the next layer's outer wall has to lie on it.
         """
-        positions_mm = self.infill[stretch.side].find(stretch)
+        positions_mm = self.infill[stretch.side].find_positions_mm(stretch)
         gaps_mm = np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm)
-        is_long = stretch.high_mm - stretch.low_mm > RUN_OUT_MM
+        is_long = stretch.high_mm - stretch.low_mm > TRANSITION_MM
         if (is_long and len(positions_mm) == 0) or float(gaps_mm.max()) > MAX_UNSUPPORTED_MM:
             return False
         return self.outer_wall[stretch.side].measure_gaps_mm(stretch, stretch.layer + 1) <= MAX_GAPS_MM
 
 
 def _find_outer_wall(
-    path: Toolpath, points_mm: tuple[Floats, Floats], walls: Indices, side: HiddenSide, wall_depth_mm: float
+    path: Toolpath,
+    points_mm: tuple[Floats, Floats],
+    wall_moves: Indices,
+    side: HiddenSide,
+    wall_depth_mm: float,
 ) -> _Band:
-    """Find the ends of the runs of the outer wall, with moves (k,), along a side."""
-    if len(walls) == 0:
+    """Find the ends of the outer wall's runs along a side; `wall_moves` (k,) are all moves of this wall."""
+    if len(wall_moves) == 0:
         return _Band(np.zeros(0, np.int32), np.zeros(0))
-    moves, numbers = join_loops(list_loops(path, walls, points_mm))
+    moves, numbers = join_loops(list_loops(path, wall_moves, points_mm))
     starts_mm, ends_mm = points_mm[0][moves], points_mm[1][moves]
     layers, positions_mm = [], []
     for run in list_side_runs(numbers, (starts_mm, ends_mm), side, wall_depth_mm):
@@ -146,19 +154,22 @@ def _find_outer_wall(
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """Step of a line along the wall at the end of a stretch, at a share of the line from its start."""
+    """Step of a line along the wall at the end of a stretch: its place as a share of the line, and the shift.
+
+    `is_end_shifted` is true if the line is shifted after the step, not before it.
+    """
 
     share: float
     shift_mm: Floats
-    ends_shifted: bool
+    is_end_shifted: bool
 
 
-def stretch_infill(
+def extend_infill(
     path: Toolpath,
     points_mm: Floats,
     sides: Sequence[HiddenSide],
     stretches: Sequence[Stretch],
-    fill_mm: float,
+    infill_depth_mm: float,
     spacing_mm: float,
 ) -> dict[int, list[Segment]]:
     """Build the segments that replace moves of the infill, so that it reaches the outer wall.
@@ -176,12 +187,12 @@ def stretch_infill(
         Hidden sides of the part.
     stretches
         Stretches along which the inner wall is removed.
-    fill_mm
+    infill_depth_mm
         Depth of the inner edge of the inner wall behind a side.
     spacing_mm
-        Distance between the middles of the two walls.
+        Distance between the centre lines of the two walls.
     """
-    is_fill, ends = _find_infill_ends(path)
+    is_infill, ends = _find_infill_ends(path)
     shifts_mm = np.zeros((len(path.layer), 2))
     steps: dict[int, _Step] = {}
     for stretch in stretches:
@@ -189,47 +200,47 @@ def stretch_infill(
         beside = ends[slice(*np.searchsorted(path.layer[ends], (stretch.layer, stretch.layer + 1)))]
         depths_mm = side.measure_depths_mm(points_mm[beside])
         positions_mm = side.measure_positions_mm(points_mm[beside])
-        share = np.clip(1.0 - (depths_mm - fill_mm - _BOUNDARY_DEPTH_MM) / _TAPER_MM, 0.0, 1.0)
-        share[depths_mm < fill_mm] = 0.0
+        share = np.clip(1.0 - (depths_mm - infill_depth_mm - _BOUNDARY_DEPTH_MM) / _TAPER_MM, 0.0, 1.0)
+        share[depths_mm < infill_depth_mm] = 0.0
         is_within = (positions_mm >= stretch.low_mm) & (positions_mm <= stretch.high_mm)
         shifts_mm[beside] += (share * is_within)[:, None] * shift_mm
-        is_step = (np.diff(beside) == 1) & is_fill[beside[1:]] & (is_within[1:] != is_within[:-1])
+        is_step = (np.diff(beside) == 1) & is_infill[beside[1:]] & (is_within[1:] != is_within[:-1])
         for first in np.flatnonzero(is_step & (np.minimum(share[1:], share[:-1]) == 1.0)):
             begin_mm, end_mm = positions_mm[first : first + 2]
             limit_mm = stretch.low_mm if min(begin_mm, end_mm) < stretch.low_mm else stretch.high_mm
             step_share = float((limit_mm - begin_mm) / (end_mm - begin_mm))
             steps[int(beside[first + 1])] = _Step(step_share, shift_mm, bool(is_within[first + 1]))
-    return _list_segments(path, is_fill, shifts_mm, steps)
+    return _list_segments(path, is_infill, shifts_mm, steps)
 
 
 def _find_infill_ends(path: Toolpath) -> tuple[npt.NDArray[np.bool_], Indices]:
     """Find the lines of the infill (n,), and the moves whose ends are ends of these lines alone."""
     is_line = find_level_lines(path)
-    is_fill = is_line & path.is_feature("FILL")
-    is_other = is_line & ~is_fill
-    is_end = is_fill | np.append(is_fill[1:], False)
+    is_infill = is_line & path.is_feature("FILL")
+    is_other = is_line & ~is_infill
+    is_end = is_infill | np.append(is_infill[1:], False)
     is_end &= (
-        path.moves_head & ~is_other & ~np.append(is_other[1:], False) & (path.end[:, 2] == path.start[:, 2])
+        path.is_head_move & ~is_other & ~np.append(is_other[1:], False) & (path.end[:, 2] == path.start[:, 2])
     )
-    return is_fill, np.flatnonzero(is_end)
+    return is_infill, np.flatnonzero(is_end)
 
 
 def _list_segments(
-    path: Toolpath, is_fill: npt.NDArray[np.bool_], shifts_mm: Floats, steps: dict[int, _Step]
+    path: Toolpath, is_infill: npt.NDArray[np.bool_], shifts_mm: Floats, steps: dict[int, _Step]
 ) -> dict[int, list[Segment]]:
     """List the segments of the moves whose starts or ends are shifted (n, 2)."""
     is_shifted = (shifts_mm != 0.0).any(axis=1)
     starts_mm, ends_mm = path.start[:, :2], path.end[:, :2]
     extruded_per_mm = measure_extrusion_per_mm(path)
     segments = {}
-    for move in np.flatnonzero(is_shifted | (is_fill & np.append(False, is_shifted[:-1]))).tolist():
+    for move in np.flatnonzero(is_shifted | (is_infill & np.append(False, is_shifted[:-1]))).tolist():
         points = [ends_mm[move] + shifts_mm[move]]
         if move in steps:
             step = steps[move]
             point = starts_mm[move] + step.share * (ends_mm[move] - starts_mm[move])
             corner = [point + step.shift_mm, point]
-            points = [*(reversed(corner) if step.ends_shifted else corner), *points]
-        extrusion = float(extruded_per_mm[move]) if is_fill[move] else 0.0
+            points = [*(reversed(corner) if step.is_end_shifted else corner), *points]
+        extrusion = float(extruded_per_mm[move]) if is_infill[move] else 0.0
         feed_mm_min = float(path.feed_mm_min[move])
         segments[move] = [Segment(float(x), float(y), feed_mm_min, extrusion) for x, y in points]
     return segments

@@ -1,7 +1,7 @@
 """Removal of inner walls along the hidden sides of a part: the infill there reaches the outer wall.
 
 CuraEngine prints the same number of walls all around a layer, so the lines are removed from its G-code, and
-the infill beside them is stretched by the distance between two walls.
+the infill beside them is extended by the distance between two walls.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
-from slicing.hidden_walls.infill import Backing, Stretch, stretch_infill
+from slicing.hidden_walls.infill import Backing, Stretch, extend_infill
 from slicing.hidden_walls.loops import find_sides, list_loop_runs, list_loops
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
 from slicing.hidden_walls.sides import (
-    RUN_OUT_MM,
+    TRANSITION_MM,
     Bools,
     HiddenSide,
     find_bed_points,
@@ -74,8 +74,8 @@ def remove_inner_walls(
 ) -> bytes:
     """Remove the inner wall along hidden sides, if `removes_inner_walls`.
 
-    A layer keeps its inner wall where no infill supports the outer wall, and within `RUN_OUT_MM` of skin or
-    of a wall that stays.
+    A layer keeps its inner wall where no infill supports the outer wall, and within `TRANSITION_MM` of skin
+    or of a wall that stays.
 
     Parameters
     ----------
@@ -95,17 +95,17 @@ def remove_inner_walls(
     """
     if not removes_inner_walls(settings):
         return gcode
-    walls = list_wall_lines(settings)
+    wall_lines = list_wall_lines(settings)
     points_mm = find_bed_points(path, settings)
-    spacing_mm = walls[1].depth_mm - walls[0].depth_mm
-    fill_mm = walls[1].depth_mm + settings.line_width_mm / 2.0  # minimum depth of the infill's lines
-    backing = Backing.from_path(path, points_mm, sides, walls[0].depth_mm, fill_mm)
-    removal = _find_removal(path, points_mm, sides, settings, walls[1].depth_mm, backing)
+    spacing_mm = wall_lines[1].depth_mm - wall_lines[0].depth_mm
+    infill_depth_mm = wall_lines[1].depth_mm + settings.line_width_mm / 2.0  # minimum depth of its lines
+    backing = Backing.from_path(path, points_mm, sides, wall_lines[0].depth_mm, infill_depth_mm)
+    removal = _find_removal(path, points_mm, sides, settings, wall_lines[1].depth_mm, backing)
     if not removal.stretches:
         return gcode
     travel_mm_min = 60.0 * settings.speed_travel_mm_s
-    segments = dict(_list_remaining_segments(path, removal, travel_mm_min))
-    segments |= stretch_infill(path, points_mm[1], sides, removal.stretches, fill_mm, spacing_mm)
+    segments = dict(_list_replacement_segments(path, removal, travel_mm_min))
+    segments |= extend_infill(path, points_mm[1], sides, removal.stretches, infill_depth_mm, spacing_mm)
     shorten_travel(path, removal.first_share, removal.last_share, removal.is_skipped, segments)
     new_gcode = replace_moves(gcode, path, segments)
     return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
@@ -124,10 +124,10 @@ def _find_removal(
     removal = _Removal(np.zeros(count), np.zeros(count), np.zeros(count, np.bool_), [])
     spare_s = measure_spare_times_s(path, float(settings.extruder["cool_min_layer_time"]))
     is_line = find_level_lines(path) & (path.layer > 0)
-    walls = np.flatnonzero(is_line & path.is_feature("WALL-INNER"))
-    if len(walls) == 0:
+    wall_moves = np.flatnonzero(is_line & path.is_feature("WALL-INNER"))
+    if len(wall_moves) == 0:
         return removal
-    loops = list_loops(path, walls, points_mm)
+    loops = list_loops(path, wall_moves, points_mm)
     side_numbers = find_sides(loops, points_mm, sides, wall_depth_mm)
     for loop in loops:
         for moves in list_loop_runs(loop, side_numbers[loop.moves] >= 0):
@@ -138,7 +138,7 @@ def _find_removal(
             numbers = side_numbers[moves]
             skin_mm = _find_skin_mm(layer, numbers, (starts_mm, starts_mm + deltas_mm), sides, backing)
             is_whole = is_ring and len(skin_mm) == 0
-            first, last = _clip_run(lengths_mm, skin_mm, 0.0 if is_whole else RUN_OUT_MM)
+            first, last = _clip_run(lengths_mm, skin_mm, 0.0 if is_whole else TRANSITION_MM)
             removed_mm = (last - first) * lengths_mm
             saved_s = _SAVED_TIME_MARGIN * float((removed_mm * 60.0 / path.feed_mm_min[moves]).sum())
             if float(removed_mm.sum()) < MIN_REMOVED_MM or saved_s > spare_s.get(layer, 0.0):
@@ -180,7 +180,8 @@ def _find_skin_mm(
         first_mm, last_mm = (sides[number].measure_positions_mm(points[on_side]) for points in ends_mm)
         lows_mm, highs_mm = np.minimum(first_mm, last_mm), np.maximum(first_mm, last_mm)
         stretch = Stretch(layer, int(number), float(lows_mm.min()), float(highs_mm.max()))
-        positions_mm = backing.skin[number].find(stretch, RUN_OUT_MM).clip(stretch.low_mm, stretch.high_mm)
+        positions_mm = backing.skin[number].find_positions_mm(stretch, TRANSITION_MM)
+        positions_mm = positions_mm.clip(stretch.low_mm, stretch.high_mm)
         point, move = np.nonzero((positions_mm[:, None] >= lows_mm) & (positions_mm[:, None] <= highs_mm))
         share = (positions_mm[point] - first_mm[move]) / np.where(
             highs_mm > lows_mm, last_mm - first_mm, 1.0
@@ -222,7 +223,7 @@ def _list_stretches(
     is_removed: Bools,
     sides: Sequence[HiddenSide],
 ) -> list[Stretch]:
-    """List the stretches of a run, one for each successive side; `ends_mm` belong to the removed lines."""
+    """List the stretches of a run, one for each successive side; `ends_mm` are those of the removed lines."""
     stretches = []
     for moves in np.split(np.arange(len(side_numbers)), np.flatnonzero(np.diff(side_numbers)) + 1):
         moves = moves[is_removed[moves]]
@@ -234,7 +235,7 @@ def _list_stretches(
     return stretches
 
 
-def _list_remaining_segments(
+def _list_replacement_segments(
     path: Toolpath, removal: _Removal, travel_mm_min: float
 ) -> Iterator[tuple[int, list[Segment]]]:
     """Yield the segments that replace each move of a removed wall: the removed part becomes travel."""

@@ -32,15 +32,15 @@ class Loop:
     is_closed: bool
 
 
-def list_loops(path: Toolpath, walls: Indices, points_mm: tuple[Floats, Floats]) -> list[Loop]:
+def list_loops(path: Toolpath, wall_moves: Indices, points_mm: tuple[Floats, Floats]) -> list[Loop]:
     """Divide the moves (k,) of a wall into loops.
 
     A closed loop begins at its longest move, because CuraEngine may begin it in a notch of a hidden side.
     """
     starts_mm, ends_mm = points_mm
-    is_first = (np.diff(walls) != 1) | (np.diff(path.layer[walls]) != 0)
+    is_first = (np.diff(wall_moves) != 1) | (np.diff(path.layer[wall_moves]) != 0)
     loops = []
-    for moves in np.split(walls, np.flatnonzero(is_first) + 1):
+    for moves in np.split(wall_moves, np.flatnonzero(is_first) + 1):
         is_closed = bool(np.hypot(*(ends_mm[moves[-1]] - starts_mm[moves[0]])) < _CLOSURE_TOLERANCE_MM)
         if is_closed:
             longest = int(np.argmax(np.hypot(*(ends_mm[moves] - starts_mm[moves]).T)))

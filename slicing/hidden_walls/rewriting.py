@@ -38,12 +38,14 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
     path
         Moves and comments of the same file.
     segments
-        New moves, by the number of the level move that they replace; none to skip that move.
+        New moves, by the number of the level move that they replace; an empty sequence skips that move.
     """
     lines = [match.span() for match in MOVE_LINE.finditer(gcode)]
     assert len(lines) == len(path.layer), "CuraEngine writes each move as G0 or G1"
     assert _is_replaceable(path)[list(segments)].all(), "moves of the feeder and of Z are not replaced"
-    resets = {command.move for command in path.commands if command.code == "G92" and "E" in command.words}
+    resets = {
+        command.next_move for command in path.commands if command.code == "G92" and "E" in command.words
+    }
     is_relative = _find_relative_moves(path)
     extruded_mm = path.extruded_mm
     pieces: list[bytes] = []
@@ -88,7 +90,7 @@ def _is_replaceable(path: Toolpath) -> Bools:
     """Mark the moves (n,) at constant Z, except those of the feeder alone and those with a retraction."""
     is_level = path.end[:, 2] == path.start[:, 2]
     extruded_mm = path.extruded_mm
-    return np.asarray(is_level & ((extruded_mm == 0.0) | (path.moves_head & (extruded_mm > 0.0))))
+    return np.asarray(is_level & ((extruded_mm == 0.0) | (path.is_head_move & (extruded_mm > 0.0))))
 
 
 def _find_relative_moves(path: Toolpath) -> Bools:
@@ -102,5 +104,5 @@ def _find_relative_moves(path: Toolpath) -> Bools:
             modes["M83"] = command.code == "M83"
         else:
             continue
-        is_relative[command.move :] = any(modes.values())
+        is_relative[command.next_move :] = any(modes.values())
     return is_relative

@@ -15,7 +15,7 @@ from slicing.settings import EngineSettings
 Bools = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.intp]
 
-RUN_OUT_MM = 5.0
+TRANSITION_MM = 5.0
 """[assumed] Length at each end of a line along a hidden side that is printed like a visible wall, so that the
 pressure in the nozzle is normal when a visible wall begins."""
 MAX_NOTCH_DEPTH_MM = 0.5
@@ -23,7 +23,8 @@ MAX_NOTCH_DEPTH_MM = 0.5
 
 Grooves for keys are deeper; the side lists them."""
 MAX_NOTCH_LENGTH_MM = 6.0
-"""Maximum path through a notch; letters are 5 mm high. A longer path may lie along a visible wall."""
+"""Maximum length of the path through a notch; letters are 5 mm high. A longer path may lie along a visible
+wall."""
 _NOTCH_RATIO = 0.5
 """Depth of a wall's line below a notch, as a share of the wall's depth: 1 / sin(42 deg) - 1 in a gutter."""
 _LINE_TOLERANCE_MM = 0.05
@@ -78,7 +79,7 @@ class WallLine:
 
 
 def list_wall_lines(settings: EngineSettings) -> list[WallLine]:
-    """List the walls, the outermost first; none if they do not follow the model's outline."""
+    """List the walls, the outermost first; no walls if the outer one does not follow the model's outline."""
     layout = read_wall_layout(settings)
     if layout is None:
         return []
@@ -124,15 +125,15 @@ def measure_spare_times_s(path: Toolpath, min_time_s: float) -> dict[int, float]
 
 
 def list_side_runs(
-    walls: Indices, ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
+    wall_moves: Indices, ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
 ) -> Iterator[Indices]:
-    """Yield runs of successive moves along a side, as indices of `walls`.
+    """Yield runs of successive moves along a side, as indices of `wall_moves`.
 
     Moves on the side, and in notches and grooves between them, are one run; see `MAX_NOTCH_DEPTH_MM`.
 
     Parameters
     ----------
-    walls
+    wall_moves
         (k,) numbers of the moves of a wall; moves with successive numbers are connected.
     ends_mm
         Starts (k, 2) and ends (k, 2) of the moves.
@@ -151,7 +152,7 @@ def list_side_runs(
     notch_lengths_mm = np.where(in_groove, 0.0, np.hypot(*(ends_mm[1] - ends_mm[0]).T))
     ends_along_mm, interruptions = np.cumsum(notch_lengths_mm), np.cumsum(~is_near)
     notches_mm = ends_along_mm[second] - notch_lengths_mm[second] - ends_along_mm[first]
-    is_joined = (np.diff(walls[on_side]) == np.diff(on_side)) & (notches_mm < MAX_NOTCH_LENGTH_MM)
+    is_joined = (np.diff(wall_moves[on_side]) == np.diff(on_side)) & (notches_mm < MAX_NOTCH_LENGTH_MM)
     is_joined &= interruptions[first] == interruptions[second]
     for run in np.split(on_side, np.flatnonzero(~is_joined) + 1):
         yield np.arange(run[0], run[-1] + 1)

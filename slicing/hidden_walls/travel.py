@@ -12,13 +12,13 @@ from slicing.checks.section import Floats
 from slicing.hidden_walls.rewriting import Segment
 from slicing.hidden_walls.sides import Bools, Indices, find_level_lines
 
-_TOLERANCE_MM = 0.05  # distance from the middle of the outer wall within which the head may travel
+_TOLERANCE_MM = 0.05  # distance from the centre line of the outer wall within which the head may travel
 
 
 def shorten_travel(
     path: Toolpath,
-    first: Floats,
-    last: Floats,
+    first_share: Floats,
+    last_share: Floats,
     is_skipped: Bools,
     segments: MutableMapping[int, list[Segment]],
 ) -> None:
@@ -28,22 +28,22 @@ def shorten_travel(
     ----------
     path
         Moves of CuraEngine's output.
-    first, last
-        (n,) shares of each move between which it is removed.
+    first_share, last_share
+        (n,) shares of each move, from its start, between which it is removed.
     is_skipped
         (n,) bool, true if a move belongs to a closed loop that is left out.
     segments
         Segments that replace moves; those of removed moves and of travel moves are changed.
     """
     outer_walls = OuterWalls(path)
-    for moves in _list_gaps(path, first, last):
+    for moves in _list_gaps(path, first_share, last_share):
         moves = moves[~is_skipped[moves]]
         if len(moves) == 0:
             continue
         area = outer_walls.build_travel_area(int(path.layer[moves[-1]]))
-        shares = np.where(last[moves] > first[moves], last[moves], 1.0)
+        shares = np.where(last_share[moves] > first_share[moves], last_share[moves], 1.0)
         points_mm = path.start[moves, :2] + shares[:, None] * (path.end - path.start)[moves, :2]
-        start_mm = path.start[moves[0], :2] + first[moves[0]] * (path.end - path.start)[moves[0], :2]
+        start_mm = path.start[moves[0], :2] + first_share[moves[0]] * (path.end - path.start)[moves[0], :2]
         for number in _list_omitted_points(np.vstack((start_mm, points_mm)), area):
             move = int(moves[number - 1])
             segments[move] = [segment for segment in segments.get(move, []) if segment.extruded_per_mm > 0.0]
@@ -62,14 +62,14 @@ def _list_omitted_points(points_mm: Floats, area: shapely.Geometry) -> Iterator[
         current = reached
 
 
-def _list_gaps(path: Toolpath, first: Floats, last: Floats) -> Iterator[Indices]:
+def _list_gaps(path: Toolpath, first_share: Floats, last_share: Floats) -> Iterator[Indices]:
     """Yield runs of successive moves without extrusion that include removed lines."""
-    is_removed = last > first
-    is_level = (path.end[:, 2] == path.start[:, 2]) & path.moves_head
+    is_removed = last_share > first_share
+    is_level = (path.end[:, 2] == path.start[:, 2]) & path.is_head_move
     is_gap = is_removed | (is_level & (path.extruded_mm == 0.0) & (path.layer >= 0))
-    begin, end = np.where(is_removed, first, 0.0), np.where(is_removed, last, 1.0)
+    begin, end = np.where(is_removed, first_share, 0.0), np.where(is_removed, last_share, 1.0)
     has_command = np.zeros(len(is_gap), np.bool_)
-    has_command[[command.move for command in path.commands if command.move < len(is_gap)]] = True
+    has_command[[command.next_move for command in path.commands if command.next_move < len(is_gap)]] = True
     is_joined = is_gap[1:] & is_gap[:-1] & (end[:-1] == 1.0) & (begin[1:] == 0.0) & ~has_command[1:]
     is_joined &= path.end[1:, 2] == path.end[:-1, 2]
     bounds = np.flatnonzero(np.diff(is_joined.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
@@ -94,14 +94,14 @@ class OuterWalls:
         self._areas: dict[int, shapely.Geometry] = {}
 
     def build_travel_area(self, layer: int) -> shapely.Geometry:
-        """Build the area within the middles of the outer walls of a layer; it is prepared and kept."""
+        """Build the area within the centre lines of a layer's outer walls, once for each layer."""
         if layer not in self._areas:
             in_layer = slice(*np.searchsorted(self._path.layer[self._moves], (layer, layer + 1)))
             self._areas[layer] = self._build_area(self._moves[in_layer])
         return self._areas[layer]
 
     def _build_area(self, moves: Indices) -> shapely.Geometry:
-        """Build the area within the middles of outer walls with moves (k,)."""
+        """Build the area within the centre lines of outer walls with moves (k,)."""
         area: shapely.Geometry = shapely.Polygon()
         for ring in np.split(moves, np.flatnonzero(np.diff(moves) != 1) + 1):
             if len(ring) > 2:

@@ -27,9 +27,9 @@ MIN_SAVED_MM = 2.0  # minimum travel that another order saves in a layer
 MAX_PIECES = 4  # maximum number of pieces whose order is changed; there are n! 2^n orders
 MAX_TRIED_ORDERS = 6  # maximum number of orders whose travel is planned, the best by straight lines first
 _SAVED_TIME_MARGIN = 1.5
-"""Factor of the time of the saved travel at its speed, because the head also accelerates less often. A layer
-never becomes shorter than the minimum layer time."""
-_CLOSED_MM = 0.02
+"""Factor by which omitted travel saves more time than its length over its speed, because the head also
+accelerates less often. It keeps layers from becoming shorter than the minimum layer time."""
+_CLOSURE_TOLERANCE_MM = 0.02
 
 Point = tuple[float, float]
 Order = tuple[tuple[int, bool], ...]  # pieces by number, and whether each is printed backwards
@@ -45,8 +45,8 @@ class _Piece:
 
     @property
     def is_closed(self) -> bool:
-        """True if it ends where it begins."""
-        return dist(self.points_mm[0], self.points_mm[-1]) < _CLOSED_MM
+        """True if the piece ends where it begins."""
+        return dist(self.points_mm[0], self.points_mm[-1]) < _CLOSURE_TOLERANCE_MM
 
     def join(self, following: _Piece) -> _Piece:
         """Join the piece with another that begins where it ends."""
@@ -118,14 +118,14 @@ class _Plan:
 
 
 def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) -> bytes:
-    """Print the pieces of inner walls in the order and direction with the least travel.
+    """Reorder and reverse the pieces of inner walls such that the head travels least.
 
-    Walls stay as they are unless `removes_inner_walls`: else a longer travel might need a retraction.
+    Walls stay as they are unless `removes_inner_walls`: otherwise, a longer travel might need a retraction.
 
     Parameters
     ----------
     gcode
-        CuraEngine's output, of which `remove_inner_walls` has removed inner walls.
+        CuraEngine's output, from which `remove_inner_walls` has removed inner walls.
     path
         Moves and comments of the same file.
     settings
@@ -169,17 +169,17 @@ def _list_chains(path: Toolpath) -> Iterator[_Chain]:
     extruded_per_mm = measure_extrusion_per_mm(path)
     lengths_mm = np.hypot(*(path.end - path.start)[:, :2].T)
     begins_after_command = np.zeros(len(is_wall) + 1, np.bool_)
-    begins_after_command[[command.move for command in path.commands]] = True
+    begins_after_command[[command.next_move for command in path.commands]] = True
     begins_outer &= ~begins_after_command
     is_linked = is_wall | is_travel
     is_joined = is_linked[1:] & is_linked[:-1] & ~begins_after_command[1:-1]
     bounds = np.flatnonzero(np.diff(is_joined.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     for low, high in bounds.tolist():
         moves = np.arange(low, high + 1)
-        walls = moves[is_wall[moves]]
-        if len(walls) == 0 or not begins_outer[high + 1] or path.layer[walls[0]] <= 0:
+        wall_moves = moves[is_wall[moves]]
+        if len(wall_moves) == 0 or not begins_outer[high + 1] or path.layer[wall_moves[0]] <= 0:
             continue
-        if len(np.unique(path.layer[[*walls, high + 1]])) > 1:
+        if len(np.unique(path.layer[[*wall_moves, high + 1]])) > 1:
             continue
         pieces = [
             _Piece(
@@ -187,7 +187,7 @@ def _list_chains(path: Toolpath) -> Iterator[_Chain]:
                 path.feed_mm_min[lines],
                 extruded_per_mm[lines],
             )
-            for lines in np.split(walls, np.flatnonzero(np.diff(walls) != 1) + 1)
+            for lines in np.split(wall_moves, np.flatnonzero(np.diff(wall_moves) != 1) + 1)
         ]
         pieces = _join_pieces(pieces)
         if len(pieces) > MAX_PIECES or all(piece.is_closed for piece in pieces):
@@ -202,7 +202,7 @@ def _join_pieces(pieces: Sequence[_Piece]) -> list[_Piece]:
     joined: list[_Piece] = []
     for piece in pieces:
         end_mm = piece.points_mm[-1]
-        is_following = [dist(end_mm, other.points_mm[0]) < _CLOSED_MM for other in joined]
+        is_following = [dist(end_mm, other.points_mm[0]) < _CLOSURE_TOLERANCE_MM for other in joined]
         if True not in is_following:
             joined.append(piece)
         else:
@@ -224,7 +224,7 @@ def _find_best_plan(chain: _Chain, area: shapely.Geometry) -> _Plan | None:
     """Find the plan with the least travel within an area; None if straight lines do not save any."""
     begin_mm, end_mm = (tuple(chain.points_mm[number].tolist()) for number in (0, -1))
     orders = sorted(
-        (_measure_straight_mm(chain.pieces, order, begin_mm, end_mm), order)
+        (_measure_straight_travel_mm(chain.pieces, order, begin_mm, end_mm), order)
         for order in _list_orders(chain.pieces)
     )
     best = None
@@ -246,7 +246,9 @@ def _list_orders(pieces: Sequence[_Piece]) -> Iterator[Order]:
             yield tuple(zip(numbers, is_reversed, strict=True))
 
 
-def _measure_straight_mm(pieces: Sequence[_Piece], order: Order, begin_mm: Point, end_mm: Point) -> float:
+def _measure_straight_travel_mm(
+    pieces: Sequence[_Piece], order: Order, begin_mm: Point, end_mm: Point
+) -> float:
     """Measure the travel from a point, through pieces in an order, to another point, in straight lines."""
     total_mm = 0.0
     for number, is_reversed in order:

@@ -132,7 +132,7 @@ def _interpret_lines(
 
 
 def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, target: PrintTarget) -> None:
-    """Refuse a file with missing lines, by its slicer's figures and the filament that its moves feed."""
+    """Refuse a file that lacks lines, judged by its slicer's figures and the filament that its moves feed."""
     extent = interpreter.head.extent
     problem = interpreter.gaps.describe_loss() or figures.describe_missing_height(
         extent.low_mm[2], extent.reach_high_mm[2]

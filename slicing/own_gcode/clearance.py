@@ -65,6 +65,7 @@ class Clearance:
         return float(np.maximum(nozzle_mm, head_mm)[is_hit].max()) if is_hit.any() else None
 
     def _flush(self) -> None:
+        """Move the buffered lines to the grid."""
         if not self._lines:
             return
         xy, z = _sample_lines(np.frombuffer(self._lines, dtype=np.float64).reshape(-1, 6))
@@ -90,7 +91,7 @@ def _find_cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.i
 
 
 def _find_max_heights_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDArray[np.float64]:
-    """Find the highest cell within the head's outline for each position of the nozzle."""
+    """Find the greatest height within the head's outline for each position of the nozzle."""
     left, right, front, back = (
         round(edge / _CELL_MM) for edge in (head.left_mm, head.right_mm, head.front_mm, head.back_mm)
     )

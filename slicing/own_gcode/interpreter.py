@@ -37,7 +37,7 @@ _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments that name the 
 
 
 class Interpreter:
-    """Interpreter of lines, with the printer's modes and temperatures; prints from `survey.first_line` on.
+    """Interpreter of lines, with the printer's modes and temperatures; it prints from `survey.first_line` on.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Interpreter:
     head
         Position of the head, and the extent of its print.
     gaps
-        Gaps in the numbers of the layers.
+        Search for missing lines, between layers and within them.
     nozzle_c, bed_c
         Temperatures as last set before the print, in C.
     omitted_properties
@@ -127,7 +127,7 @@ class Interpreter:
             self._objections.add_except_at_end(reason, ends_print=code in command_rules.END_COMMANDS)
 
     def finish(self) -> None:
-        """Check the file's end.
+        """Check the end of the file, after its last line has been run.
 
         Raises
         ------

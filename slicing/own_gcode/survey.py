@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from slicing.errors import GcodeRefused
 from slicing.gcode_lines import parse_plain_move, split_line
 from slicing.own_gcode import command_rules
-from slicing.own_gcode.completeness import Completeness, StatedFigures
+from slicing.own_gcode.completeness import CompletenessReader, StatedFigures
 from slicing.own_gcode.machine import FOREIGN_START_COMMANDS, Machine, find_machine
 
 FILAMENT_DEVIATION_MM = (-0.1, 0.2)
@@ -69,7 +69,7 @@ def is_layer_mark(comment: bytes) -> bool:
 
 
 def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
-    """Find a file's facts in one pass.
+    """Gather the facts of a file in one pass.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class _Scan:
         self.layer_line = self.wait_line = self.home_line = self.ready_line = 0
         self.print_line = self.number = 0
         self.last_line = b"\n"
-        self.completeness = Completeness()
+        self.completeness = CompletenessReader()
         self.foreign_command: tuple[int, str] | None = None
 
     def read_line(self, raw_line: bytes, number: int) -> None:
@@ -184,6 +184,7 @@ class _Scan:
 
 
 def _is_ultigcode(metadata: dict[str, bytes], filament_mm: float) -> bool:
+    """Check whether a file is UltiGCode; refuse an unknown flavour, volumetric E, or other filament."""
     flavour = (metadata.get("flavor") or metadata.get("gcode_flavor") or b"Marlin").decode("ascii", "replace")
     if flavour == "UltiGCode":
         return True

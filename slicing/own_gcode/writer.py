@@ -22,7 +22,7 @@ class TimeEstimator(Protocol):
     def wait(self, seconds: float) -> None:
         """Wait at the current position."""
 
-    def measure_s(self, finish: bool = False) -> float:
+    def measure_time_s(self, finish: bool = False) -> float:
         """Return the time in s of the moves that have ended; with `finish`, of all moves."""
 
 
@@ -74,13 +74,13 @@ class Writer:
     def finish(self) -> float:
         """Close the timeline, and return the time of the print in s."""
         self._pending_items.clear()
-        seconds = self._time_estimator.measure_s(finish=True)
+        seconds = self._time_estimator.measure_time_s(finish=True)
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
         return seconds
 
     def _write_layer(self) -> None:
         if self.layer_count:
-            self._write_mark(self._time_estimator.measure_s())
+            self._write_mark(self._time_estimator.measure_time_s())
         self.text += b";LAYER:%d\n" % self.layer_count
         self.layer_count += 1
 
@@ -113,5 +113,5 @@ class Writer:
         self._last_words = list(words)
         self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(changed_words)}\n".encode()
         self._time_estimator.move(x, y, z, self._fed_mm, speed_mm_s)
-        if self._time_estimator.measure_s() - self._last_mark_s > MAX_MARK_INTERVAL_S:
-            self._write_mark(self._time_estimator.measure_s())
+        if self._time_estimator.measure_time_s() - self._last_mark_s > MAX_MARK_INTERVAL_S:
+            self._write_mark(self._time_estimator.measure_time_s())

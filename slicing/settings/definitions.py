@@ -132,7 +132,7 @@ def parse_value(setting: Setting, raw_value: Any) -> Any:
                     raise ValueError
                 return int(number) if is_whole else number
             case SettingType.ENUM if text not in setting.options:
-                hint = suggest_names(text, setting.options) or f"; one of {', '.join(setting.options)}"
+                hint = suggest_names(text, setting.options) or f"; use one of {', '.join(setting.options)}"
                 raise BadSetting(f"{setting.key}={_shorten_text(text)}: not one of the options{hint}")
             case SettingType.STR if any(ord(letter) < ord(" ") for letter in text.replace("\n", "")):
                 raise ValueError
@@ -147,7 +147,7 @@ def parse_value(setting: Setting, raw_value: Any) -> Any:
     except (KeyError, ValueError, SyntaxError, MemoryError, RecursionError):
         allowed = _ALLOWED_VALUES[setting.type]
         raise BadSetting(
-            f"{setting.key}={_shorten_text(text)}: not a value of type {setting.type}; {allowed}"
+            f"{setting.key}={_shorten_text(text)}: not a value of type {setting.type}; use {allowed}"
         ) from None
     return str(raw_value)
 
@@ -198,10 +198,10 @@ def fits_type(setting: Setting, value: Any) -> bool:
 
 
 def _is_list(kind: SettingType, value: Any) -> bool:
-    """Check whether a value is a list, or the text of one; for `SettingType.INTS`, of whole numbers."""
+    """Check whether a value is a list, or the text of one; for `SettingType.INTS`, a list of ints."""
     try:
         items = ast.literal_eval(value) if isinstance(value, str) else value
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         return False
-    are_numbers = kind is SettingType.INTS
-    return isinstance(items, list) and all(type(item) is int for item in items if are_numbers)
+    requires_ints = kind is SettingType.INTS
+    return isinstance(items, list) and all(type(item) is int for item in items if requires_ints)

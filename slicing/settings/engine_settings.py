@@ -135,7 +135,7 @@ def find_shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
 def build_engine_settings(
     printer: PrinterModel, resolver: Resolver, density_g_cm3: float, scale: tuple[float, float]
 ) -> EngineSettings:
-    """Write every value of both stacks as text, with start and end code.
+    """Build the engine's settings: every value of both stacks as text, with start and end code.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ class _ExtruderValues:
 
 
 def _format_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
-    """Write the settings of the global scope and of the extruder's as text."""
+    """Format the settings of the global scope and of the extruder's scope as text."""
     global_ = {
         key: _format_value(resolver.compute_value(Scope.GLOBAL, key))
         for key in resolver.list_keys(Scope.GLOBAL)

@@ -118,12 +118,14 @@ def find_violations(
     """
     for scope in Scope:
         for key in {**dict.fromkeys(user_keys), **dict.fromkeys(resolver.list_keys(scope))}:
-            for violation in _check_value(resolver, printer, scope, key):
+            for violation in _find_value_violations(resolver, printer, scope, key):
                 if key in user_keys or violation.is_farm_limit or resolver.is_enabled(key):
                     yield violation
 
 
-def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: str) -> Iterator[Violation]:
+def _find_value_violations(
+    resolver: Resolver, printer: PrinterModel, scope: Scope, key: str
+) -> Iterator[Violation]:
     setting = resolver.find_setting(key)
     value = resolver.compute_value(scope, key)
     if value is None and setting.default is None:

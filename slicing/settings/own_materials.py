@@ -55,7 +55,7 @@ def list_own_materials(folder: Path) -> dict[str, Path]:
     except OSError as error:
         raise BadSetting(f"the folder of materials {folder} cannot be read ({error.strerror})") from error
     if len(paths) > MAX_FILES:
-        raise BadSetting(f"{folder} has {len(paths)} materials; {MAX_FILES} at most")
+        raise BadSetting(f"{folder} has {len(paths)} materials; at most {MAX_FILES} are allowed")
     path_by_name = {path.name.removesuffix(MATERIAL_SUFFIX): path for path in paths}
     for name in path_by_name:
         if not _NAME_PATTERN.fullmatch(name):

@@ -125,7 +125,7 @@ class Resolver:
             outer = self._resolving_keys
             self._resolving_keys = outer | {key}
             try:
-                return self._evaluate(Scope.GLOBAL, key, setting.resolve)
+                return self._evaluate_formula(Scope.GLOBAL, key, setting.resolve)
             finally:
                 self._resolving_keys = outer
         if self._is_limited(setting) and self.is_per_extruder(key):
@@ -142,7 +142,7 @@ class Resolver:
         raw_value = self.find_setting(key).enabled
         try:
             return bool(
-                self._evaluate(Scope.EXTRUDER, key, raw_value)
+                self._evaluate_formula(Scope.EXTRUDER, key, raw_value)
                 if isinstance(raw_value, Formula)
                 else raw_value
             )
@@ -157,18 +157,20 @@ class Resolver:
             raise KeyError(key)
         raw_value = setting.per_extruder
         return bool(
-            self._evaluate(Scope.GLOBAL, key, raw_value) if isinstance(raw_value, Formula) else raw_value
+            self._evaluate_formula(Scope.GLOBAL, key, raw_value)
+            if isinstance(raw_value, Formula)
+            else raw_value
         )
 
     def _read_bound(self, scope: Scope, key: str, raw_value: Any) -> float | None:
-        bound = self._evaluate(scope, key, raw_value) if isinstance(raw_value, Formula) else raw_value
+        bound = self._evaluate_formula(scope, key, raw_value) if isinstance(raw_value, Formula) else raw_value
         return None if bound is None else float(bound)
 
     def _is_limited(self, setting: Setting) -> bool:
         """Check whether the global stack uses the extruder's value; the text "-1" means that it does not."""
         if setting.limit_to_extruder is None:
             return False
-        return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")
+        return bool(self._evaluate_formula(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")
 
     def _is_user_set(self, key: str) -> bool:
         return any(
@@ -207,12 +209,12 @@ class Resolver:
             raise DefinitionError(f"Cura's setting {key} depends on itself")
         self._active_lookups.add(lookup)
         try:
-            self._memo[lookup] = self._evaluate(scope, key, raw_value)
+            self._memo[lookup] = self._evaluate_formula(scope, key, raw_value)
         finally:
             self._active_lookups.discard(lookup)
         return self._memo[lookup]
 
-    def _evaluate(self, scope: Scope, key: str, formula: Formula) -> Any:
+    def _evaluate_formula(self, scope: Scope, key: str, formula: Formula) -> Any:
         try:
             return evaluate_formula(formula, lambda name: self.compute_value(scope, name), self._functions)
         except DefinitionError as error:

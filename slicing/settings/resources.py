@@ -35,7 +35,7 @@ INSTALLATION_FOLDER = (
 
 
 def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
-    """Find CuraEngine: `FARM_CURA_ENGINE`, else the one on PATH. Raises EngineMissing."""
+    """Find CuraEngine: `FARM_CURA_ENGINE`, else the one on PATH. Raises EngineMissing if there is none."""
     configured = environ.get("FARM_CURA_ENGINE")
     path = shutil.which(configured or "CuraEngine", path=environ.get("PATH"))
     if path is None:
@@ -187,7 +187,7 @@ def _read_machine(root: Path, model: str) -> Machine:
 
 @lru_cache(maxsize=32)
 def _read_profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
-    # Qualities have a folder for each machine, or maker and machine; variants share one.
+    # Qualities have a folder for each machine, or in one for each maker; all variants are in one folder.
     folder, pattern = root / kind, f"{definition}_*.inst.cfg"
     for path in (folder / definition, folder / definition.replace("_", "/", 1)):
         if path.is_dir():

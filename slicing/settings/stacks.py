@@ -47,7 +47,7 @@ def find_stacks(
     Raises
     ------
     BadSetting
-        If the model, nozzle, material or quality does not exist or does not fit the others.
+        If the model, nozzle, material or quality does not exist, or does not fit the others.
     """
     machine = resources.read_machine(printer_model)
     hotend, variant = _find_variant(machine, nozzle_mm, resources)
@@ -103,7 +103,7 @@ def _convert_value(machine: Machine, key: str, text: str) -> object:
 
 
 def _find_variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
-    """Find the nozzle's name and values; from the definition if there are no profiles for nozzles."""
+    """Find the nozzle's name and values, in the definition if there are no profiles for nozzles."""
     if machine.has_variants:
         profiles = resources.read_profiles("variants", machine.model)
         available = {
@@ -139,7 +139,7 @@ def _read_material(machine: Machine, hotend: str, name: str, resources: Resource
 def _find_qualities(
     machine: Machine, hotend: str, material: str, kind: str, quality: str, resources: Resources
 ) -> tuple[Profile, Profile]:
-    """Find the global profile and the extruder's; a brand's material may use the profiles of its kind."""
+    """Find the global and the extruder's profile of a quality; a material may use those of its kind."""
     profiles = resources.read_profiles("quality", machine.quality_definition)
     global_profiles = {
         p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"

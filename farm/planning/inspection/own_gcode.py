@@ -328,9 +328,9 @@ class FirmwareTimeEstimator:
 
     def wait(self, seconds: float) -> None:
         """Add a pause after all moves."""
-        self._now_s = self.measure_s(finish=True) + seconds
+        self._now_s = self.measure_time_s(finish=True) + seconds
 
-    def measure_s(self, finish: bool = False) -> float:
+    def measure_time_s(self, finish: bool = False) -> float:
         """Return the elapsed time, including the moves that have not ended if `finish` is true."""
         while finish and len(self._planner):
             self._now_s = self._planner.end_s

@@ -32,8 +32,8 @@ _CLOSING_MARKS: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
 files of PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0; the others are [assumed]."""
 MAX_EMPTY_SHARE = 0.2
 """Maximum share of empty layers. CuraEngine counts them, but leaves them out: 15 % at the tip of a spire of 3
-by 40 mm, the gaps below and above supports, and one in files with adaptive layers. If lines are missing from
-such a file, E shows it (`head.MAX_JUMP_MM`)."""
+by 40 mm, the gaps below and above supports, and one layer in files with adaptive layers. If lines are missing
+from such a file, E shows it (`head.MAX_JUMP_MM`)."""
 
 
 def read_layer_number(comment: bytes) -> int | None:
@@ -42,7 +42,7 @@ def read_layer_number(comment: bytes) -> int | None:
     return None if match is None else int(match[1])
 
 
-class Completeness:
+class CompletenessReader:
     """Collector of the signs of completeness in all comments of a file."""
 
     def __init__(self) -> None:
@@ -115,7 +115,7 @@ class Completeness:
             return f"{slicer!r} closes its files with a comment, but there is none"
         if (
             missing_layers := self._missing_layers
-            or self._describe_missing_layers(self._limit_empty_layers())
+            or self._describe_missing_layers(self._compute_max_empty_layers())
         ) is not None:
             return missing_layers
         if (missing_time := self._figures.describe_missing_time()) is not None:
@@ -137,7 +137,7 @@ class Completeness:
         """Begin a new count of layers: each object has its own if objects are printed one at a time."""
         if self._stated_count and self._is_numbered:
             self._missing_layers = self._missing_layers or self._describe_missing_layers(
-                self._limit_empty_layers()
+                self._compute_max_empty_layers()
             )
             self._layer_numbers.clear()
         self._stated_count, self._stated_count_line = count, number
@@ -147,7 +147,7 @@ class Completeness:
         missing = self._describe_missing_layers(0) if self.figures.filament is None else None
         return missing and f"Warning: {missing}: Cura leaves out empty layers; check its preview."
 
-    def _limit_empty_layers(self) -> int:
+    def _compute_max_empty_layers(self) -> int:
         if not self._is_numbered or self._closing_mark is None:
             return 0
         return (

@@ -124,7 +124,7 @@ class LayerGaps:
         return self._loss
 
     def _close_layer(self) -> None:
-        """Compare the layer's first line after a gap, and the thickest line of the layer before it."""
+        """Compare the first line after a gap, and the previous layer's thickest line, with nearby flows."""
         layer, previous = self._layer, self._previous_layer
         if layer is None:
             return

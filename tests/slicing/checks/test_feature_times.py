@@ -87,7 +87,7 @@ def test_feature_times_match_the_firmware_planner(make_request):
     assert min(astuple(result.features)) > 0.0
     planned_s = simulate_move_times_s(path)
     estimated_s = estimate_move_seconds(path, LIMITS)
-    is_extrusion = (path.extruded_mm > 0.0) & path.moves_head & (path.layer >= 0)
+    is_extrusion = (path.extruded_mm > 0.0) & path.is_head_move & (path.layer >= 0)
     for name in ("WALL-OUTER", "WALL-INNER", "SKIN", "FILL", "SKIRT"):
         mask = path.is_feature(name) & is_extrusion
         assert estimated_s[mask].sum() == pytest.approx(planned_s[mask].sum(), rel=0.03), name

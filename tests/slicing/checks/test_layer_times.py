@@ -62,7 +62,9 @@ def test_layers_with_a_reset_take_as_long_as_their_neighbours(make_request):
     )
     path = read_toolpath(run.gcode)
     resets = [
-        command.move for command in path.commands if command.code == "G92" and path.layer[command.move] > 0
+        command.next_move
+        for command in path.commands
+        if command.code == "G92" and path.layer[command.next_move] > 0
     ]
     assert len(resets) >= 2
     layers = path.layer[resets]

@@ -84,7 +84,7 @@ def check_layers(mesh, layers, layout=LAYOUT, removed_layers=0):
         read_toolpath(draw_gcode(layers, layout)),
         np.asarray(mesh.triangles, float),
         layout,
-        removed_layers=removed_layers,
+        removed_layer_count=removed_layers,
         centre_mm=(100.0, 100.0),
         filament_mm2=FILAMENT_MM2,
     )

@@ -79,8 +79,8 @@ def test_facts_are_read_from_a_valid_file():
         (Rule.FLAVOUR, ";FLAVOR:Marlin", ";FLAVOR:UltiGCode"),
         (Rule.FLAVOUR, "G1 F1500 E-3.5", "G1 F1500 E-3.5\nG10"),
         (Rule.HOMING, "M82 ;absolute extrusion mode\nG28", "M82\nG1 X5\nG28"),
-        (Rule.COLD, "M109 S200", "M104 S200"),
-        (Rule.COLD, "M109 S200", "M109 S160"),
+        (Rule.COLD_EXTRUSION, "M109 S200", "M104 S200"),
+        (Rule.COLD_EXTRUSION, "M109 S200", "M109 S160"),
         (Rule.HEATERS_ON, "M140 S0", "M107"),
         (Rule.HEATERS_ON, ";End of Gcode", "M104 S30"),
         (Rule.PARKING, "E-13.5", "E-1"),
@@ -165,8 +165,9 @@ def test_number_of_removed_layers_is_read_from_the_log():
 
 
 def test_rejection_can_be_sent_between_processes():
-    rejection = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "too cold")))
-    assert (rejection.rule, str(rejection)) == (Rule.COLD, "the slice was rejected (cold): too cold")
+    rejection = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD_EXTRUSION, "too cold")))
+    assert rejection.rule == Rule.COLD_EXTRUSION
+    assert str(rejection) == "the slice was rejected (cold extrusion): too cold"
 
 
 @pytest.mark.parametrize(

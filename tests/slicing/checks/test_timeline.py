@@ -72,10 +72,10 @@ def test_times_within_layers_equal_those_of_the_planner_of_the_firmware(make_req
 
     path = read_toolpath(result.gcode.read_bytes())
     planned_s = compute_start_times_s(path)
-    first_move = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
+    first_move = next(comment.next_move for comment in path.comments if comment.text.startswith("LAYER:"))
     # A move begins when the queue has accepted as many more moves as fit into it.
     expected_times_s = planned_s[CAPACITY:] - planned_s[first_move + CAPACITY]
-    marks = [(c.move, float(c.text[13:])) for c in path.comments if c.text.startswith("TIME_ELAPSED:")]
+    marks = [(c.next_move, float(c.text[13:])) for c in path.comments if c.text.startswith("TIME_ELAPSED:")]
     errors_s = np.array(
         [seconds - expected_times_s[move] for move, seconds in marks if move < len(expected_times_s)]
     )

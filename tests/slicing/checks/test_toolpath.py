@@ -47,11 +47,11 @@ def test_modes_resets_and_notations_are_read():
     assert path.layer.tolist() == [NO_LAYER, 0, 0, 0, 0, 1, 1]
     assert np.flatnonzero(path.is_feature("WALL-OUTER")).tolist() == [3, 4, 5, 6]
     assert not path.is_feature("SKIN").any()
-    assert path.moves_head.tolist() == [True] * 7
+    assert path.is_head_move.tolist() == [True] * 7
     wait_command = next(command for command in path.commands if command.code == "M109")
-    assert (wait_command.move, wait_command.words) == (1, {"S": 210.0})
+    assert (wait_command.next_move, wait_command.words) == (1, {"S": 210.0})
     comment = path.comments[1]
-    assert (comment.move, comment.text) == (1, "LAYER:0")
+    assert (comment.next_move, comment.text) == (1, "LAYER:0")
     assert GCODE[comment.offset :].startswith(b";LAYER:0\n")
 
 

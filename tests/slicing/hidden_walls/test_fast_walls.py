@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from slicing.checks import read_toolpath
-from slicing.hidden_walls import RUN_OUT_MM, HiddenSide
+from slicing.hidden_walls import TRANSITION_MM, HiddenSide
 from slicing.plate import slice_plate
 
 SIDE = HiddenSide((1.0, 0.0), 30.0)
@@ -60,7 +60,7 @@ def test_walls_along_a_hidden_side_are_fast_except_at_their_end(
     is_fast = np.isclose(path.feed_mm_min[lines], FAST_MM_MIN, atol=0.01)
     ends = lines[~is_fast]
     assert path.feed_mm_min[ends] == pytest.approx(nominal_mm_min)
-    assert list_lengths_mm(path)[ends] == pytest.approx(RUN_OUT_MM, abs=0.01)
+    assert list_lengths_mm(path)[ends] == pytest.approx(TRANSITION_MM, abs=0.01)
     assert is_fast.sum() == len(ends)
 
 
@@ -89,7 +89,7 @@ def test_line_continues_through_a_mark_but_not_through_a_hole(
     assert (is_notch & is_fast).sum() == fast_notches * 2 * layers
     assert (is_notch & ~is_fast).sum() >= 2 * layers
     slow_mm = list_lengths_mm(path)[is_side & ~is_fast].sum()
-    assert slow_mm == pytest.approx(slow_ends * layers * RUN_OUT_MM, rel=0.01)
+    assert slow_mm == pytest.approx(slow_ends * layers * TRANSITION_MM, rel=0.01)
 
 
 def test_visible_wall_just_behind_the_side_is_slow(make_request):

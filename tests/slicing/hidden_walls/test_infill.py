@@ -4,7 +4,7 @@ import pytest
 
 from slicing.checks import read_toolpath
 from slicing.hidden_walls import HiddenSide
-from slicing.hidden_walls.infill import Stretch, stretch_infill
+from slicing.hidden_walls.infill import Stretch, extend_infill
 from slicing.hidden_walls.rewriting import replace_moves
 
 GCODE = b""";LAYER:0
@@ -22,8 +22,8 @@ SIDE, STRETCH = HiddenSide((1.0, 0.0), 10.0), Stretch(0, 0, 0.0, 10.0)
 def test_lines_of_infill_reach_the_outer_wall_after_a_retraction():
     """Check that the line that follows a retraction keeps its start, and that the feeder moves as before."""
     path = read_toolpath(GCODE)
-    segments = stretch_infill(path, path.end[:, :2], [SIDE], [STRETCH], 0.7, 0.325)
+    segments = extend_infill(path, path.end[:, :2], [SIDE], [STRETCH], 0.7, 0.325)
     new_path = read_toolpath(replace_moves(GCODE, path, segments))
-    assert new_path.extruded_mm[~new_path.moves_head].tolist() == [-4.5, 4.5]
+    assert new_path.extruded_mm[~new_path.is_head_move].tolist() == [-4.5, 4.5]
     assert new_path.end[4].tolist()[:2] == [9.525, 8.0]
     assert new_path.extruded_mm[5] == pytest.approx(7.525 / 7.2, abs=1e-5)

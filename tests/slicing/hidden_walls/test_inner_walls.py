@@ -8,7 +8,7 @@ import shapely
 import trimesh
 
 from slicing.checks import read_toolpath
-from slicing.hidden_walls import RUN_OUT_MM, HiddenSide, SideGroove
+from slicing.hidden_walls import TRANSITION_MM, HiddenSide, SideGroove
 from slicing.plate import slice_plate
 
 CENTRE_MM = np.array((111.5, 111.5))
@@ -36,7 +36,7 @@ def slice_walls(make_request):
 
 def list_lines(path, feature, layers=None):
     """Return the lines (n, 2, 2) of a feature in bed-centred mm, and their layers (n,)."""
-    is_line = path.is_feature(feature) & (path.extruded_mm > 0.0) & path.moves_head
+    is_line = path.is_feature(feature) & (path.extruded_mm > 0.0) & path.is_head_move
     if layers is not None:
         is_line &= np.isin(path.layer, layers)
     lines_mm = np.stack((path.start[is_line, :2], path.end[is_line, :2]), axis=1) - CENTRE_MM
@@ -54,7 +54,7 @@ def measure_layer_times_s(path):
 
 
 def list_travel_mm(path, layers):
-    is_travel = (path.extruded_mm == 0.0) & path.moves_head & np.isin(path.layer, layers)
+    is_travel = (path.extruded_mm == 0.0) & path.is_head_move & np.isin(path.layer, layers)
     return np.stack((path.start[is_travel, :2], path.end[is_travel, :2]), axis=1) - CENTRE_MM
 
 
@@ -63,7 +63,7 @@ def test_inner_wall_along_a_hidden_side_is_removed_except_near_its_ends(slice_wa
     lines_mm, _ = list_lines(path, "WALL-INNER", INFILL_LAYERS)
     is_on_side = np.abs(30.0 - lines_mm[:, :, 0] - INNER_LINE_DEPTH_MM).max(axis=1) < 0.02
     ends_mm = np.abs(lines_mm[is_on_side][:, :, 1])
-    assert ends_mm.min() == pytest.approx(25.0 - INNER_LINE_DEPTH_MM - RUN_OUT_MM, abs=0.01)
+    assert ends_mm.min() == pytest.approx(25.0 - INNER_LINE_DEPTH_MM - TRANSITION_MM, abs=0.01)
     assert len(ends_mm) == 2 * len(INFILL_LAYERS)
     other_mm = 2 * 60.0 + 50.0 - 6 * INNER_LINE_DEPTH_MM
     assert sum_lengths_mm(lines_mm[~is_on_side]) == pytest.approx(len(INFILL_LAYERS) * other_mm, rel=1e-3)
@@ -88,8 +88,8 @@ def test_inner_wall_stays_only_where_skin_is_beside_it(slice_walls):
     skin_end_mm = list_lines(path, "SKIN", [37])[0][:, :, 0].max()
     first_mm, last_mm = np.sort(lines_mm[is_on_side][:, :, 0], axis=1).T
     assert first_mm.min() == pytest.approx(INNER_LINE_DEPTH_MM - 30.0, abs=0.02)
-    assert last_mm[first_mm.argmin()] == pytest.approx(skin_end_mm + RUN_OUT_MM, abs=0.5)
-    assert first_mm.max() == pytest.approx(30.0 - INNER_LINE_DEPTH_MM - RUN_OUT_MM, abs=0.02)
+    assert last_mm[first_mm.argmin()] == pytest.approx(skin_end_mm + TRANSITION_MM, abs=0.5)
+    assert first_mm.max() == pytest.approx(30.0 - INNER_LINE_DEPTH_MM - TRANSITION_MM, abs=0.02)
 
 
 def test_ring_between_hidden_sides_is_skipped(slice_walls):
@@ -129,7 +129,9 @@ def test_all_other_lines_are_those_of_the_engine(slice_walls):
     for feature in ("WALL-OUTER", "SKIN", "SKIRT"):
         lines_mm, _ = list_lines(path, feature)
         assert lines_mm == pytest.approx(list_lines(plain_path, feature)[0])
-        filament_mm = [p.extruded_mm[p.is_feature(feature) & p.moves_head].sum() for p in (plain_path, path)]
+        filament_mm = [
+            p.extruded_mm[p.is_feature(feature) & p.is_head_move].sum() for p in (plain_path, path)
+        ]
         assert filament_mm[1] == pytest.approx(filament_mm[0], abs=0.01)
 
 
@@ -139,7 +141,7 @@ def test_lines_extrude_the_same_amount_for_each_mm(slice_walls):
     for feature in ("WALL-INNER", "FILL"):
         flow_ratios = []
         for p in (plain_path, path):
-            is_line = p.is_feature(feature) & (p.extruded_mm > 0.0) & p.moves_head & (p.layer > 0)
+            is_line = p.is_feature(feature) & (p.extruded_mm > 0.0) & p.is_head_move & (p.layer > 0)
             lengths_mm = np.hypot(*(p.end - p.start)[:, :2].T)
             flow_ratios.append(p.extruded_mm[is_line].sum() / lengths_mm[is_line].sum())
         assert flow_ratios[1] == pytest.approx(flow_ratios[0], rel=1e-3)
@@ -161,7 +163,7 @@ def test_filament_time_and_header_are_those_of_the_new_lines(slice_walls):
 def test_end_of_the_file_retracts_as_before(slice_walls):
     _, plain_path = slice_walls()
     _, path = slice_walls(RIGHT)
-    retracted_mm = [p.extruded_mm[~p.moves_head & (p.extruded_mm < 0.0)][-2:] for p in (plain_path, path)]
+    retracted_mm = [p.extruded_mm[~p.is_head_move & (p.extruded_mm < 0.0)][-2:] for p in (plain_path, path)]
     assert retracted_mm[1] == pytest.approx(retracted_mm[0], abs=1e-4)
 
 
@@ -234,7 +236,7 @@ def cut_groove(depth_mm, position_mm=0.0):
 def test_inner_wall_stays_around_a_hole_but_not_around_a_mark_or_key(slice_walls, depth_mm, grooves, is_kept):
     _, path = slice_walls(replace(RIGHT, grooves=grooves), mesh=cut_groove(depth_mm))
     lines_mm, layers = list_lines(path, "WALL-INNER", INFILL_LAYERS)
-    is_near = (np.abs(lines_mm[:, :, 1]).max(axis=1) < 2.0 + RUN_OUT_MM) & (
+    is_near = (np.abs(lines_mm[:, :, 1]).max(axis=1) < 2.0 + TRANSITION_MM) & (
         lines_mm[:, :, 0].min(axis=1) > 26.0
     )
     assert (set(layers[is_near]) == set(INFILL_LAYERS)) == is_kept
@@ -250,7 +252,7 @@ def test_inner_wall_is_removed_wherever_the_outer_wall_begins(slice_walls, make_
     _, path = slice_walls(side, mesh=cut_groove(2.0), settings=settings)
     lines_mm, _ = list_lines(path, "WALL-INNER", INFILL_LAYERS)
     is_on_side = np.abs(30.0 - lines_mm[:, :, 0] - INNER_LINE_DEPTH_MM).max(axis=1) < 0.02
-    assert np.abs(lines_mm[is_on_side][:, :, 1]).min() > 25.0 - INNER_LINE_DEPTH_MM - RUN_OUT_MM - 0.02
+    assert np.abs(lines_mm[is_on_side][:, :, 1]).min() > 25.0 - INNER_LINE_DEPTH_MM - TRANSITION_MM - 0.02
 
 
 @pytest.mark.parametrize(("depth_mm", "is_kept"), [(0.4, False), (2.0, True)])

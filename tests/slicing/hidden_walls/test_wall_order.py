@@ -50,7 +50,7 @@ def assert_same_lines(path, other_path):
 
 
 def list_printed_lines(path):
-    is_line = (path.extruded_mm > 0.0) & path.moves_head
+    is_line = (path.extruded_mm > 0.0) & path.is_head_move
     points = np.stack((path.start[is_line, :3], path.end[is_line, :3]), axis=1).round(2)
     rows = zip(
         (tuple(sorted(map(tuple, ends))) for ends in points.tolist()),
@@ -64,13 +64,13 @@ def list_printed_lines(path):
 
 
 def measure_travel_mm(path):
-    is_travel = (path.extruded_mm == 0.0) & path.moves_head & (path.end[:, 2] == path.start[:, 2])
+    is_travel = (path.extruded_mm == 0.0) & path.is_head_move & (path.end[:, 2] == path.start[:, 2])
     return float(np.hypot(*(path.end - path.start)[is_travel, :2].T).sum())
 
 
 def list_travel(path, layer):
     """Return the travel moves within a layer, from the end of the one below."""
-    is_travel = (path.extruded_mm == 0.0) & path.moves_head & (path.end[:, 2] == path.start[:, 2])
+    is_travel = (path.extruded_mm == 0.0) & path.is_head_move & (path.end[:, 2] == path.start[:, 2])
     is_travel &= path.start[:, 2] == path.end[path.layer == layer, 2].max()
     return shapely.MultiLineString(
         list(np.stack((path.start[is_travel, :2], path.end[is_travel, :2]), axis=1))

@@ -98,7 +98,7 @@ def test_only_two_settings_of_qualities_are_reserved(resources):
         ({"infill_sparse_density": "-3"}, "at least 0"),
         ({"speed_print": "1000"}, "speed_print=1000 is out of range"),
         ({"retraction_speed": "80"}, "at most 45"),
-        ({"layer_height": "thick"}, "not a value of type float; a number like 0.2"),
+        ({"layer_height": "thick"}, "not a value of type float; use a number like 0.2"),
         ({"support_enable": "perhaps"}, "true or false"),
         ({"top_layers": "2.5"}, "a whole number"),
         ({"infill_angles": "diagonal"}, "a list like"),

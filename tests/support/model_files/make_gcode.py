@@ -21,7 +21,7 @@ class TravelTimeEstimator:
     def wait(self, seconds):
         self._elapsed_s += seconds
 
-    def measure_s(self, finish=False):
+    def measure_time_s(self, finish=False):
         return self._elapsed_s
 
 

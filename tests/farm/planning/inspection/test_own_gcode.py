@@ -223,11 +223,11 @@ def test_print_time_matches_the_planner_of_the_firmware():
     # 100 mm at 50 mm/s, with acceleration and deceleration of 3000 mm/s2
     assert (
         3.0 + 2.0
-        < clock.measure_s()
-        < clock.measure_s(finish=True)
+        < clock.measure_time_s()
+        < clock.measure_time_s(finish=True)
         < 3.0 + 2.05 + 40 * (1 / 50 + 2 * 50 / 3000)
     )
-    assert clock.measure_s(finish=True) == clock.measure_s()
+    assert clock.measure_time_s(finish=True) == clock.measure_time_s()
 
 
 def test_large_file_takes_little_more_memory_than_its_text(inspect_lines):

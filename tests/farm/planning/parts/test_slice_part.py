@@ -15,7 +15,7 @@ from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import place_hidden_sides, slice_part
 from farm.planning.printer_settings import find_usable_volumes, list_model_sizes
 from printers.slicing_printers import PRINTERS
-from slicing.hidden_walls import RUN_OUT_MM
+from slicing.hidden_walls import TRANSITION_MM
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
 MODEL = "ultimaker2_plus"
@@ -149,7 +149,7 @@ def test_walls_along_hidden_sides_are_fast_where_the_part_is_placed(make_task, i
         ).sliced_s
 
     plain_s = measure_sliced_s()
-    length_mm = float(np.abs(side[::-1]) @ size_mm) - RUN_OUT_MM
+    length_mm = float(np.abs(side[::-1]) @ size_mm) - TRANSITION_MM
     nominal_s = 27 * length_mm * (1.0 / 40.0 + 1.0 / 60.0 - 2.0 / 75.4)
     assert plain_s - measure_sliced_s((*side, offset_mm)) == pytest.approx(nominal_s, rel=0.1)
     assert measure_sliced_s((*side, offset_mm - 1.0)) == plain_s
