@@ -105,6 +105,11 @@ class CostModel:
         """Downward component of a face's unit normal above which it gets support."""
         return math.sin(math.radians(self.effective_support_angle_deg))
 
+    @property
+    def table_overhang_cos(self) -> float:
+        """The same component for tables, which do not know whether overhangs are small."""
+        return max(self.overhang_cos, math.sin(math.radians(self.effective_small_overhang_deg)))
+
     def find_overhang_cos(self, surfaces: Surfaces, up: Floats) -> float:
         """Find the downward component of unit normals above which the faces of a part get support in a pose.
 
@@ -115,9 +120,9 @@ class CostModel:
         up
             (3,) unit vector that points up.
         """
-        small_cos = math.sin(math.radians(self.effective_small_overhang_deg))
-        if small_cos <= self.overhang_cos:
-            return self.overhang_cos
+        small_cos = self.table_overhang_cos
+        if small_cos == self.overhang_cos:
+            return small_cos
         down = -surfaces.normals @ up
         is_between = (down > self.overhang_cos) & (down <= small_cos)
         is_small = float(surfaces.areas_mm2[is_between].sum()) < self.small_overhang_mm2

@@ -160,7 +160,7 @@ class Problem:
         vertices, faces = model.solid.arrays()
         # Each face is clipped twice: to the cells, and to the finer ones that divide them.
         self.effort.record(Work.FACE_GRIDDED, 2 * len(faces))
-        overhang_cos = cost.overhang_cos if overhang_cos is None else overhang_cos
+        overhang_cos = cost.table_overhang_cos if overhang_cos is None else overhang_cos
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
         return build_grid(vertices[faces], self.choose_granularity(model), rules, target_plane)
 

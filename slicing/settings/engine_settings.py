@@ -10,7 +10,7 @@ from slicing.errors import BadSetting
 from slicing.printer import PrinterModel
 from slicing.settings.layer_heights import LayerFit
 from slicing.settings.material import NO_SHRINKAGE, find_shrinkage_factors
-from slicing.settings.qualities import HiddenLayers
+from slicing.settings.qualities import HiddenLayers, compute_fast_flow_mm3_s
 from slicing.settings.resolver import Resolver, Scope
 
 SHRINKAGE_KEYS = (
@@ -95,7 +95,7 @@ class EngineSettings:
     layer_fit: LayerFit | None = None
 
     def compute_hidden_wall_speed_mm_s(self, speed_mm_s: float, line_width_mm: float) -> float:
-        """Compute the speed of a wall on hidden sides: its flow is at most that of infill.
+        """Compute the speed of a wall on hidden sides: its flow is at most that of infill, and is melted.
 
         Parameters
         ----------
@@ -104,7 +104,9 @@ class EngineSettings:
         line_width_mm
             Width of its lines.
         """
-        max_mm_s = self.speed_infill_mm_s * self.infill_line_width_mm / line_width_mm
+        infill_mm_s = self.speed_infill_mm_s * self.infill_line_width_mm / line_width_mm
+        max_flow_mm3_s = compute_fast_flow_mm3_s(float(self.extruder["machine_nozzle_size"]))
+        max_mm_s = min(infill_mm_s, max_flow_mm3_s / (line_width_mm * self.layer_height_mm))
         return max(speed_mm_s, min(self.hidden_wall_ratio * speed_mm_s, max_mm_s))
 
     @property

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 MAX_HEIGHT_ERROR_MM = 0.001
-"""Maximum error of the printed height, guaranteed for parts of `MIN_EXACT_LAYERS` layers or more."""
-MIN_EXACT_LAYERS = 6
+"""Maximum error of the printed height, guaranteed for parts of `MIN_EXACT_LAYERS` layers or more whose first
+layer may change."""
+MIN_EXACT_LAYERS = 12
 MAX_CHANGE = 0.04  # maximum change of a layer, as a share of its height
 MAX_FIRST_LAYER_CHANGE = 0.25
-"""Maximum change of the first layer, as a share of its height. It changes only where the other layers are too
-few to reach the height. It levels out the bed anyway."""
+"""Maximum change of the first layer, as a share of its height. More than `MAX_CHANGE` is for parts of so few
+layers that these do not reach the height. It levels out the bed anyway."""
 _SAMPLED_HEIGHTS_MM = tuple(20.0 + 1.37 * i for i in range(100))  # heights of usual parts
 _DIGITS_MM = 7  # decimal places of a layer height, so that thousands of layers have no error
 
@@ -55,15 +56,15 @@ def compute_printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
 def fit_heights(
     height_mm: float, nominal_heights: LayerHeights, *, max_first_layer_mm: float
 ) -> LayerHeights:
-    """Find the largest layer heights, within limits, that give a part its exact height.
+    """Find the heights of the fewest layers, within limits, that give a part its exact height.
 
     Parameters
     ----------
     height_mm
         Height of the part.
     nominal_heights
-        Heights of the quality. Layers differ from them by `MAX_CHANGE` at most; if these do not reach the
-        height, the first layer differs by `MAX_FIRST_LAYER_CHANGE` at most.
+        Heights of the quality, from which layers differ by `MAX_CHANGE` at most. If such layers do not reach
+        the height, the first one differs by `MAX_FIRST_LAYER_CHANGE` at most.
     max_first_layer_mm
         Maximum height of the first layer; 0 to leave it as it is.
     """
@@ -85,10 +86,11 @@ def fit_heights(
         other_mm = (height_mm - first_mm) / count if count else nominal_heights.other_layers_mm
         return LayerHeights(first_mm, round(min(max(other_mm, low_mm), high_mm), _DIGITS_MM))
 
-    def rank_candidate(heights: LayerHeights) -> tuple[float, float]:
+    def rank_candidate(heights: LayerHeights) -> tuple[float, float, float]:
+        """Rank by error, by the first layer's change beyond that of any layer, and by the layers' height."""
         error_mm = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
-        change_mm = abs(heights.first_layer_mm - nominal_first_mm)
-        return max(0.0, error_mm - MAX_HEIGHT_ERROR_MM), change_mm
+        change_mm = abs(heights.first_layer_mm - nominal_first_mm) - MAX_CHANGE * nominal_first_mm
+        return max(0.0, error_mm - MAX_HEIGHT_ERROR_MM), max(0.0, change_mm), -heights.other_layers_mm
 
     return min(map(fit_first_layer, (count, max(0, count - 1))), key=rank_candidate)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -19,7 +19,14 @@ from slicing.settings.engine_settings import (
 from slicing.settings.formula import Formula
 from slicing.settings.layer_heights import LayerFit, LayerHeights
 from slicing.settings.limits import MAX_LAYER_SHARE, Violation, find_reserved_reason, find_violations
-from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORT_VALUES, HiddenLayers
+from slicing.settings.qualities import (
+    DEFAULT_QUALITY,
+    DEPENDENT_SPEEDS,
+    FARM_QUALITIES,
+    SUPPORT_VALUES,
+    HiddenLayers,
+    Quality,
+)
 from slicing.settings.resolver import ProfileIndex, ProfileValues, Resolver
 from slicing.settings.resources import Resources
 from slicing.settings.stacks import Stacks, find_stacks
@@ -187,9 +194,15 @@ def _resolve_settings(
         settings,
         hidden_wall_ratio=quality.hidden_wall_ratio,
         has_single_hidden_walls=quality.has_single_hidden_walls and _WALL_KEYS.isdisjoint(user_keys),
-        small_overhang_deg=0.0 if "support_angle" in user_keys else quality.small_overhang_deg,
+        small_overhang_deg=_find_small_overhang_deg(settings, quality, user_keys),
     )
     return _reduce_hidden_layers(settings, quality.hidden_layers, part)
+
+
+def _find_small_overhang_deg(settings: EngineSettings, quality: Quality, user_keys: Collection[str]) -> float:
+    """Find the angle up to which small overhangs get no support; 0 to support all of them."""
+    has_full_fan = float(settings.extruder["cool_fan_speed"]) >= 100.0
+    return quality.small_overhang_deg if has_full_fan and "support_angle" not in user_keys else 0.0
 
 
 def _reduce_hidden_layers(
@@ -251,7 +264,12 @@ def _build_resolver(
     user_values: dict[str, Any] = dict(SUPPORT_VALUES) if request_key.has_support else {}
     quality = FARM_QUALITIES.get(request_key.quality)
     if quality is not None:
-        user_values |= quality.changes
+        own_keys = {key for key, _ in request_key.overrides}
+        user_values |= {
+            key: value
+            for key, value in quality.changes.items()
+            if own_keys.isdisjoint(DEPENDENT_SPEEDS.get(key, ()))
+        }
     user_values |= {
         **_build_part_values(part, heights),
         **_STREAMED_VALUES,

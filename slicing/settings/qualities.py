@@ -28,13 +28,27 @@ _CURA_WALL_SPEED, _CURA_SKIN_SPEED, _CURA_ROOF_SPEED = (
 # the infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of
 # 0.4 mm), and 4 % more in the highest layers that are fitted to a part.
 _MAX_FLOW_MM3_S = 5.5
-SMALL_OVERHANG_MM2 = 40.0  # [assumed] area of the small overhangs of `EngineSettings.small_overhang_deg`
+MAX_FAST_FLOW_MM3_S = 8.5  # [assumed] maximum flow of lines that are made faster, with a large nozzle
+DEPENDENT_SPEEDS: Mapping[str, frozenset[str]] = {
+    "speed_wall_x": frozenset(("speed_print", "speed_wall")),
+    "speed_topbottom": frozenset(("speed_print",)),
+}
+"""Speeds of a quality that Cura's own formulas replace if the user sets one of these."""
+SMALL_OVERHANG_MM2 = 25.0  # [assumed] area of the small overhangs of `EngineSettings.small_overhang_deg`
 _INFILL_LINE_WIDTH, _SKIN_LINE_WIDTH = (
     "max(line_width, min(1.1 * machine_nozzle_size,"
     f" {_MAX_FLOW_MM3_S} / (resolveOrValue('layer_height') * {speed})))"
     " if machine_nozzle_size >= 0.4 else line_width"
     for speed in ("speed_infill", "speed_topbottom")
 )
+
+
+_FAST_FLOW = f"min({MAX_FAST_FLOW_MM3_S}, {_MAX_FLOW_MM3_S} * max(1.0, machine_nozzle_size / 0.4))"
+
+
+def compute_fast_flow_mm3_s(nozzle_mm: float) -> float:
+    """Compute the maximum flow of lines that are made faster than Cura's own."""
+    return min(MAX_FAST_FLOW_MM3_S, _MAX_FLOW_MM3_S * max(1.0, nozzle_mm / 0.4))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +119,11 @@ _GLUE = Quality(
         "support_angle": 50.0,
         "top_layers": Formula("max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"),
         # [assumed] Inner walls may have the speed of infill, whose lines are wider; at most a quarter more
-        # than Cura's own, because some materials need slow walls.
-        "speed_wall_x": Formula(f"max({_CURA_WALL_SPEED}, min(speed_infill, 1.25 * {_CURA_WALL_SPEED}))"),
+        # than Cura's own, because some materials need slow walls, and not with more flow than is melted.
+        "speed_wall_x": Formula(
+            f"max({_CURA_WALL_SPEED}, min(speed_infill, 1.25 * {_CURA_WALL_SPEED},"
+            f" {_FAST_FLOW} / (line_width * resolveOrValue('layer_height'))))"
+        ),
         # [assumed] Only the uppermost layer of a visible top needs Cura's slow speed of skins. The
         # others are printed like inner walls.
         "speed_topbottom": Formula(

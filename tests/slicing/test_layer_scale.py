@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slicing.checks import read_toolpath
+from slicing.errors import SliceRejected
 from slicing.layer_scale import LayerScale
 from slicing.plate import slice_plate
 
@@ -36,7 +37,8 @@ def test_heights_are_restored(layer_mm, height_mm, first_layer_mm):
 def test_start_code_and_end_code_and_the_first_layer_stay():
     gcode = LayerScale(0.27, 0.208 / 0.207).restore_heights(GCODE)
     assert gcode == GCODE.replace(b"Z0.478", b"Z0.477").replace(b"Z0.27\n", b"Z0.270\n")
-    assert LayerScale(0.27, 1.1).restore_heights(b"G1 Z3\n") == b"G1 Z3\n"
+    with pytest.raises(SliceRejected, match="comments on layers"):
+        LayerScale(0.27, 1.1).restore_heights(b"G1 Z3\n")
 
 
 @pytest.mark.parametrize(

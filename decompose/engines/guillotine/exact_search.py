@@ -127,6 +127,7 @@ class ExactSearch:
                 break
             boxes = self.solver.list_chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
+                self._drop_pieces(boxes)
                 continue
             round_count += 1
             longest_s = self._compute_true_makespan_s(boxes)

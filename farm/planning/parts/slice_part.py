@@ -101,7 +101,8 @@ def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> f
     is_between = (overhangs_deg > settings.support_angle_deg - SUPPORT_TOLERANCE_DEG) & (
         overhangs_deg <= max_deg
     )
-    return max_deg if 0.0 < mesh.area_faces[is_between].sum() < SMALL_OVERHANG_MM2 else None
+    is_small = 0.0 < mesh.area_faces[is_between].sum() < SMALL_OVERHANG_MM2
+    return max_deg + SUPPORT_TOLERANCE_DEG if is_small else None
 
 
 def _find_placement(task: SliceTask, extents_mm: tuple[float, float, float]) -> Placement:

@@ -54,14 +54,14 @@ def test_every_part_of_enough_layers_is_printed_to_its_height(share, case):
 
 
 @given(st.floats(1.0, MAX_HEIGHT_MM), cases)
-def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_mm, case):
+def test_first_layer_changes_by_over_4_percent_only_if_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
     first_mm, other_mm = heights.first_layer_mm, heights.other_layers_mm
     result = fit_layer_heights(height_mm, nozzle_mm, heights)
     assert fit_heights(height_mm, heights, max_first_layer_mm=0.0).first_layer_mm == first_mm
     counts = (height_mm - first_mm) / (1.04 * other_mm), (height_mm - first_mm) / (0.96 * other_mm)
     if np.ceil(counts[0] + 1e-6) <= counts[1] - 1e-6:
-        assert result.first_layer_mm == first_mm
+        assert abs(result.first_layer_mm - first_mm) <= 0.04 * first_mm + 1e-9
 
 
 @given(st.floats(1.0, MAX_HEIGHT_MM), cases)

@@ -9,7 +9,7 @@ import trimesh
 
 from books.decompose_tasks import make_decompose_task, make_fleet, make_slice_tasks
 from books.recording_controller import Commands, RecordedEffects
-from decompose.engines.guillotine import exact_search, plane_shift
+from decompose.engines.guillotine import exact_search
 from decompose.engines.parallelobox import search as parallelobox_search
 from decompose.errors import NoFit
 from decompose.files.names import REPORT
@@ -116,7 +116,7 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
 
     for engine in (exact_search, parallelobox_search):
         monkeypatch.setattr(engine, "cut_cells", cut_enlarged_cells)
-    monkeypatch.setattr(plane_shift, "cut_box", cut_enlarged_box)
+    monkeypatch.setattr(part_cutter, "cut_box", cut_enlarged_box)
     with pytest.raises(FarmError) as error:
         decompose_job(make_decompose_task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY

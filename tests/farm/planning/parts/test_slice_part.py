@@ -214,10 +214,12 @@ def build_overhang(angle_deg, slope_mm):
 @pytest.mark.parametrize(
     ("angle_deg", "slope_mm", "overrides", "is_supported"),
     [
-        (53.0, 3.5, {}, False),  # 35 mm2
-        (53.0, 4.5, {}, True),
-        (58.0, 3.5, {}, True),
-        (53.0, 3.5, {"support_angle": "50"}, True),
+        (53.0, 2.3, {}, False),  # 23 mm2
+        (54.9, 2.3, {}, False),
+        (53.0, 2.8, {}, True),
+        (58.0, 2.3, {}, True),
+        (53.0, 2.3, {"support_angle": "50"}, True),
+        (53.0, 2.3, {"cool_fan_speed": "50"}, True),
         (45.0, 20.0, {}, False),
     ],
 )
@@ -225,6 +227,7 @@ def test_strip_of_an_overhang_gets_no_tower_of_support(
     make_task, angle_deg, slope_mm, overrides, is_supported
 ):
     task = make_task(build_overhang(angle_deg, slope_mm), brim_width_mm=0.0)
-    task = replace(task, request=replace(task.request, overrides=overrides))
+    request = replace(task.request, overrides=overrides)
+    task = replace(task, request=request, settings=resolve_settings(request, task.resources))
     gcode = slice_part(task).gcode.read_text()
     assert (";TYPE:SUPPORT\n" in gcode) == is_supported
