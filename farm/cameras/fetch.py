@@ -57,7 +57,7 @@ async def fetch_still(url: str) -> Image:
 
 
 async def _fetch_image(url: httpx.URL) -> Image:
-    """Follow redirects on the same host to an image. Raises CameraError, InvalidImage, and httpx's errors."""
+    """Fetch an image; follow redirects on the same host. Raises CameraError, InvalidImage, httpx's errors."""
     user, password = url.username, url.password
     authentication: httpx.Auth | None = None
     url = url.copy_with(username=None, password=None)
@@ -153,7 +153,7 @@ def _make_tls_context() -> ssl.SSLContext:
 async def _look_up_addresses(url: httpx.URL) -> list[str]:
     """Find the addresses of a host.
 
-    Uses a separate daemon thread, because a name server that does not answer blocks a look-up for half a
+    A separate daemon thread is used, because a name server that does not answer blocks a look-up for half a
     minute: asyncio's look-up would block a shared thread, for which the process also waits when it exits.
 
     Raises

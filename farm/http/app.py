@@ -51,7 +51,7 @@ def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
 
 
 def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str = "") -> None:
-    """Add the routes of the farm, jobs and printers to an application, with handlers of their errors."""
+    """Add the routes of the farm, jobs and printers to an application, with handlers for their errors."""
     app.state.controller = services.controller
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)

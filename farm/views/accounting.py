@@ -10,7 +10,7 @@ from farm.state import Books, PlateState
 
 _PRINTED_STATES = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
-"""Length of the last night in seconds. It ends now, so in the morning it begins the previous afternoon."""
+"""Seconds before now that count as the last night; in the morning, they begin in the afternoon before."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -199,7 +199,7 @@ def _find_part_on_bed(books: Books, printer: str) -> Part | None:
 
 
 def _format_good_command(context: ViewContext, printer: str) -> str:
-    """Format the command that reports the part of a failed print as good; return no text if it cannot be."""
+    """Format the command that reports a failed print's part as good, or no text if it cannot be good."""
     part = _find_possibly_good_part(context, printer)
     return (
         ""

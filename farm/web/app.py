@@ -221,7 +221,7 @@ class Guard:
         return response
 
     def _is_valid(self, caller: KeyHolder | Visitor) -> bool:
-        """Return whether a caller's key or session is still valid with the same role; if not, streams end."""
+        """Return whether a caller's key or session is still valid with its role; if not, its streams end."""
         if isinstance(caller, Visitor):
             return True
         key = self._controller.books.keys.get(caller.key.id)

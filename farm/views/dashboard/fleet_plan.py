@@ -47,8 +47,8 @@ class FleetPlan:
         return ends_s
 
 
-def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> FleetPlan:
-    """List the prints of the fleet since a time, and the forecast of all waiting plates.
+def build_fleet_plan(context: ViewContext, situation: Situation, since_s: float) -> FleetPlan:
+    """Build the plan of the fleet: the prints since a time, and the forecast of all waiting plates.
 
     Parameters
     ----------

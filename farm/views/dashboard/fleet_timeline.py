@@ -9,7 +9,13 @@ from farm.scheduling import Situation
 from farm.text import format_duration
 from farm.views.charts import TimeAxis, TimeMark
 from farm.views.context import ViewContext
-from farm.views.dashboard.fleet_plan import PLANNED_KIND, FleetPlan, TimelinePrint, list_spans, plan_fleet
+from farm.views.dashboard.fleet_plan import (
+    PLANNED_KIND,
+    FleetPlan,
+    TimelinePrint,
+    build_fleet_plan,
+    list_spans,
+)
 from farm.views.dashboard.what_if import Change, JobShift, try_change
 from farm.views.jobs import count_waiting_plates
 
@@ -163,7 +169,7 @@ def describe_fleet_timeline(
     """
     since_s, shifts = context.now_s - past_s, list[JobShift]()
     if change is None:
-        plan = plan_fleet(context, situation, since_s)
+        plan = build_fleet_plan(context, situation, since_s)
     else:
         plan, shifts = try_change(context, situation, change, since_s)
     jobs = context.books.list_open_jobs()

@@ -12,7 +12,7 @@ from farm.state import events as ev
 from farm.state.books import put, replace_fields
 from farm.state.transitions import apply
 from farm.views.context import ViewContext
-from farm.views.dashboard.fleet_plan import FleetPlan, plan_fleet
+from farm.views.dashboard.fleet_plan import FleetPlan, build_fleet_plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ def try_change(
     change
         The change.
     since_s
-        See `plan_fleet`.
+        See `build_fleet_plan`.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def try_change(
     list of JobShift
         Effect on each job.
     """
-    plan = plan_fleet(context, situation, since_s)
+    plan = build_fleet_plan(context, situation, since_s)
     changed_situation = change_situation(situation, context.books, change, context.now_s)
-    changed_plan = plan_fleet(context, changed_situation, since_s)
+    changed_plan = build_fleet_plan(context, changed_situation, since_s)
     return changed_plan, compare_plans(context, plan, changed_plan)

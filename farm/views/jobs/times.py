@@ -85,7 +85,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
     elif not job.state.ended:  # a failed or cancelled job has no meaningful time
         makespan_s = job.expected_s
         if elapsed_s is not None:
-            makespan_s = elapsed_s + _estimate_growth_s(plates, runs, remaining_s or 0.0) or job.expected_s
+            makespan_s = elapsed_s + _estimate_added_s(plates, runs, remaining_s or 0.0) or job.expected_s
         if remaining_s is not None and _is_end_known(context, job, plates):
             end_s = context.now_s + remaining_s
     printing_s = sum(map(compute_duration_s, prints))
@@ -140,7 +140,7 @@ def _compute_utilisation(
     return busy_s / available_s if available_s else None
 
 
-def _estimate_growth_s(plates: Sequence[_PlateInState], runs: Sequence[Run], remaining_s: float) -> float:
+def _estimate_added_s(plates: Sequence[_PlateInState], runs: Sequence[Run], remaining_s: float) -> float:
     """Estimate the seconds that the open run, or the next run, will add to the runs so far."""
     if any(run.is_open for run in runs):
         return remaining_s

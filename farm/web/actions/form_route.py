@@ -62,10 +62,10 @@ def answer_form(request: Request, note: Note, path: str | None = None) -> Respon
         Path of the page; by default, the path of the page that sent the form.
     """
     request.app.state.notes.put(find_holder(request).key.id, note)
-    return RedirectResponse(path or find_form_path(request), _SEE_OTHER)
+    return RedirectResponse(path or find_referring_path(request), _SEE_OTHER)
 
 
-def find_form_path(request: Request) -> str:
+def find_referring_path(request: Request) -> str:
     """Return the path of the page that sent a form, or the path of the home page if it is unknown."""
     page = urlsplit(request.headers.get("referer", ""))
     if page.netloc != request.headers.get("host") or not page.path.startswith("/"):

@@ -66,7 +66,7 @@ def publish_page(page: str) -> str:
 def find_changes(old_fragments: Fragments, new_fragments: Fragments) -> dict[str, str]:
     """Return the HTML of the changed elements by id.
 
-    Returns the whole main element if fragments were added, removed or moved, or if the rest has changed.
+    The whole main element is returned if fragments were added, removed or moved, or if the rest has changed.
     """
     if old_fragments.frame != new_fragments.frame:
         return {MAIN_ID: new_fragments.html}

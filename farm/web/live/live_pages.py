@@ -113,30 +113,30 @@ class LivePages:
         """
         self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds_per_rendering))
 
-    async def find_topic(self, address: str, role: Role) -> _Topic:
+    async def find_topic(self, page_url: str, role: Role) -> _Topic:
         """Return the topic of a page for a role. Raises FarmError if there is no such page."""
-        topic = self._topics.get((address, role))
+        topic = self._topics.get((page_url, role))
         if topic is not None:
             return topic
-        render, rounds_per_rendering = self._find_renderer(address, role)
+        render, rounds_per_rendering = self._find_renderer(page_url, role)
         topic = _Topic(render, await render(), rounds_per_rendering)
-        return self._topics.setdefault((address, role), topic)
+        return self._topics.setdefault((page_url, role), topic)
 
     async def follow(
-        self, address: str, role: Role, version: str, is_allowed: Callable[[], bool]
+        self, page_url: str, role: Role, version: str, is_allowed: Callable[[], bool]
     ) -> AsyncIterator[bytes]:
         """Yield the changes of a page as server-sent events, and a heartbeat while there are none.
 
         Parameters
         ----------
-        address, role
+        page_url, role
             Path of the page, with its query, and the role of its viewer.
         version
             Version of the page in the viewer's browser.
         is_allowed
             Function that returns whether the viewer may still see the page.
         """
-        topic = await self.find_topic(address, role)
+        topic = await self.find_topic(page_url, role)
         topic.viewer_count += 1  # before any await, because a round ends pages without viewers
         self._start_refreshing()
         try:
@@ -146,13 +146,13 @@ class LivePages:
                 message = topic.format_changes_since(version)
                 version = topic.version
                 yield message or _HEARTBEAT
-                if version == topic.version and not topic.is_over:  # else it has just changed
+                if version == topic.version and not topic.is_over:  # otherwise the page has just changed
                     await topic.wait(_HEARTBEAT_S)
         finally:
             topic.viewer_count -= 1
 
-    def _find_renderer(self, address: str, role: Role) -> tuple[Callable[[], Awaitable[str]], int]:
-        path, _, query = address.partition("?")
+    def _find_renderer(self, page_url: str, role: Role) -> tuple[Callable[[], Awaitable[str]], int]:
+        path, _, query = page_url.partition("?")
         for pattern, render, rounds_per_rendering in self._pages:
             match = pattern.fullmatch(path)
             if match is not None:

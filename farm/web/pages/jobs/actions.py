@@ -102,7 +102,9 @@ def list_part_actions(
         yield Action(f"{path}/reprint", "Print again", is_destructive=True)
 
 
-def find_parts_on_beds(job: api.JobView, printers: Sequence[api.PrinterView]) -> dict[str, api.PrinterView]:
+def find_printers_with_parts(
+    job: api.JobView, printers: Sequence[api.PrinterView]
+) -> dict[str, api.PrinterView]:
     """Find the printers with parts of a job on their beds, by part id.
 
     Only the last print of a part counts, because an earlier failed print may lie on another bed, and must not

@@ -9,7 +9,7 @@ from datetime import datetime
 from farm import api
 from farm.model import PrintState, Role
 from farm.text import format_duration
-from farm.web.pages.jobs.actions import Action, find_parts_on_beds, list_part_actions
+from farm.web.pages.jobs.actions import Action, find_printers_with_parts, list_part_actions
 from farm.web.pages.sentences import Sentence
 from farm.wording import format_deviation, format_filament
 
@@ -78,7 +78,7 @@ def list_part_rows(
         Role of the reader.
     """
     plates = {plate.id: plate for plate in job.plates}
-    beds = find_parts_on_beds(job, printers)
+    beds = find_printers_with_parts(job, printers)
     open_prints = {printer.print.plate: printer.print for printer in printers if printer.print is not None}
     rows = []
     for part in job.parts:
