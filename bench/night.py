@@ -130,7 +130,12 @@ class Night:
         plan_folder = self.state.work / "plan"
         plan_folder.mkdir()
         task = DecomposeTask(
-            1, self.state.files / model.file, options, self.fleet.printers[:1], rounds=1, folder=plan_folder
+            1,
+            self.state.files / model.file,
+            options,
+            self.fleet.printers[:1],
+            round_count=1,
+            folder=plan_folder,
         )
         plan = plan_gcode(task, self.state.files)
         now_s = time.time()

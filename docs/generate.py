@@ -34,7 +34,7 @@ from farm.config import (
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
 from farm.state import FarmFault
-from farm.state.lifecycles import FARM_WIDE_EVENTS, LIFECYCLES, NEW, Lifecycle
+from farm.state.lifecycles import FARM_WIDE_EVENTS, LIFECYCLES, NO_STATE, Lifecycle
 from slicing.errors import Rule
 
 FOLDER = Path(__file__).parent / "reference"
@@ -248,7 +248,7 @@ def write_lifecycles_page(words: dict[str, Any]) -> str:
     parts = [(FOLDER / "lifecycles.intro.md").read_text(encoding="utf-8").strip()]
     parts += [f"## A {table.entity_name}\n```text\n{draw_lifecycle(table)}\n```" for table in LIFECYCLES]
     all_rows = (row for table in LIFECYCLES for row in (*table.transitions, *table.consequences))
-    kinds = sorted({row.event for row in all_rows} | FARM_WIDE_EVENTS, key=lambda kind: kind.__name__)
+    kinds = sorted({row.event_kind for row in all_rows} | FARM_WIDE_EVENTS, key=lambda kind: kind.__name__)
     rows = pair_with_words((kind.__name__ for kind in kinds), "events", words["events"])
     parts.append("## Events\n" + make_table(("event", "meaning"), rows))
     return "\n\n".join(parts)
@@ -257,8 +257,8 @@ def write_lifecycles_page(words: dict[str, Any]) -> str:
 def draw_lifecycle(lifecycle: Lifecycle) -> str:
     """Draw a table as text: under each state the events that can happen in it, and where they lead."""
     lines = []
-    for state in (NEW, *lifecycle.states):
-        lines.append("(new)" if state is NEW else str(state))
+    for state in (NO_STATE, *lifecycle.states):
+        lines.append("(new)" if state is NO_STATE else str(state))
         for mark, rows in (("──", lifecycle.transitions), ("··", lifecycle.consequences)):
             for row in rows:
                 if state not in row.start_states:
@@ -268,7 +268,7 @@ def draw_lifecycle(lifecycle: Lifecycle) -> str:
                     if row.end_states is None
                     else [str(s) for s in lifecycle.states if s in row.end_states]
                 )
-                lines.append(f"  {mark} {row.event.__name__} {mark}> {' | '.join(ends)}")
+                lines.append(f"  {mark} {row.event_kind.__name__} {mark}> {' | '.join(ends)}")
     return "\n".join(lines)
 
 

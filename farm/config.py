@@ -61,7 +61,7 @@ class _Section(BaseModel):
 
 
 def check_scheduler(value: str) -> str:
-    """Check the address of a scheduler. Raises ValueError, whose message has a valid form."""
+    """Check the address of a scheduler. Raises ValueError, whose message shows a valid form."""
     match = _SCHEDULER_PATTERN.fullmatch(value)
     if match is None or not 0 < int(match[3]) < 65536:
         raise ValueError(f"{value!r} is not the address of a scheduler: use tls://HOST:PORT")
@@ -282,11 +282,11 @@ class PrinterSection(_Section):
         return self._material_kind
 
     def has_material(self, material: str | None) -> bool:
-        """Return whether its material is the one that a job requires, by file name or kind."""
+        """Return whether it has the material that a job requires by file name or kind."""
         return material in (None, self.material, self._material_kind)
 
     def with_filament(self, material: str, kind: str | None, colour: str | None) -> Self:
-        """Return the section with another colour, and another material, given by its file name."""
+        """Return the section with another material, given by its file name, and another colour."""
         section = self.model_copy(update={"material": material, "colour": colour})
         section._material_kind = kind
         return section
@@ -297,7 +297,7 @@ class PrinterSection(_Section):
         return None if self.camera is None else self.camera.get_secret_value().replace("{printer}", self.name)
 
     @property
-    def simulated(self) -> bool:
+    def is_simulated(self) -> bool:
         """True if an emulator simulates the printer."""
         return self.port.startswith(SIMULATED_PREFIX)
 
@@ -342,7 +342,7 @@ class PrinterSection(_Section):
 
     @model_validator(mode="after")
     def _check_simulation(self) -> Self:
-        if self.simulated and self.port.removeprefix(SIMULATED_PREFIX).partition("?")[0] != self.model:
+        if self.is_simulated and self.port.removeprefix(SIMULATED_PREFIX).partition("?")[0] != self.model:
             raise ValueError(f"{self.name}: port {self.port} simulates a model other than {self.model}")
         return self
 
@@ -367,7 +367,7 @@ class Fleet(_Section):
             if not printer.unattended and not self.fleet.attended:
                 problem = f"{printer.name} has `unattended: false`: this needs `attended` hours under `fleet`"
                 raise FieldError(problem, *place, "unattended")
-            if printer.simulated:
+            if printer.is_simulated:
                 continue
             is_local_device = printer.host is None and printer.port.startswith("/")
             port = Path(printer.port).resolve() if is_local_device else f"{printer.host}:{printer.port}"
@@ -379,7 +379,7 @@ class Fleet(_Section):
                     "port",
                 )
             ports[port] = printer.name
-        if self.fleet.time_scale != 1 and not all(printer.simulated for printer in self.printers):
+        if self.fleet.time_scale != 1 and not all(printer.is_simulated for printer in self.printers):
             raise FieldError(
                 "must be 1 unless every port is sim://: a real printer has no fast clock",
                 "fleet",

@@ -69,15 +69,15 @@ _WATCH_INTERVAL_S = 0.5  # wall seconds; the heaters of a dead agent's printer m
 _TICK_INTERVAL_S = 1.0
 _FORECAST_INTERVAL_S = 15.0
 _FORECAST_PAUSE_S = 0.02  # pause between two steps, for other work
-_NOTIFY_INTERVAL_S = 2.0
+_NOTICES_INTERVAL_S = 2.0
 _DRY_RUNS_INTERVAL_S = 5.0
 _CAMERAS_INTERVAL_S = 0.5
 _DISK_INTERVAL_S = 600.0
 _LOG_INTERVAL_S = 60.0
-_LOG_BYTES, _MAX_OLD_LOGS = 10 * 2**20, 4
-# A view of a large farm has 50,000 objects; Python's own threshold of 700 would make it a sixth slower.
+_MAX_LOG_BYTES, _MAX_OLD_LOGS = 10 * 2**20, 4
+# A view of a large farm has 50,000 objects; it takes a sixth longer with Python's own threshold of 700.
 _GC_THRESHOLDS = (20_000, 20, 20)
-_FOLLOW_INTERVAL_S = 1.0  # wall seconds; the longest delay of timers after the clock was set back
+_CLOCK_INTERVAL_S = 1.0  # wall seconds; the longest delay of timers after the clock was set back
 _ABORT_TIMEOUT_S = 150.0  # wall seconds within which every print can be stopped safely
 _GRACE_PERIOD_S = 3  # wall seconds for requests that are still running when the daemon ends
 
@@ -177,7 +177,7 @@ class Daemon:
             self._paths.fleet,
             self._workers,
             self._shut_down,
-            self._agents.replace,
+            self._agents.replace_agent,
             upkeep.prune,
             cameras.fetch_still,
             self._agents.read_lines,
@@ -189,18 +189,18 @@ class Daemon:
         )
 
     def _start_timers(self, dry_runs: DryRuns, cameras: Cameras) -> None:
-        """Start the timers of everything that is done at intervals."""
+        """Start the timers of all periodic work."""
         timers = self._timers
         timers.call_every(_WATCH_INTERVAL_S, "watch agents", self._agents.watch)
         timers.call_every(_TICK_INTERVAL_S, "tick", self._schedule)
         timers.call_every(_FORECAST_INTERVAL_S, "forecast", self._renew_forecast)
-        timers.call_every(_NOTIFY_INTERVAL_S, "notify", self._notify)
+        timers.call_every(_NOTICES_INTERVAL_S, "notify", self._notify)
         timers.call_every(
             _DRY_RUNS_INTERVAL_S, "dry runs", lambda: dry_runs.cancel_abandoned_runs(time.monotonic())
         )
         timers.call_every(_CAMERAS_INTERVAL_S, "cameras", cameras.tick)
         timers.call_every(
-            _LOG_INTERVAL_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _MAX_OLD_LOGS)
+            _LOG_INTERVAL_S, "log", lambda: rotate_log(self._state.log, _MAX_LOG_BYTES, _MAX_OLD_LOGS)
         )
         if self._cluster is not None:
             timers.call_every(_TICK_INTERVAL_S, "cluster", self._warn_about_cluster)
@@ -208,12 +208,12 @@ class Daemon:
 
     def _compute_connection_limit(self) -> int:
         """Compute the maximum number of connections of each server."""
-        workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
-        workers += 1  # the worker for urgent tasks
-        servers = 1 if self._fleet.web is None else 2
-        cameras = sum(printer.camera is not None for printer in self._fleet.printers)
-        descriptors = len(self._fleet.printers) + cameras  # a camera needs fewer than a printer
-        return compute_connection_limit(read_descriptor_limit() // servers, descriptors, workers)
+        worker_count = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
+        worker_count += 1  # the worker for urgent tasks
+        server_count = 1 if self._fleet.web is None else 2
+        camera_count = sum(printer.camera is not None for printer in self._fleet.printers)
+        device_count = len(self._fleet.printers) + camera_count  # a camera needs fewer descriptors
+        return compute_connection_limit(read_descriptor_limit() // server_count, device_count, worker_count)
 
     def _make_server(self, app: FastAPI, limit: int) -> BoundedServer:
         """Make the server on the Unix socket."""
@@ -228,7 +228,7 @@ class Daemon:
         return BoundedServer(config, limit, self._stop_work)
 
     async def _begin_upkeep(self, upkeep: Upkeep) -> None:
-        """Finish the deletions of an earlier daemon, back up every night, and watch the disk."""
+        """Finish the deletions of an earlier daemon, and start the nightly backups and the disk watch."""
         upkeep.begin()
         self._timers.call_every(_DISK_INTERVAL_S, "disk", upkeep.check_free_space)
         warn = partial(self._controller.warn, "backup")
@@ -253,7 +253,7 @@ class Daemon:
     async def _follow_clock(self) -> None:
         """Follow steps of the host's clock, such as those by NTP after a start without a network."""
         while True:
-            await asyncio.sleep(_FOLLOW_INTERVAL_S)  # on the loop's monotonic clock
+            await asyncio.sleep(_CLOCK_INTERVAL_S)  # on the loop's monotonic clock
             step_s = self._clock.follow_host()
             if step_s:
                 log.warning("the host's clock was set by %+.0f s: attended and quiet hours follow it", step_s)
@@ -284,7 +284,7 @@ class Daemon:
             await asyncio.sleep(_FORECAST_PAUSE_S)
 
     async def _shut_down(self, is_immediate: bool) -> None:
-        """Shut down the prints (with `is_immediate`), then the agents, then the daemon."""
+        """Begin to shut down: cancel the prints (with `is_immediate`), and end the farm once it is idle."""
         self._controller.is_stopping = True
         if is_immediate:
             abort_prints(self._controller)
@@ -299,7 +299,7 @@ class Daemon:
         self._workers.close()
 
     async def _end_when_idle(self, is_immediate: bool) -> None:
-        """Wait for running plans and inspections (unless `is_immediate`) and for open prints, then end.
+        """Wait for open prints and (unless `is_immediate`) plans and inspections; then end agents and daemon.
 
         If a print does not end, the farm keeps running, so that a person can inspect the printer.
         """
@@ -307,12 +307,14 @@ class Daemon:
         while not is_immediate and (self._inspections or planning.list_running_jobs(self._controller.books)):
             await asyncio.sleep(0.1)
         deadline_s = asyncio.get_running_loop().time() + _ABORT_TIMEOUT_S if is_immediate else math.inf
-        while open_prints := sorted(
+        while printing_printers := sorted(
             {attempt.printer for attempt in self._controller.books.list_open_prints()}
         ):
             if asyncio.get_running_loop().time() > deadline_s:
                 log.error(
-                    "not shutting down: %s did not end within %g s", " ".join(open_prints), _ABORT_TIMEOUT_S
+                    "not shutting down: %s did not end within %g s",
+                    " ".join(printing_printers),
+                    _ABORT_TIMEOUT_S,
                 )
                 self._controller.is_stopping = False
                 return

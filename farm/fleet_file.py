@@ -194,7 +194,7 @@ class _Document:
         return 0 if self.node is None else count_node(self.node)
 
     def _find_source(self, key_path: KeyPath) -> KeyPath:
-        """Find the path from which a value comes, because a printer's key may be in `defaults`."""
+        """Find the path at which a value is written: a printer's key may be written in `defaults` instead."""
         if len(key_path) < 3 or key_path[0] != "printers":
             return key_path
         section = _find_child(_find_child(self.node, "printers"), key_path[1])

@@ -24,7 +24,7 @@ class JsonFormatter(logging.Formatter):
     """Formatter of records as JSON, one line each: at, level, logger, message, subjects, and an exception."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the line without a line break."""
+        """Return the record as one line, without a line break."""
         time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
         fields = {
             "at": time,

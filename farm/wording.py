@@ -72,9 +72,9 @@ def format_copies(view: api.JobView) -> str:
     return f"{view.printed_copies} of {view.options.copies}"
 
 
-def format_cached_plates(plates: int) -> str:
+def format_cached_plates(plate_count: int) -> str:
     """Format the number of plates that were found in the slice cache."""
-    return f"{format_count(plates, 'plate')} from the cache"
+    return f"{format_count(plate_count, 'plate')} from the cache"
 
 
 def _format_amount(amount: float) -> str:

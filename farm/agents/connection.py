@@ -47,11 +47,11 @@ from farm.paths import StateFolder
 log = logging.getLogger(__name__)
 
 _MAX_RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a while
-_SILENCE_S = 30.0  # wall seconds; a healthy agent reports every 5
+_SILENCE_TIMEOUT_S = 30.0  # wall seconds; a healthy agent reports every 5
 _END_TIMEOUT_S = 30.0  # wall seconds for an idle agent to end
 _MAX_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
 _STABLE_CONNECTION_S = 30.0  # wall seconds after which a connection counts as stable
-_PIECE_BYTES = 32 * 1024  # size of a piece of an uploaded file; an agent accepts lines of 64 KiB
+_CHUNK_BYTES = 32 * 1024  # size of a chunk of an uploaded file; an agent accepts lines of 64 KiB
 _START_TIMEOUT_S = 120.0  # wall seconds; a slower start request is refused, and the plate scheduled again
 _CLEARED_KEY = ("cleared", "")  # key of a pending `BedCleared`
 _EMULATOR_FOLDER = "emulator"  # in the agent's folder, for the emulator of a sim:// port
@@ -63,11 +63,11 @@ class AgentListener(HostListener, Protocol):
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         """Handle a snapshot."""
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
-        """Handle a refusal to start a print; `late` if the request arrived after its deadline."""
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
+        """Handle a refusal to start a print; `is_late` is true if the request came after its deadline."""
 
     def find_unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent must first list its prints; None if it need not."""
+        """Return the time since which an agent's prints must be listed, as they are unknown; else None."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Handle the list of prints in an agent's journal."""
@@ -116,7 +116,7 @@ class AgentConnection:
         self._process: subprocess.Popen[bytes] | None = None
         self._start_times_s: deque[float] = deque(maxlen=_MAX_RESTARTS_PER_MINUTE)  # monotonic times
         self._pending_requests: set[tuple[str, str]] = set()  # in progress, and not to be sent again
-        self._unsupported_requests: set[tuple[str, str]] = set()  # those that its older agent does not know
+        self._unsupported_requests: set[tuple[str, str]] = set()  # unknown to its agent of an older version
         self._cancelled_prints: set[str] = set()  # prints that must no longer start
         self._tasks: set[asyncio.Task[Any]] = set()
         self._base_offset_s = 0.0  # farm's clock minus the agent's, without the steps of the host's clock
@@ -187,7 +187,7 @@ class AgentConnection:
                 connected_s = time.monotonic()
                 snapshots = self._client.receive_snapshots()
                 while True:
-                    async with asyncio.timeout(_SILENCE_S):
+                    async with asyncio.timeout(_SILENCE_TIMEOUT_S):
                         report = await anext(snapshots, None)
                     if report is None:
                         break
@@ -200,7 +200,7 @@ class AgentConnection:
                     wait_s = 0.0
                 self._log.info("the connection to its agent was lost")
             except TimeoutError:
-                self._log.warning("its agent has not reported for %g s", _SILENCE_S)
+                self._log.warning("its agent has not reported for %g s", _SILENCE_TIMEOUT_S)
             except (DriverError, FarmError) as error:
                 self._log.warning("%s", error)
             except Exception:
@@ -239,7 +239,7 @@ class AgentConnection:
 
     def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
         """Convert a snapshot to the farm's record, without fields that the agent cannot measure."""
-        is_simulated = self._section is not None and self._section.simulated
+        is_simulated = self._section is not None and self._section.is_simulated
         is_cleared = _CLEARED_KEY in self._pending_requests
         return to_trusted_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
@@ -296,12 +296,12 @@ class AgentConnection:
         try:
             with gcode.open("rb") as file:
                 while has_more:
-                    piece = await asyncio.to_thread(file.read, _PIECE_BYTES)
-                    request = m.Upload(id=0, print_id=print_id, offset=offset, data=base64.b64encode(piece))
+                    chunk = await asyncio.to_thread(file.read, _CHUNK_BYTES)
+                    request = m.Upload(id=0, print_id=print_id, offset=offset, data=base64.b64encode(chunk))
                     reply = await self._client.request(request)
                     if reply.error:
                         raise AgentError(reply.error)
-                    offset, has_more = offset + len(piece), bool(piece)
+                    offset, has_more = offset + len(chunk), bool(chunk)
         except OSError as error:
             raise AgentError(f"{gcode}: cannot be read ({error})") from error
 
@@ -318,7 +318,7 @@ class AgentConnection:
         reply = await self._client.request(m.ListLines(id=0))
         return to_farm_lines(reply.lines, self._clock_offset_s)
 
-    async def replace(self) -> None:
+    async def replace_agent(self) -> None:
         """Replace an idle agent with one of this version.
 
         Raises

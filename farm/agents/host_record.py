@@ -10,7 +10,7 @@ from drivers.host import AgentPhase, HostState, Update, UpdatePhase
 LOSS_DELAY_S = 10.0
 """Wall seconds without a connection after which a host is lost; shorter interruptions are not reported."""
 FIRST_LOSS_DELAY_S = 45.0
-"""As `LOSS_DELAY_S`, before the first connection, when the services of many hosts start at once, over ssh."""
+"""Like `LOSS_DELAY_S`, for the first connection: the services of many hosts start at once, over ssh."""
 
 
 class HostChange(StrEnum):

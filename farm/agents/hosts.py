@@ -170,7 +170,7 @@ class HostConnection:
             self._mux = MuxConnection(reader, writer, self._on_message)
             carry_task = asyncio.create_task(self._mux.run())
             try:
-                await self._watch(carry_task)
+                await self._send_heartbeats(carry_task)
             finally:
                 self._connected_event.clear()
                 carry_task.cancel()
@@ -180,8 +180,8 @@ class HostConnection:
                 process.kill()
             await process.wait()
 
-    async def _watch(self, carry_task: asyncio.Task[None]) -> None:
-        """Send the heartbeat until the connection ends or the host is silent. Raises AgentError."""
+    async def _send_heartbeats(self, carry_task: asyncio.Task[None]) -> None:
+        """Send heartbeats until the connection ends or the host is silent. Raises AgentError."""
         started_s = self._last_message_s = time.monotonic()
         while True:
             done_tasks, _ = await asyncio.wait([carry_task], timeout=STATE_INTERVAL_S)
@@ -224,9 +224,9 @@ class Hosts:
         self._connections: dict[str, HostConnection] = {}
         self._connections_by_printer: dict[str, HostConnection] = {}
         # Hosts on which an update has begun; None if there is no update.
-        self._rollout: tuple[str, ...] | None = None
+        self._updating_hosts: tuple[str, ...] | None = None
         report_s = compute_report_interval_s(len(fleet.printers))
-        for host, command, sections in _group_by_host(fleet):
+        for host, command, sections in _group_printers_by_host(fleet):
             starts = tuple(make_start_file(section, clock) for section in sections)
             request = HostRequest(do=HostTask.CARRY, farm=fleet.fleet.name, starts=starts, report_s=report_s)
             connection = HostConnection(
@@ -255,7 +255,10 @@ class Hosts:
         return self._connections_by_printer.get(printer)
 
     def watch(self) -> None:
-        """Record the hosts that were lost or have reconnected, until this succeeds; continue an update."""
+        """Record the hosts that were lost or have reconnected, and continue an update.
+
+        A change that cannot be recorded is tried again by the next call.
+        """
         now_s = self._clock.now()
         for record in self.records:
             change = record.find_change(now_s, self._clock.scale)
@@ -272,8 +275,8 @@ class Hosts:
                 log.error("%s", error)
                 continue
             record.is_loss_reported = is_lost
-        if self._rollout is not None:
-            self._roll_out(self._rollout)
+        if self._updating_hosts is not None:
+            self._roll_out(self._updating_hosts)
 
     def on_clock_set(self, step_s: float) -> None:
         """Shift all times by a step of the clock, so that a host is lost after the same wall time."""
@@ -295,7 +298,7 @@ class Hosts:
         )
         if outdated_hosts:
             log.info("%s is updating the agents of %s", caller_name, " ".join(outdated_hosts))
-            self._rollout = ()
+            self._updating_hosts = ()
             self._listener.warn("update", None)
         return outdated_hosts
 
@@ -316,7 +319,7 @@ class Hosts:
         if step.fault is not None:
             log.error("the update of the agents has stopped: %s", step.fault)
             self._listener.warn("update", f"the update of the agents has stopped: {step.fault}")
-        self._rollout = None if step.is_finished else updating_hosts
+        self._updating_hosts = None if step.is_finished else updating_hosts
 
     def release_agents(self) -> None:
         """Allow all hosts to end their idle agents; they start none until the next connection."""
@@ -328,7 +331,7 @@ class Hosts:
         await asyncio.gather(*(connection.close() for connection in self._connections.values()))
 
 
-def _group_by_host(fleet: Fleet) -> Iterator[tuple[str, str, list[PrinterSection]]]:
+def _group_printers_by_host(fleet: Fleet) -> Iterator[tuple[str, str, list[PrinterSection]]]:
     """Yield each host with its command and its enabled printers.
 
     Raises

@@ -97,19 +97,19 @@ class AgentManager:
         self.hosts.watch()
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
-        """Send an instruction to its agent; after a failure, the agent's next snapshot repeats it."""
+        """Send an instruction to its agent; if that fails, it is repeated at the agent's next snapshot."""
         request = make_agent_request(instruction, books, files)
         connection = self._connections.get(getattr(instruction, "printer", ""))
         if request is not None and connection is not None:
             connection.send(request)
 
-    async def replace(self, name: str) -> None:
+    async def replace_agent(self, name: str) -> None:
         """Replace the agent of an idle printer. Raises NotFoundError or RefusedError."""
         connection = self._connections.get(name)
         if connection is None:
             raise NotFoundError(f"there is no enabled printer {name}; see `farm status`")
         try:
-            await connection.replace()
+            await connection.replace_agent()
         except DriverError as error:
             raise RefusedError(str(error)) from error
 

@@ -30,7 +30,7 @@ _PRINT_STATES = {
 
 
 def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
-    """Return the seconds by which the farm's clock is ahead of the agent's; 0 if a delay may explain it.
+    """Return the farm's clock minus the agent's in seconds; 0 if the delay of a message may be the cause.
 
     An agent's clock is never adjusted. While the daemon is running, only the farm's clock follows the host's.
     """
@@ -124,7 +124,7 @@ def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
 
 
 def to_trusted_snapshot(
-    report: m.Snapshot, clock: Clock, printer: str, is_simulated: bool, bed_cleared: bool
+    report: m.Snapshot, clock: Clock, printer: str, is_simulated: bool, is_bed_cleared: bool
 ) -> AgentSnapshot:
     """Convert an agent's snapshot to the farm's record, without fields that the agent cannot measure.
 
@@ -138,7 +138,7 @@ def to_trusted_snapshot(
         The printer of this connection; the name in the snapshot is ignored.
     is_simulated
         True if the printer is an emulator: only emulators know the state of their bed.
-    bed_cleared
+    is_bed_cleared
         True if a person has cleared the bed and the agent has not confirmed it yet: its alarm and
         its report of an unknown bed are out of date.
     """
@@ -151,8 +151,8 @@ def to_trusted_snapshot(
             "printer": printer,
             "bed_clear": snapshot.bed_clear if is_simulated else None,
             "filament": FilamentState.UNKNOWN if is_stale else snapshot.filament,
-            "bed_unknown_reason": None if bed_cleared else snapshot.bed_unknown_reason,
-            "alarm": None if bed_cleared else snapshot.alarm,
+            "bed_unknown_reason": None if is_bed_cleared else snapshot.bed_unknown_reason,
+            "alarm": None if is_bed_cleared else snapshot.alarm,
             "link": Link.FAULT if is_outdated else snapshot.link,
             "reason": _OUTDATED_REASON.format(printer) if is_outdated else snapshot.reason,
             "outdated": is_outdated,

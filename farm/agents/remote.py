@@ -31,7 +31,7 @@ def _build_route(section: PrinterSection, farm: str, clock: Clock) -> Route | No
 
 
 def remove_start_file(route: Route | None) -> Route | None:
-    """Return a route without the instruction to start an agent."""
+    """Return a route without its start file, so that no agent is started over it."""
     if route is None:
         return None
     try:

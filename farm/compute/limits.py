@@ -13,16 +13,16 @@ class Limit:
     ----------
     work_name
         Name of the work, for messages.
-    urgent
+    is_urgent
         True if the work is quick and a user is waiting for it; it then starts before other work.
     """
 
     work_name: str
     seconds: float
-    urgent: bool = False
+    is_urgent: bool = False
 
 
-CHECKING_LIMIT = Limit("reading and checking the model", 600.0, urgent=True)
+CHECKING_LIMIT = Limit("reading and checking the model", 600.0, is_urgent=True)
 DECOMPOSING_LIMIT = Limit("decomposing", 1800.0)
 DRAWING_LIMIT = Limit("drawing the parts", 1800.0)
 SLICING_LIMIT = Limit("slicing a part", 2400.0)  # above CuraEngine's own limit (slicing.plate)

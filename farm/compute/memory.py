@@ -12,7 +12,7 @@ def read_machine_memory_bytes() -> int:
 
 
 def read_process_memory_bytes() -> int:
-    """Return the memory in bytes that this process may use: its limit, which workers have, or all memory."""
+    """Return the memory in bytes that this process may use: the machine's, or less if it has a limit."""
     soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
     return (
         read_machine_memory_bytes()

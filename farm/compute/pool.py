@@ -66,12 +66,12 @@ class PoolShare:
         Pool that runs the tasks.
     group
         Group of the tasks.
-    urgent
+    is_urgent
         True if the tasks start before other work.
     """
 
-    def __init__(self, pool: Pool, group: Hashable, urgent: bool = False) -> None:
-        self._pool, self._group, self._urgent = pool, group, urgent
+    def __init__(self, pool: Pool, group: Hashable, is_urgent: bool = False) -> None:
+        self._pool, self._group, self._is_urgent = pool, group, is_urgent
 
     @property
     def has_idle_worker(self) -> bool:
@@ -80,5 +80,5 @@ class PoolShare:
 
     async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT) -> T:
         """Run a function in a worker."""
-        limit = replace(limit, urgent=True) if self._urgent else limit
+        limit = replace(limit, is_urgent=True) if self._is_urgent else limit
         return await self._pool.run(work, *args, limit=limit, group=self._group)

@@ -54,7 +54,7 @@ class _WaitingTask:
     """Task that waits for a worker."""
 
     group: Hashable
-    urgent: bool
+    is_urgent: bool
     worker_future: asyncio.Future[Worker]
 
 
@@ -124,7 +124,7 @@ class WorkerPool:
         exit_text = ""
         group = object() if group is None else group
         for _ in range(_MAX_ATTEMPTS):
-            worker = await self._acquire_worker(group, limit.urgent)
+            worker = await self._acquire_worker(group, limit.is_urgent)
             is_reusable = False
             self._running_counts[group] += 1
             try:
@@ -141,7 +141,7 @@ class WorkerPool:
             except EOFError:
                 if self._is_closed:
                     raise FarmError(_CLOSED_MESSAGE) from None
-                exit_text = worker.wait()
+                exit_text = worker.wait_for_exit()
                 log.warning("worker %d ended unexpectedly (%s)", worker.pid, exit_text)
                 continue
             finally:
@@ -190,20 +190,20 @@ class WorkerPool:
             log.error("no worker can be started: %s; retrying", error)
             asyncio.get_running_loop().call_later(_RETRY_INTERVAL_S, self._replace_worker)
 
-    async def _acquire_worker(self, group: Hashable, urgent: bool) -> Worker:
+    async def _acquire_worker(self, group: Hashable, is_urgent: bool) -> Worker:
         """Wait for a free worker, preferably one that is ready. Raises FarmError if the pool is closed."""
         if self._is_closed:
             raise FarmError(_CLOSED_MESSAGE)
         free_workers = [
-            worker for worker in self._idle_workers if urgent or worker is not self._urgent_worker
+            worker for worker in self._idle_workers if is_urgent or worker is not self._urgent_worker
         ]
         if free_workers:
             worker = max(free_workers, key=lambda worker: worker.start_step is None)
             self._idle_workers.remove(worker)
             return worker
-        task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
+        task = _WaitingTask(group, is_urgent, asyncio.get_running_loop().create_future())
         self._waiting_tasks.append(task)
-        if urgent:
+        if is_urgent:
             self._start_urgent_worker()
         try:
             return await task.worker_future
@@ -229,11 +229,11 @@ class WorkerPool:
     def _assign_worker(self, worker: Worker) -> None:
         """Give a free worker to the waiting task that is served first, if there is one."""
         open_tasks = [task for task in self._waiting_tasks if not task.worker_future.done()]
-        tasks = [task for task in open_tasks if task.urgent or worker is not self._urgent_worker]
+        tasks = [task for task in open_tasks if task.is_urgent or worker is not self._urgent_worker]
         if not tasks:
             self._idle_workers.append(worker)
             return
-        first = min(tasks, key=lambda task: (not task.urgent, self._running_counts[task.group]))
+        first = min(tasks, key=lambda task: (not task.is_urgent, self._running_counts[task.group]))
         self._waiting_tasks.remove(first)
         first.worker_future.set_result(worker)
 
@@ -248,7 +248,7 @@ class WorkerPool:
         self._live_workers.discard(worker)
         if worker is self._urgent_worker:
             self._urgent_worker = None
-            if any(task.urgent for task in self._waiting_tasks):
+            if any(task.is_urgent for task in self._waiting_tasks):
                 self._start_urgent_worker()
         else:
             self._replace_worker()

@@ -92,8 +92,8 @@ class Worker:
         except OSError as error:
             raise EOFError from error
 
-    def wait(self) -> str:
-        """Wait for the end of the process, which has closed its pipe, and describe its exit code."""
+    def wait_for_exit(self) -> str:
+        """Wait for the exit of the process, which has closed its pipe, and return the exit code as text."""
         self._process.join(_EXIT_TIMEOUT_S)
         code = self._process.exitcode
         return signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"

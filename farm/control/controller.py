@@ -26,7 +26,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, JobState, PlanProgress, P
 from farm.paths import StateFolder
 from farm.planning import Plan
 from farm.planning.replanning import ReplanCoordinator, ReplannedPlate
-from farm.scheduling import LARGE_FLEET_SIZE, BuildVolumes, ForecastCache, StartRules
+from farm.scheduling import LARGE_FLEET_SIZE, BuildVolumeFinder, ForecastCache, StartRules
 from farm.state import (
     Books,
     apply_reels,
@@ -55,11 +55,13 @@ class Controller:
         The books.
     clock
         The farm's clock.
-    build_volumes
+    find_build_volumes
         Function that returns the boxes in which a printer can print.
     """
 
-    def __init__(self, fleet: Fleet, store: Store, clock: Clock, build_volumes: BuildVolumes) -> None:
+    def __init__(
+        self, fleet: Fleet, store: Store, clock: Clock, find_build_volumes: BuildVolumeFinder
+    ) -> None:
         self.clock, self.started_s = clock, clock.now()
         self.telemetry = Telemetry()
         self.planning = JobPlanning()
@@ -71,7 +73,7 @@ class Controller:
         self._store = store
         self._effects: Effects | None = None
         self._replanning = ReplanCoordinator()
-        self.situations = Situations(self, build_volumes)
+        self.situations = Situations(self, find_build_volumes)
         self.scheduler = Scheduler(
             self.situations, self.planning, self._replanning, self._commit_in_transaction
         )
@@ -93,7 +95,7 @@ class Controller:
         self._effects = effects
         events = _list_startup_events(self.books, self.fleet, restored_s, self.clock.now())
         self._perform_effects(self._commit_in_transaction(events))
-        self.situations.prepare()
+        self.situations.fill_cache()
         for problem in validate_books(self.books) if restored_s is not None else ():
             log.error("the restored database is inconsistent: %s", problem)
 
@@ -184,7 +186,7 @@ class Controller:
             yield from self.scheduler.run()
 
     def _list_unconfirmed_instructions(self, names: Iterable[str] | None) -> Iterator[ev.AnyInstruction]:
-        """Yield the instructions on open prints, of some printers or all, that agents have not confirmed."""
+        """Yield the instructions on open prints that agents have not confirmed, for some printers or all."""
         snapshots, find_printer, now_s = (
             self.telemetry.snapshots,
             self.situations.describe_printer,
@@ -217,19 +219,19 @@ class Controller:
             self.telemetry.reject(snapshot, previous_snapshot, str(error))
             raise
 
-    def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
+    def on_refusal(self, print_id: str, reason: str, is_late: bool = False) -> None:
         """Count an agent's refusal to start a print; after several refusals, the print has failed.
 
-        A request that arrived too `late` is not counted as a refusal: its plate is scheduled again.
+        The refusal of a request that arrived too late is not counted: its plate is scheduled again.
         """
         attempt, is_final = self.books.prints[print_id], self.telemetry.count_refusal(print_id)
-        if attempt.state is not PrintState.ASSIGNED or not (late or is_final):
+        if attempt.state is not PrintState.ASSIGNED or not (is_late or is_final):
             return
         printer = self.books.get_printer(attempt.printer)
-        self.handle(make_refused_print_end(attempt, printer, reason, late, self.clock.now()))
+        self.handle(make_refused_print_end(attempt, printer, reason, is_late, self.clock.now()))
 
     def find_unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent must first list its prints; None if it need not."""
+        """Return the time since which an agent's prints must be listed, as they are unknown; else None."""
         return self.books.get_printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
@@ -303,7 +305,7 @@ def _list_startup_events(
     """
     for section in fleet.printers:
         if section.name not in books.printers:
-            bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
+            bed = Bed.UNKNOWN if section.is_simulated else Bed.NOT_CLEAR
             yield ev.PrinterAdded(at_s=now_s, printer=section.name, bed=bed)
     if restored_s is not None:
         yield ev.BooksRestored(at_s=now_s, copied_s=restored_s)

@@ -64,7 +64,7 @@ class FarmEffects:
         request = PlanRequest(
             job=job,
             printers=tuple(fleet.find_printer(name) for name in order.printers),
-            rounds=order.rounds,
+            round_count=order.round_count,
             time_factors={name: books.get_printer(name).time_factors for name in order.printers},
             time_limit_s=None if limit_s is None else max(0.0, limit_s - start_s),
             assembly_ratio=compute_assembly_ratio(books.jobs.values()),

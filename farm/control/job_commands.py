@@ -55,12 +55,12 @@ class JobCommands:
 
     def list_unusable_options(self, options: JobOptions) -> list[str]:
         """Describe the options of a submission that require more printers than the fleet has."""
-        printers = len(self._controller.fleet.printers)
-        fleet = f"the fleet has {format_count(printers, 'printer')}"
+        printer_count = len(self._controller.fleet.printers)
+        fleet = f"the fleet has {format_count(printer_count, 'printer')}"
         problems = []
-        if options.printers is not None and options.printers > printers:
+        if options.printers is not None and options.printers > printer_count:
             problems.append(f"--printers {options.printers}: {fleet}, so the job cannot use more")
-        if options.spares >= printers:
+        if options.spares >= printer_count:
             problems.append(f"--spares {options.spares}: {fleet}, and at least one has to print the job")
         return problems
 
@@ -111,8 +111,8 @@ class JobCommands:
             ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=caller_name)
         )
 
-    def pause(self, number: int, is_paused: bool, caller_name: str) -> None:
-        """Pause a job, so that its prints pause and no others start; or resume it."""
+    def set_paused(self, number: int, is_paused: bool, caller_name: str) -> None:
+        """Pause a job, so that its prints pause and no others start, or resume it."""
         books = self._controller.books
         job = books.get_job(number)
         if job.state.ended:
@@ -168,10 +168,10 @@ class JobCommands:
         books = self._controller.books
         if books.get_job(number).state.ended:
             raise RefusedError(f"job {number} has already ended: it is {books.get_job(number).state}")
-        order = [job.id for job in list_queue(books)]
-        if number not in order:
+        queue = [job.id for job in list_queue(books)]
+        if number not in queue:
             raise RefusedError(f"no plate of job {number} is waiting: all of them have started")
-        return order
+        return queue
 
     async def approve(self, number: int, plan: str, state: StateFolder, caller_name: str) -> None:
         """Release a held job to print, with exactly the plan and files that a person has reviewed.

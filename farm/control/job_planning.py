@@ -57,7 +57,7 @@ class JobPlanning:
         situation
             The plates that still wait, and the fleet after the current assignment.
         reserved_printers
-            Printers for which plates are being replanned, with the plate.
+            Printers for which plates are being replanned, each with its plate.
         """
         pending_printers = list_pending_printers(self._admission.list_pending_plans(books))
         revised_printers = self.revisions.reserved_printers
@@ -66,11 +66,11 @@ class JobPlanning:
     def admit(
         self, books: Books, situation: Situation, reserved_printers: dict[str, str], is_starting: bool
     ) -> Iterator[tuple[ev.AnyEvent, StartPlanning | None]]:
-        """Yield the events on queued jobs, each with the order to perform once it is committed.
+        """Yield the events on queued jobs, each with the order to perform once the event is committed.
 
         See `find_reservations` and `farm.scheduling.JobAdmission.decide` for the parameters.
         """
-        fleet = Availability(
+        availability = Availability(
             situation.printers,
             reservations={
                 **self.revisions.reserved_printers,
@@ -79,7 +79,7 @@ class JobPlanning:
             replan_printers=frozenset(reserved_printers),
             is_starting=is_starting,
         )
-        decisions = list(self._admission.decide(books, situation, fleet))
+        decisions = list(self._admission.decide(books, situation, availability))
         self.holds = {entry.job: entry.hold for entry in decisions if isinstance(entry, HoldJob)}
         now_s = situation.now_s
         for decision in decisions:

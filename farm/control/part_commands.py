@@ -69,12 +69,12 @@ class PartCommands:
         )
         return plate.parts[0]
 
-    def pause(self, job: int, part: str, is_paused: bool, caller_name: str) -> str:
+    def set_paused(self, job: int, part: str, is_paused: bool, caller_name: str) -> str:
         """Pause or resume a part, on its printer or in the queue; return the printer, or an empty string."""
         plate = self._find_plate(job, part)
         printer = self._find_printer(plate)
         if printer is not None:
-            self._printers.pause(printer, is_paused, caller_name)
+            self._printers.set_paused(printer, is_paused, caller_name)
             return printer
         name, state = plate.parts[0], self._controller.books.find_plate_state(plate)
         if state is not PlateState.WAITING:
@@ -101,7 +101,9 @@ class PartCommands:
             if cut_part.job == job and parse_part_number(cut_part.id) == parse_part_number(part):
                 names = books.plates[cut_part.plate].replaced_by
                 pieces = " ".join(name for plate in names for name in books.plates[plate].parts)
-                raise RefusedError(f"part {cut_part.id} failed and was cut into smaller parts: give {pieces}")
+                raise RefusedError(
+                    f"part {cut_part.id} failed and was cut into smaller parts: name one of {pieces}"
+                )
         part_names = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
         raise NotFoundError(f"job {job} has no part {part}; its parts are {part_names}")
 

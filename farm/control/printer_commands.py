@@ -36,7 +36,7 @@ class PrinterCommands:
             )
         )
 
-    def pause(self, printer: str, is_paused: bool, caller_name: str) -> None:
+    def set_paused(self, printer: str, is_paused: bool, caller_name: str) -> None:
         """Pause or resume a print; one that is still heating is paused when it starts to print."""
         attempt = self.find_open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
@@ -125,7 +125,7 @@ class PrinterCommands:
     async def load_reel(self, printer: str, request: api.LoadRequest, caller_name: str) -> Reel:
         """Record that a reel was loaded or weighed; omitted fields keep their values."""
         entry = self._controller.books.get_printer(printer)
-        self._refuse_while_printing(printer)
+        self._refuse_printing_printer(printer)
         section = self._controller.fleet.find_printer(printer)
         has_new_material = request.material is not None or request.colour is not None
         current_reel = entry.reel if not has_new_material else None
@@ -150,12 +150,12 @@ class PrinterCommands:
             "colour": loaded_section.colour,
         }
         reel = reel.model_copy(update=filament)
-        self._refuse_while_printing(printer)  # a print may have started in the meantime
+        self._refuse_printing_printer(printer)  # a print may have started in the meantime
         at_s = self._controller.clock.now()
         self._controller.handle(ev.ReelLoaded(at_s=at_s, printer=printer, reel=reel, by=caller_name))
         return reel
 
-    def _refuse_while_printing(self, printer: str) -> None:
+    def _refuse_printing_printer(self, printer: str) -> None:
         if self._controller.books.find_open_print(printer) is not None:
             raise RefusedError(f"{printer} is printing: use `farm load` after the print has ended")
 

@@ -90,9 +90,7 @@ class Scheduler:
         # While a job is being planned again, it keeps its printers, and no other job may use them.
         revision_holds = revisions.list_holds(situations.books, situation.now_s)
         postponed_plates = revisions.postponed_plates.union(revision_holds)
-        allowed_assignments = self._replanning.exclude_reserved_printers(
-            situations.books, possible_assignments
-        )
+        allowed_assignments = self._replanning.filter_assignments(situations.books, possible_assignments)
         assignments = [a for a in allowed_assignments if a.plate not in postponed_plates]
         situation = situation.without(revision_holds)
         starts, self._later_starts = assignments[:MAX_STARTS], assignments[MAX_STARTS:]
@@ -101,7 +99,7 @@ class Scheduler:
             self.next_change_s = situation.now_s
             return
         if starts:
-            situation = situations.update(situation, starts)
+            situation = situations.apply_starts(situation, starts)
         yield from self._replanning.reslice_waiting_plates(situations.books, situation)
         yield from self._admit_jobs(situation)
         if revisions.has_remaining_jobs:
@@ -140,7 +138,7 @@ class Scheduler:
 
     def _assign_plates(self, situation: Situation) -> list[Assignment]:
         """Assign plates to printers; jobs that have not started get no printer reserved for a replan."""
-        return self._replanning.exclude_reserved_printers(self._situations.books, assign_plates(situation))
+        return self._replanning.filter_assignments(self._situations.books, assign_plates(situation))
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
         books, is_starting = self._situations.books, self._situations.is_starting()

@@ -11,7 +11,7 @@ from farm.control.telemetry import Telemetry
 from farm.model import Hold, HoldCode, Job, JobState
 from farm.scheduling import (
     Assignment,
-    BuildVolumes,
+    BuildVolumeFinder,
     FleetPrinter,
     PrintLimits,
     Situation,
@@ -20,7 +20,7 @@ from farm.scheduling import (
     count_spares,
     find_plate_holds,
     find_print_limits,
-    update_ends,
+    update_print_ends,
 )
 from farm.state import Books
 
@@ -57,12 +57,12 @@ class Situations:
     ----------
     farm
         The state, which changes over time.
-    build_volumes
+    find_build_volumes
         Function that returns the boxes in which a printer can print.
     """
 
-    def __init__(self, farm: FarmState, build_volumes: BuildVolumes) -> None:
-        self._farm, self._builder = farm, SituationBuilder(build_volumes)
+    def __init__(self, farm: FarmState, find_build_volumes: BuildVolumeFinder) -> None:
+        self._farm, self._builder = farm, SituationBuilder(find_build_volumes)
 
     @property
     def now_s(self) -> float:
@@ -102,7 +102,7 @@ class Situations:
         ).without(held_back_plates)
 
     def build_for_assignments(self, assignments: Collection[Assignment]) -> Situation:
-        """Return the current situation of only the jobs and printers of some assignments, which is faster.
+        """Return the current situation of only the jobs and printers of some assignments, to save time.
 
         It contains all printers if the number of printers that heat up is limited. It reserves no spares,
         because these must not prevent an assignment that was possible before.
@@ -119,7 +119,7 @@ class Situations:
 
     def build_for_display(self, held_back_plates: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with the ends of running prints that are displayed."""
-        return update_ends(self.build(held_back_plates), self.books, self._farm.telemetry.snapshots)
+        return update_print_ends(self.build(held_back_plates), self.books, self._farm.telemetry.snapshots)
 
     def build_for_forecast(self) -> Situation:
         """Return the situation for the forecast, without plates that are paused."""
@@ -128,12 +128,12 @@ class Situations:
             {name: hold for name, hold in held_back_plates.items() if hold.code in codes}
         )
 
-    def prepare(self) -> None:
+    def fill_cache(self) -> None:
         """Fill the cache with all printers and plates, so that the first run is as fast as later ones."""
         waiting = self.build(self.find_held_back_plates()).waiting_plates
         _ = waiting.planned_printers, waiting.demands  # each job caches its values
 
-    def update(self, situation: Situation, starts: Collection[Assignment]) -> Situation:
+    def apply_starts(self, situation: Situation, starts: Collection[Assignment]) -> Situation:
         """Return a situation as it is after some starts, which have just been committed."""
         started_printers = {p.name: p for p in self._list_printers([start.printer for start in starts])}
         printers = tuple([started_printers.get(p.name, p) for p in situation.printers])

@@ -29,7 +29,7 @@ from farm.state.transitions import apply
 TEMPERATURE_RETENTION_S = 12 * 3600.0
 """Farm seconds for which temperatures are kept; they are lost when the daemon ends."""
 MAX_REFUSALS = 5
-"""Refusals of an agent after which a print has failed; an agent also refuses while its port is opening."""
+"""Number of refusals after which a print has failed; an agent also refuses while its port is opening."""
 _READING_INTERVAL_S = 60.0
 _MIN_C, _MAX_C = -99.0, 999.0  # wider than real readings; noise must not stretch a chart
 
@@ -49,7 +49,7 @@ class Telemetry:
         self.warnings: dict[str, str | None] = {}
         self.snapshots: dict[str, AgentSnapshot] = {}
         self._temperatures: dict[str, TemperatureRecord] = {}
-        self._refusals = Counter[str]()  # by print
+        self._refusals = Counter[str]()  # number of refusals of each print
         self._failures: dict[str, str] = {}  # by printer: the error in handling its latest snapshot
 
     def list_warnings(self, root: Path) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
         place=state.place,
         text=_describe_work(state),
         workers=[
-            api.ClusterWorkerView(name=worker.name, slots=worker.slots, refused=worker.refusal_reason)
+            api.ClusterWorkerView(name=worker.name, slots=worker.slot_count, refused=worker.refusal_reason)
             for worker in state.workers
         ],
         tasks=[
@@ -39,7 +39,7 @@ def _describe_work(state: ClusterState) -> str:
     usable_workers = [worker for worker in state.workers if worker.refusal_reason is None]
     counts = Counter(task.host for task in state.tasks if task.host is not None)
     places = ", ".join(f"{host} {count}" for host, count in sorted(counts.items()))
-    slots = format_count(sum(worker.slots for worker in usable_workers), "slot")
+    slots = format_count(sum(worker.slot_count for worker in usable_workers), "slot")
     head = f"{format_count(len(usable_workers), 'worker')} with {slots} on {state.scheduler}"
     sent_count = len(state.tasks) - counts.total()
     running_note = f"running: {places}" if places else "nothing is running"

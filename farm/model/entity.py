@@ -25,8 +25,8 @@ FORMER_NAMES = {
 
 
 def _accept_names(field: str) -> str | AliasChoices:
-    former = FORMER_NAMES.get(field)
-    return field if former is None else AliasChoices(field, former)
+    former_name = FORMER_NAMES.get(field)
+    return field if former_name is None else AliasChoices(field, former_name)
 
 
 class Entity(BaseModel):

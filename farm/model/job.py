@@ -67,7 +67,9 @@ class JobOptions(Entity):
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown
     pin_mm: float | None = Field(default=None, ge=MIN_PIN_MM, le=MAX_PIN_MM)  # None: no holes for pins
-    pin_fit_mm: float | None = Field(default=None, ge=0, le=2)  # clearance around a pin; None: the printers'
+    pin_fit_mm: float | None = Field(
+        default=None, ge=0, le=2
+    )  # clearance around a pin; None: each printer's own
     marks: bool = False  # part numbers are cut into the faces that are glued
     copies: int = Field(default=1, ge=1, le=500)
     name: ShortText | None = Field(default=None, max_length=60)  # shown instead of the file's name
@@ -128,7 +130,7 @@ class Job(Entity):
     cuts: Mapping[str, str] = Field(default_factory=dict)  # names of the reports on recut parts, by part
     cut_instructions: Mapping[str, str] = Field(
         default_factory=dict
-    )  # names of their gluing instructions, by part
+    )  # names of the gluing instructions of recut parts, by part
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # True if a person has paused it; none of its plates starts
@@ -184,7 +186,7 @@ class Job(Entity):
 class PlanStep(StrEnum):
     """Step of the planning of a job."""
 
-    WAITING = "waiting"  # for a worker
+    WAITING = "waiting"  # waits for a worker
     DECOMPOSING = "decomposing"
     SLICING = "slicing"
     LEVELLING = "levelling"  # moving the cuts according to the sliced times
@@ -202,7 +204,7 @@ class PlanProgress(Entity):
     remaining_s: float | None = None  # longest remaining time of that search, in wall seconds
 
 
-_PRIOR_TIME_S = 3600.0  # weight of the ratio 1: one assembly of this duration that took as long as expected
+_PRIOR_TIME_S = 3600.0  # the prior is one assembly of this duration that took as long as expected
 _MAX_RATIO, _MIN_RATIO = 4.0, 0.25  # bounds on the ratio of one report, against wrong entries
 
 

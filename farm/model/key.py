@@ -19,7 +19,7 @@ class Role(StrEnum):
         order = list(Role)
         return order.index(self) >= order.index(role)
 
-    def limit(self, max_role: Role) -> Role:
+    def limit_to(self, max_role: Role) -> Role:
         """Return this role, or `max_role` if that permits less."""
         return max_role if self.allows(max_role) else self
 
@@ -47,7 +47,7 @@ class Key(Entity):
 
     @property
     def user(self) -> str | None:
-        """Name of the user of the farm's host who owns this session; None for a key and its sessions."""
+        """Name of the host's user who owns this session; None for a key and the sessions that it opened."""
         return self.name if self.kind is KeyKind.SESSION and self.opened_by is None else None
 
     @property

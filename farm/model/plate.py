@@ -17,7 +17,7 @@ class PartGeometry(Entity):
     Attributes
     ----------
     to_model
-        4 x 4, row by row: from the part's file (printing pose) to the model's frame, mm.
+        Transform (4 x 4, row by row) from the part's file, in its printing pose, to the model's frame, in mm.
     min_mm, max_mm
         Corners of its box in the model's frame.
     """
@@ -34,7 +34,7 @@ class PartPrintOptions(Entity):
     Attributes
     ----------
     brim_width_mm, layer_0_expansion_mm
-        None: as the quality sets it.
+        None for the value of the quality.
     bed_face_hidden, tops_hidden
         True if all faces on the bed, or all top faces, are cut faces that gluing hides.
     hidden_sides
@@ -74,7 +74,7 @@ class Part(Entity):
     @model_validator(mode="before")
     @classmethod
     def _nest_flat_fields(cls, fields: Any) -> Any:
-        """Read a part of farm 0.1, whose geometry and print options were not nested."""
+        """Nest the geometry and the print options of a part, which farm 0.1 stored as flat fields."""
         if not isinstance(fields, dict) or "geometry" in fields:
             return fields
         nested_fields: dict[str, Any] = dict(fields)
@@ -134,7 +134,7 @@ class TimeFactors:
     feature_factors: tuple[float, ...] | None = None  # in the order of `Shares`
 
     def compute_factor(self, shares: Shares | None) -> float:
-        """Compute the factor of layers with these shares; the overall factor if the others are unknown."""
+        """Compute the factor of layers with these shares; the overall one without shares or factors."""
         if self.feature_factors is None or shares is None:
             return self.overall_factor
         return float(sum(map(mul, shares, self.feature_factors)))
@@ -152,7 +152,7 @@ class Plate(Entity):
     parts: tuple[str, ...]
     gcode: str
     sha256: str
-    sliced_s: float  # time of its layers, by CuraEngine; of own G-code, by the firmware's planner
+    sliced_s: float  # time of its layers: by CuraEngine, or for own G-code by the firmware's planner
     features: FeatureSeconds | None = None  # `sliced_s` by feature; None: unknown, for example for own G-code
     expected_s: float  # time with heat-up, start and end code, and with the printer's factor
     grams: float
@@ -177,7 +177,7 @@ class Plate(Entity):
     @model_validator(mode="before")
     @classmethod
     def _drop_hold(cls, fields: Any) -> Any:
-        """Read a plate of farm 0.1, which stored its hold; holds are now derived."""
+        """Drop the hold of a plate stored by farm 0.1; holds are now derived."""
         return {k: v for k, v in fields.items() if k != "hold"} if isinstance(fields, dict) else fields
 
     @property
@@ -192,7 +192,7 @@ class Plate(Entity):
 
     @property
     def first_layer_s(self) -> float:
-        """Expected time until the first layer is done, which prints at half speed, in seconds."""
+        """Expected time in seconds until the first layer, which is printed at half speed, is done."""
         return self.overhead_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
     def compute_expected_s(self, time_factors: TimeFactors) -> float:

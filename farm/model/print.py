@@ -21,6 +21,7 @@ class PrintState(StrEnum):
 
     @property
     def ended(self) -> bool:
+        """True if the print has ended."""
         return self in (PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED)
 
 

@@ -15,7 +15,7 @@ from farm.planning.plate_times import compute_overhead_s
 from farm.state.storage import store_file
 
 MAX_WALL_WARNINGS = 3
-"""Maximum number of warnings about walls of a plate that are too thin to print, the largest walls first."""
+"""Maximum number of a plate's warnings about walls that are too thin to print, the largest walls first."""
 MAY_FALL_WARNING = (
     "has a small footprint in every pose that fits: watch it while it prints, or give it a wider brim"
 )

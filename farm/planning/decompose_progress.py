@@ -34,8 +34,8 @@ class ProgressRate:
     def __init__(self) -> None:
         self._first_report: tuple[float, float] | None = None  # its share and time
 
-    def measure(self, share: float, now_s: float) -> DecomposeProgress:
-        """Return the progress with its remaining time.
+    def estimate_progress(self, share: float, now_s: float) -> DecomposeProgress:
+        """Return the progress, with the remaining time that follows from the average rate.
 
         Parameters
         ----------

@@ -66,7 +66,7 @@ class JobPlanner:
             model=self._state.files / job.model_file,
             options=job.options,
             printers=request.printers,
-            rounds=request.rounds,
+            round_count=request.round_count,
             folder=self._state.work / f"job-{job.id}",
             time_factors=request.time_factors,
             time_limit_s=request.time_limit_s,
@@ -77,7 +77,7 @@ class JobPlanner:
         self._running = {
             number: plan_task for number, plan_task in self._running.items() if not plan_task.done()
         }
-        workers = PoolShare(self._workers, job.id, urgent=request.is_quick)
+        workers = PoolShare(self._workers, job.id, is_urgent=request.is_quick)
         builder = PlanBuilder(
             task, workers, self._state, lambda progress: self._on_progress(job.id, progress)
         )

@@ -43,7 +43,7 @@ class TooFewPrinters(FarmError):
 
 
 def name_step_file(upload: Path) -> Path:
-    """Return the path of the file, beside an upload, with the current step of its inspection."""
+    """Return the path of the file beside an upload that contains the current step of its inspection."""
     return upload.with_name(f"{upload.name}.step")
 
 
@@ -72,8 +72,8 @@ class PlanRequest:
     ----------
     printers
         The printers for which it is planned.
-    rounds
-        Maximum number of parts per printer.
+    round_count
+        Number of rounds of printing: the maximum number of parts per printer.
     time_factors
         Time factors of the printers, learned from their prints, by name.
     time_limit_s
@@ -86,7 +86,7 @@ class PlanRequest:
 
     job: Job
     printers: tuple[PrinterSection, ...]
-    rounds: int = 1
+    round_count: int = 1
     time_factors: Mapping[str, TimeFactors] = field(default_factory=dict)
     time_limit_s: float | None = None
     assembly_ratio: float = 1.0
@@ -120,7 +120,7 @@ class DecomposeTask:
     model: Path
     options: JobOptions
     printers: tuple[PrinterSection, ...]
-    rounds: int
+    round_count: int
     folder: Path
     time_factors: Mapping[str, TimeFactors] = field(default_factory=dict)
     time_limit_s: float | None = None
@@ -205,7 +205,7 @@ class SlicedJob:
     def should_relevel(self) -> bool:
         """Return whether the last printer ends late enough to justify moving the cuts and reslicing.
 
-        False if a printer has several parts, because equal parts would then not be equal loads.
+        The result is False if a printer has several parts, because equal parts would then not be equal loads.
         """
         printer_times_s = self.compute_printer_times_s()
         delay_s = self.compute_makespan_s() - sum(printer_times_s.values()) / len(printer_times_s)

@@ -47,7 +47,7 @@ def build_planned_event(
         # Deadlines depend on the present state of the printers; the forecast above assumes idle printers.
         print_end_s = forecast_prints(situation.with_printers(tuple(printers))).end_s
         gluing_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
-        notices = (*notices, *_describe_lateness(job, print_end_s, gluing_s, rules, now_s))
+        notices = (*notices, *_describe_missed_deadlines(job, print_end_s, gluing_s, rules, now_s))
     is_parallel = len({slot.printer for slot in forecast.slots}) == len(plan.plates)
     uses_plan_time = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
@@ -70,10 +70,10 @@ def build_planned_event(
     )
 
 
-def _describe_lateness(
+def _describe_missed_deadlines(
     job: Job, print_end_s: float, gluing_s: float, rules: StartRules, now_s: float
 ) -> Iterator[str]:
-    """Describe a deadline that will be missed; `gluing_s` is the time to glue the parts."""
+    """Yield a sentence for each deadline that will be missed; `gluing_s` is the time to glue the parts."""
     deadlines = (
         ("printed", job.done_by_s, print_end_s),
         ("assembled", job.assembled_by_s, print_end_s + gluing_s),

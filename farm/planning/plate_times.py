@@ -71,8 +71,8 @@ def reassign_loads(
         names = sorted(name for name in kinds if kinds[name] == kind)
         factors = {name: time_factors.get(name, 1.0) for name in names}
         if len(set(factors.values())) > 1:
-            by_load = sorted(names, key=lambda name: -loads_s.get(name, 0.0))
-            new_owners |= dict(zip(by_load, sorted(names, key=factors.__getitem__), strict=True))
+            names_by_load = sorted(names, key=lambda name: -loads_s.get(name, 0.0))
+            new_owners |= dict(zip(names_by_load, sorted(names, key=factors.__getitem__), strict=True))
         else:
             new_owners |= dict(zip(names, names, strict=True))
     return new_owners

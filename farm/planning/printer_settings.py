@@ -15,7 +15,7 @@ from slicing.settings import EngineSettings, Resources, SettingsRequest, find_re
 
 
 def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -> list[PrinterSection]:
-    """Return the enabled printers with the material and the colour that a job needs, at least one.
+    """Return the enabled printers, at least one, that have the material and the colour of a job.
 
     Raises
     ------

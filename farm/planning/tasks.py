@@ -38,9 +38,9 @@ def list_continue_files(
     task: DecomposeTask, record: Path, outcomes: Sequence[Path | str], _end_reason: str | None = None
 ) -> TaskFiles:
     """List the files of `continue_job`: those of `decompose_job`, the record, the outcomes of the round."""
-    reads = (task.model, record, *(file for file in outcomes if isinstance(file, Path)))
+    input_files = (task.model, record, *(file for file in outcomes if isinstance(file, Path)))
     return TaskFiles(
-        input_files=reads, output_folders=(task.folder,), live_files=(task.folder / PROGRESS_FILE_NAME,)
+        input_files=input_files, output_folders=(task.folder,), live_files=(task.folder / PROGRESS_FILE_NAME,)
     )
 
 
@@ -68,8 +68,8 @@ def list_draw_files(
 def list_relevel_files(sliced_job: SlicedJob, folder: Path) -> TaskFiles:
     """List the files of `relevel_parts`: the model, the cuts, and the folder of the new parts."""
     record = sliced_job.decomposed_job.cut_record
-    reads = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)
-    return TaskFiles(input_files=reads, output_folders=(folder,))
+    input_files = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)
+    return TaskFiles(input_files=input_files, output_folders=(folder,))
 
 
 def list_slice_files(task: SliceTask) -> TaskFiles:

@@ -38,7 +38,7 @@ from farm.scheduling.matching import (
 from farm.scheduling.plate_queue import JobPlates, PlateQueue
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import (
-    BuildVolumes,
+    BuildVolumeFinder,
     PrintLimits,
     SituationBuilder,
     count_spares,
@@ -50,7 +50,7 @@ from farm.scheduling.situation_builder import (
     find_print_limits,
     may_start_now,
     select_scheduling_fields,
-    update_ends,
+    update_print_ends,
 )
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
@@ -60,7 +60,7 @@ __all__ = [
     "SPARE_PURPOSE",
     "Assignment",
     "Availability",
-    "BuildVolumes",
+    "BuildVolumeFinder",
     "Capabilities",
     "Demand",
     "FleetPrinter",
@@ -105,5 +105,5 @@ __all__ = [
     "parse_moment_s",
     "select_possible_assignments",
     "select_scheduling_fields",
-    "update_ends",
+    "update_print_ends",
 ]

@@ -34,10 +34,10 @@ _TEMPORARY_CODES = (
 
 @dataclass(frozen=True, slots=True)
 class PlanOrder:
-    """Instruction to plan a job for these printers, in this number of rounds."""
+    """Instruction to plan a job for these printers, with up to `round_count` parts for each."""
 
     printers: tuple[str, ...]
-    rounds: int = 1
+    round_count: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
     if min_parts > number:
         max_parts = request.limit_printer_count(len(usable_printers))
         if min_parts > max_parts:
-            return PlanOrder(tuple(p.name for p in candidates[:number]), rounds=-(-min_parts // number))
+            return PlanOrder(tuple(p.name for p in candidates[:number]), round_count=-(-min_parts // number))
         candidates, number = usable_printers, max_parts
     # The largest first, so that two requested printers are the two largest.
     largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
@@ -221,11 +221,11 @@ def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class StartPlanning:
-    """Instruction to plan a job for these printers, in this number of rounds; see `is_quick`."""
+    """Instruction to plan a job for these printers; see `PlanOrder` and `is_quick`."""
 
     job: int
     printers: tuple[str, ...]
-    rounds: int
+    round_count: int
     is_quick: bool = False
 
 
@@ -301,7 +301,7 @@ class JobAdmission:
                 continue
             pending_plans.append(PendingPlan(job.id, job.priority, frozenset(decision.printers)))
             long_jobs += [] if quick else [job.id]
-            yield StartPlanning(job.id, decision.printers, decision.rounds, quick)
+            yield StartPlanning(job.id, decision.printers, decision.round_count, quick)
 
     def _make_request(self, job: Job, now_s: float) -> JobRequest:
         return JobRequest(
@@ -336,7 +336,7 @@ def list_reservations(situation: Situation, replan_printers: Mapping[str, str]) 
 
 
 def limit_availability(availability: Availability, situation: Situation, job: Job) -> Availability:
-    """Return the availability when a job starts; if nobody is present then, some printers are blocked."""
+    """Return the availability at a job's start; if nobody is present then, some printers are chosen last."""
     start_s = max(situation.now_s, job.not_before_s or 0.0)
     is_attended = job.options.hold or situation.rules.is_attended(start_s)
     blocked_names = frozenset(

@@ -211,8 +211,8 @@ class _Simulation:
             self._blocked_printers.clear()  # the spares depend on the waiting plates
         free = self._idle - self._blocked_printers
         max_heating = self._rules.max_heating
-        starts = len(free) if max_heating is None else max(0, max_heating - self._heating_count)
-        if not free or not starts:
+        start_limit = len(free) if max_heating is None else max(0, max_heating - self._heating_count)
+        if not free or not start_limit:
             return False
         planned_printers = self._planned_plates.keys()
         inputs = MatchingInputs(
@@ -222,7 +222,7 @@ class _Simulation:
             planned_printers=planned_printers,
             spare_printers=self._choose_spare_printers(planned_printers),
             extra_printer_counts=self._extra_printer_counts,
-            start_limit=starts,
+            start_limit=start_limit,
             rules=self._rules,
             now_s=self._now_s,
         )
@@ -231,7 +231,7 @@ class _Simulation:
         )
         for name, plate in plates_by_printer.items():
             self._start_print(plate, name)
-        if len(plates_by_printer) < starts:
+        if len(plates_by_printer) < start_limit:
             self._blocked_printers |= free - plates_by_printer.keys()
         return bool(plates_by_printer)
 
@@ -251,7 +251,7 @@ class _Simulation:
         self._heating_count += 1
         self._push_change(self._now_s + plate.heating_s, _HEATING_END, name)
         self._push_change(end_s, _PRINT_END, plate.job)
-        self._push_change(self._rules.find_bed_clear_s(end_s, CLEARING_TIME_S), _CLEARING_END, name)
+        self._push_change(self._rules.find_clearing_end_s(end_s, CLEARING_TIME_S), _CLEARING_END, name)
         if plate.job in self._extra_printer_counts:
             self._extra_printer_counts[plate.job] -= 1
         self._planned_plates[plate.planned_printer] -= 1
@@ -288,7 +288,7 @@ def _find_ready_time_s(printer: FleetPrinter, rules: StartRules, now_s: float) -
     """Return the time at which a printer is idle and clear."""
     if printer.find_obstacle() is None:
         return now_s
-    return rules.find_bed_clear_s(max(now_s, printer.print_end_s or now_s), CLEARING_TIME_S)
+    return rules.find_clearing_end_s(max(now_s, printer.print_end_s or now_s), CLEARING_TIME_S)
 
 
 def _find_fitting_printers(
@@ -301,9 +301,9 @@ def _find_fitting_printers(
     return {
         plate.id: [
             printer
-            for kind, kind_plates in kinds.items()
+            for kind, kind_printers in kinds.items()
             if plate.requirements.matches(kind)
-            for printer in kind_plates
+            for printer in kind_printers
             if find_filament_shortage(plate, printer, printer.grams) is None
         ]
         for plate in plates

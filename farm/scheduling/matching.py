@@ -93,7 +93,7 @@ class FleetPrinter:
     print_end_s: float | None = None  # expected end of its print
     job: int | None = None  # number of the job that it is printing
     heating_end_s: float | None = None  # expected end of its heat-up
-    grams: float | None = None  # on its reel, minus the grams that its open print needs; None: unknown
+    grams: float | None = None  # filament on its reel that its open print does not need; None: unknown
     is_reel_uncertain: bool = False  # `grams` may be too high
     time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints
     may_print_unattended: bool = True  # may print while nobody is present
@@ -156,8 +156,9 @@ class Requirements:
         """Requirements without the size."""
         return self.material, self.colour, self.nozzle_mm, self.family, self.allowed_printers
 
-    def matches(self, kind: Capabilities) -> bool:
-        return kind.meets(self.demand) and (self.box is None or kind.can_contain(self.box))
+    def matches(self, capabilities: Capabilities) -> bool:
+        """Return whether a printer with these capabilities meets the requirements."""
+        return capabilities.meets(self.demand) and (self.box is None or capabilities.can_contain(self.box))
 
     def describe(self, mismatched_capabilities: tuple[Capabilities, ...] = ()) -> str:
         """List as text all requirements, or only those that one of the mismatched capabilities lacks."""
@@ -205,14 +206,14 @@ class WaitingPlate:
     requirements: Requirements
     job: int
     planned_printer: str
-    expected_s: float  # on the planned printer, heating included
+    expected_s: float  # time on the planned printer, including heating
     priority: int = 0  # plates of a higher priority are printed earlier
     rank: float | None = None  # rank among jobs of equal priority; None for the job's number
     grams: float = 0.0
     heating_s: float = 0.0  # part of `expected_s` apart from the layers
-    time_factor: float = 1.0  # of the plate on the planned printer, included in `expected_s`
-    feature_shares: Shares | None = None  # of its layers
-    first_layer_s: float = 0.0  # from its start to the end of its first layer
+    time_factor: float = 1.0  # factor of the planned printer, included in `expected_s`
+    feature_shares: Shares | None = None  # shares of the features in the time of its layers
+    first_layer_s: float = 0.0  # time from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
     is_repeat: bool = False  # it was printed before, but the print failed or its part is bad
     extra_printer_count: int | None = None  # number of further printers that its job may use; None: no limit

@@ -118,14 +118,14 @@ class _PrinterKind:
 
     capabilities: Capabilities
     names: list[str]
-    # Worst first, for plates that were planned for other printers; may still contain assigned printers.
+    # The worst first, for plates planned for other printers; it may still contain assigned printers.
     unassigned_printers: list[str]
     max_grams: float  # largest amount on a reel
     window: StartWindow
 
     @classmethod
     def from_printers(cls, names: list[str], inputs: MatchingInputs) -> _PrinterKind:
-        """Describe free printers of one kind."""
+        """Create the kind from its free printers."""
         first = inputs.fleet[names[0]]
         max_grams = max(_read_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.find_start_window(first.may_print_unattended, inputs.now_s)

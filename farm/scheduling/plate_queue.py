@@ -18,7 +18,7 @@ QueueRank = tuple[int, float, int]
 class JobPlates:
     """Waiting plates of one job, in the order in which they are served, with their common properties.
 
-    Objects are cached for each job, because most jobs do not change from one situation to the next.
+    Instances are cached, because most jobs do not change from one situation to the next.
     """
 
     plates: tuple[WaitingPlate, ...]

@@ -31,7 +31,7 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import StartRules
 from farm.state import Books, PlateState
 
-BuildVolumes = Callable[[PrinterSection], tuple[Box, ...]]
+BuildVolumeFinder = Callable[[PrinterSection], tuple[Box, ...]]
 
 
 def _describe_printer(
@@ -39,7 +39,7 @@ def _describe_printer(
     books: Books,
     snapshot: AgentSnapshot | None,
     attempt: Print | None,
-    build_volumes: BuildVolumes,
+    find_build_volumes: BuildVolumeFinder,
 ) -> FleetPrinter:
     entry = books.get_printer(section.name)
     attention_reason = entry.attention_reason
@@ -48,7 +48,7 @@ def _describe_printer(
     attended_reason = _find_attended_reason(section, snapshot)
     return FleetPrinter(
         name=section.name,
-        capabilities=describe_capabilities(section, build_volumes),
+        capabilities=describe_capabilities(section, find_build_volumes),
         bed=entry.bed,
         filament=entry.filament,
         link=snapshot.link if snapshot is not None else Link.STARTING,
@@ -69,10 +69,10 @@ def _describe_printer(
     )
 
 
-def describe_capabilities(section: PrinterSection, build_volumes: BuildVolumes) -> Capabilities:
+def describe_capabilities(section: PrinterSection, find_build_volumes: BuildVolumeFinder) -> Capabilities:
     """Describe the capabilities of a printer, which do not depend on its state."""
     return Capabilities(
-        build_boxes=build_volumes(section),
+        build_boxes=find_build_volumes(section),
         material=section.material,
         colour=section.colour,
         nozzle_mm=section.nozzle_mm,
@@ -86,9 +86,9 @@ def _find_attended_reason(section: PrinterSection, snapshot: AgentSnapshot | Non
     firmware = PROFILES[section.model].firmware
     if snapshot is not None and not snapshot.reset_verified:
         return "a reset of its board has not been verified"
-    if not (section.simulated or firmware.is_dead_man_observed):
+    if not (section.is_simulated or firmware.is_dead_man_observed):
         return f"it is not verified that {firmware.title} switches the heaters off when its host dies"
-    return "" if section.unattended else "fleet.yaml says so"
+    return "" if section.unattended else "`unattended: false` in fleet.yaml"
 
 
 def _compute_free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | None:
@@ -134,8 +134,10 @@ def estimate_remaining_s(
     return max(0.0, plate.compute_expected_s(time_factors) - (now_s - (attempt.started_s or now_s)))
 
 
-def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]) -> Situation:
-    """Return a situation for display, in which the ends of running prints follow from their progress.
+def update_print_ends(
+    situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]
+) -> Situation:
+    """Return a situation for display, with the ends of running prints that follow from their progress.
 
     Decisions use the planned ends, because they are made once for each event, not for each snapshot.
 
@@ -166,17 +168,17 @@ class SituationBuilder:
 
     Parameters
     ----------
-    build_volumes
+    find_build_volumes
         Function that returns the boxes in which a printer can print.
     """
 
-    def __init__(self, build_volumes: BuildVolumes) -> None:
-        self._build_volumes = build_volumes
+    def __init__(self, find_build_volumes: BuildVolumeFinder) -> None:
+        self._find_build_volumes = find_build_volumes
         self._printers: dict[str, _CachedPrinter] = {}
         self._fleet: Fleet | None = None
         self._sections: dict[str, PrinterSection] = {}  # enabled printers of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobDescription]] = {}
-        # Jobs of the books, and the printers that the open ones request by name.
+        # Jobs of the books, and the printers that open jobs request by name.
         self._named_printers: tuple[object, frozenset[str]] = (None, frozenset())
 
     def describe_printers(
@@ -186,7 +188,7 @@ class SituationBuilder:
         sections, named_printers = self._list_enabled_sections(fleet), self._find_named_printers(books)
         return tuple(
             [
-                self._describe(section, books, snapshots.get(name), name in named_printers)
+                self._describe_with_cache(section, books, snapshots.get(name), name in named_printers)
                 for name, section in sections.items()
             ]
         )
@@ -198,7 +200,9 @@ class SituationBuilder:
         section = self._list_enabled_sections(fleet).get(name)
         if section is None:
             return None
-        return self._describe(section, books, snapshots.get(name), name in self._find_named_printers(books))
+        return self._describe_with_cache(
+            section, books, snapshots.get(name), name in self._find_named_printers(books)
+        )
 
     def _list_enabled_sections(self, fleet: Fleet) -> dict[str, PrinterSection]:
         if fleet is not self._fleet:
@@ -206,7 +210,7 @@ class SituationBuilder:
             self._sections = {section.name: section for section in fleet.printers if section.enabled}
         return self._sections
 
-    def _describe(
+    def _describe_with_cache(
         self,
         section: PrinterSection,
         books: Books,
@@ -225,7 +229,7 @@ class SituationBuilder:
         ):
             cached.snapshot = snapshot
             return cached.description
-        description = _describe_printer(section, books, snapshot, attempt, self._build_volumes)
+        description = _describe_printer(section, books, snapshot, attempt, self._find_build_volumes)
         if is_requested_by_name:
             description = replace(
                 description, capabilities=replace(description.capabilities, requested_name=section.name)
@@ -260,8 +264,8 @@ class SituationBuilder:
 
     def _describe_job(self, books: Books, job: Job) -> _JobDescription:
         revision = books.find_revision(job.id)
-        cached_inputs, description = self._jobs.get(job.id, (None, None))
-        if description is None or cached_inputs is not revision:
+        cached_revision, description = self._jobs.get(job.id, (None, None))
+        if description is None or cached_revision is not revision:
             states = ((plate, books.find_plate_state(plate)) for plate in books.list_plates(job))
             waiting = describe_plates((p for p, state in states if state is PlateState.WAITING), books)
             description = _JobDescription(JobPlates.from_plates(waiting), may_hold_back(books, job))

@@ -58,7 +58,7 @@ class StartWindow:
     attended_end_s
         End of the attended hours; minus infinity outside of them.
     may_print_unattended, first_layers_attended
-        Whether the printers may print unattended, and whether first layers must be attended.
+        True if the printers may print unattended, and if first layers must be attended.
     """
 
     at_s: float
@@ -68,7 +68,7 @@ class StartWindow:
     first_layers_attended: bool
 
     def allows(self, plate: WaitingPlate) -> bool:
-        """Return whether a plate may start, as `StartRules.find_start` does."""
+        """Return whether a plate may start, by the same rules as `StartRules.find_start`."""
         at_s = self.at_s
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             return False
@@ -142,27 +142,27 @@ class StartRules:
 
     def find_start_window(self, may_print_unattended: bool, at_s: float) -> StartWindow:
         """Return the limits on prints that start at `at_s` on printers with this permission."""
-        quiet = self.quiet_hours.find_span(at_s) or self.quiet_hours.find_next_span(at_s)
+        quiet_span = self.quiet_hours.find_span(at_s) or self.quiet_hours.find_next_span(at_s)
         attended_span = self.attended_hours.find_span(at_s)
         return StartWindow(
             at_s=at_s,
-            quiet_start_s=math.inf if quiet is None else quiet[0],
+            quiet_start_s=math.inf if quiet_span is None else quiet_span[0],
             attended_end_s=-math.inf if attended_span is None else attended_span[1],
             may_print_unattended=may_print_unattended,
             first_layers_attended=self.first_layers_attended,
         )
 
     def _skip_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
-        """Return the start after the quiet hours that a print from `at_s` would reach, or None."""
-        quiet = self.quiet_hours.find_span(at_s) or self.quiet_hours.find_next_span(at_s)
-        if quiet is None or at_s + plate.expected_s * DELAY_FACTOR <= quiet[0]:
+        """Return the start after the quiet hours that a print from `at_s` reaches; None if there are none."""
+        quiet_span = self.quiet_hours.find_span(at_s) or self.quiet_hours.find_next_span(at_s)
+        if quiet_span is None or at_s + plate.expected_s * DELAY_FACTOR <= quiet_span[0]:
             return None
-        if quiet[1] == float("inf"):
+        if quiet_span[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
-        start, end = times = tuple(self.make_text_time(at_s, now_s) for at_s in quiet)
+        start, end = times = tuple(self.make_text_time(at_s, now_s) for at_s in quiet_span)
         duration = format_duration(plate.expected_s)
         text = f"it takes {duration}, and quiet hours are from {start.text} to {end.text}"
-        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=text, times=times))
+        return Start(quiet_span[1], Hold(code=HoldCode.QUIET_HOURS, text=text, times=times))
 
     def _find_attended_start(
         self, plate: WaitingPlate, printer: FleetPrinter, at_s: float, now_s: float
@@ -199,9 +199,11 @@ class StartRules:
         self, plates: Iterable[WaitingPlate], printers: Collection[FleetPrinter], at_s: float
     ) -> Iterator[float]:
         """Yield the latest start in the hours around `at_s` for each plate on each printer."""
-        quiet, attended_span = self.quiet_hours.find_next_span(at_s), self.attended_hours.find_span(at_s)
+        quiet_span, attended_span = self.quiet_hours.find_next_span(at_s), self.attended_hours.find_span(at_s)
         for plate in plates:
-            before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * DELAY_FACTOR
+            before_quiet_s = (
+                math.inf if quiet_span is None else quiet_span[0] - plate.expected_s * DELAY_FACTOR
+            )
             for printer in printers:
                 needed_s = self._compute_attendance_s(plate, printer)
                 if needed_s is None or attended_span is None:
@@ -277,7 +279,7 @@ class StartRules:
         """Return whether a time is within the attended hours; False if fleet.yaml has none."""
         return self.attended_hours.find_span(at_s) is not None
 
-    def find_bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
+    def find_clearing_end_s(self, ended_s: float, clearing_s: float) -> float:
         """Return the earliest time by which a person can clear the bed of an ended print."""
         if not self.attended_hours.windows or self.attended_hours.find_span(ended_s) is not None:
             return ended_s + clearing_s

@@ -46,7 +46,7 @@ class Books:
     _open_prints: Mapping[str, Print] = field(default_factory=dict, compare=False)
     _open_prints_by_printer: Mapping[str, Print] = field(default_factory=dict, compare=False)
     _last_prints: Mapping[str, Print] = field(default_factory=dict, compare=False)
-    _revisions: Mapping[int, object] = field(default_factory=dict, compare=False)  # by job
+    _revisions: Mapping[int, object] = field(default_factory=dict, compare=False)  # revision of each job
 
     @classmethod
     def from_entities(cls, entities: Iterable[Entity]) -> Books:

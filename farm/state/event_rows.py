@@ -20,7 +20,7 @@ class EventRow:
     kind
         Name of its class.
     job, plate, printer, print_id
-        Entities that it names; None: not in the event.
+        Entities that it names; None if it does not name one.
     by
         Name of the person, or of the key.
     state, reason

@@ -82,8 +82,8 @@ class JobPlanned(Event):
     instructions: str | None = None
     lower_bound_s: float | None = None
     plan: str | None = None
-    held: bool = False  # until a person approves this plan
-    printers: tuple[str, ...] = ()  # available to the plan
+    held: bool = False  # True if held until a person approves this plan
+    printers: tuple[str, ...] = ()  # printers that the plan could use
     planning_s: float | None = None  # duration of the planning
     assembly_s: float | None = None  # expected time for a person to glue its parts
 
@@ -104,7 +104,7 @@ class JobReleased(Event):
 
     job: int
     by: str
-    hold: bool = False  # until a person approves its plan
+    hold: bool = False  # True if held until a person approves its plan
 
 
 class JobFailed(Event):
@@ -159,7 +159,7 @@ class PlateReplaced(Event):
     picture: str | None = None  # picture of the whole job, and the GLB, if there are new parts
     assembly: str | None = None
     decomposition: str | None = None  # the report on the cut
-    instructions: str | None = None  # for gluing the pieces
+    instructions: str | None = None  # the instructions for gluing the pieces
 
 
 class PrintProgressed(Event):
@@ -198,7 +198,7 @@ class PrintEnded(Event):
     extruded: bool
     filament: FilamentState
     starved_s: float = 0.0
-    printed_share: float | None = None  # of its layers' time; None: unknown
+    printed_share: float | None = None  # share of its layers' time that was printed; None: unknown
 
 
 class StillKept(Event):
@@ -256,7 +256,7 @@ class JobRescheduled(Event):
 
 
 class JobPaused(Event):
-    """A person paused a job, so that its prints pause and no others start; or resumed it."""
+    """A person paused a job, so that its prints pause and no others start, or resumed it."""
 
     job: int
     wanted: bool

@@ -26,7 +26,7 @@ def compute_used_grams(
 
 
 def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:
-    """Return the reel with `grams` subtracted, at least 0."""
+    """Return the reel with `grams` subtracted, but not below 0."""
     if reel is None or reel.grams is None:
         return reel
     return reel.model_copy(update={"grams": max(0.0, reel.grams - grams)})

@@ -50,7 +50,7 @@ def _revoke_key(key: Key, at_s: float) -> Key:
 
 
 def _hold_job(job: Job) -> Job:
-    """Return a job that waits for approval; it may have been approved since the backup."""
+    """Return the job, held for approval, because its parts may have been printed since the backup."""
     if job.state in (JobState.QUEUED, JobState.PLANNING):
         return replace_fields(job, options=job.options.model_copy(update={"hold": True}), restored=True)
     return replace_fields(job, state=JobState.HELD, hold=RESTORE_HOLD, restored=True)

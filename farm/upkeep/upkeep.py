@@ -162,7 +162,9 @@ class Upkeep:
             for name in names
             if wall_s - files[name].stored_s >= min_age_s
         }
-        last_old_event = self._store.find_last_deletable_number(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
+        last_old_event = self._store.find_last_deletable_number(
+            now_s - self._rules.max_age_days * _DAY_S, MAX_EVENTS
+        )
         return api.PruneResponse(
             dry_run=True,
             jobs=[self._describe_job(books.jobs[number], files, books) for number in numbers],
@@ -194,7 +196,7 @@ class Upkeep:
     async def _delete_old_events(self, backup: Path) -> int:
         """Delete expired events in batches; return the number of deleted events."""
         now_s = self._controller.clock.now()
-        last = self._store.find_last_deletable_number(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
+        last = self._store.find_last_deletable_number(now_s - self._rules.max_age_days * _DAY_S, MAX_EVENTS)
         if not last:
             return 0
         self._controller.handle(ev.EventsCompacted(at_s=now_s, last=last, backup=backup.name))
@@ -261,7 +263,7 @@ class Upkeep:
         """
         deletable = list_deletable_files(books)
         unknown = files.keys() - deletable - list_named_files(books)
-        days_s = self._rules.days * _DAY_S / self._controller.clock.scale
+        days_s = self._rules.max_age_days * _DAY_S / self._controller.clock.scale
         return [
             (deletable & files.keys(), NEW_FILE_GRACE_S),
             (frozenset(unknown), max(NEW_FILE_GRACE_S, days_s)),

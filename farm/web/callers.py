@@ -135,7 +135,7 @@ class CallerFinder:
         if key.user is None:
             return key.role
         role = self._services.find_user_role(key.user, self._controller.fleet.fleet.operators)
-        return None if role is None else key.role.limit(role)
+        return None if role is None else key.role.limit_to(role)
 
     def extend_session(self, session: Key) -> None:
         """Extend a session that is in use; if the extension cannot be stored, the session ends earlier."""

@@ -54,7 +54,7 @@ def test_every_commented_line_of_the_fleet_file_is_valid(tmp_path: Path):
 
 def test_fleet_of_the_container_is_simulated_and_opens_no_port():
     fleet = load_fleet(DEPLOY / "container" / "fleet.yaml", MODELS, complete_section)
-    assert fleet.printers and all(section.simulated for section in fleet.printers)
+    assert fleet.printers and all(section.is_simulated for section in fleet.printers)
     assert fleet.web is None
 
 

@@ -51,7 +51,7 @@ def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
 
 def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     """Follow a step of the clock at the next check."""
-    monkeypatch.setattr("farm.daemon._FOLLOW_INTERVAL_S", 0.0)
+    monkeypatch.setattr("farm.daemon._CLOCK_INTERVAL_S", 0.0)
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))

@@ -101,7 +101,7 @@ def test_view_remains_while_the_state_of_the_job_changes(tmp_path, glb):
         await browser.wait_for("document.querySelector('#viewer canvas') !== null")
         await browser.evaluate("window.isSame = true; document.querySelector('#p02 th button').click()")
         jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
-        jobs.pause(1, True, "bob")
+        jobs.set_paused(1, True, "bob")
         await browser.wait_for("document.querySelector('#state').textContent.includes('Paused')")
         assert await browser.evaluate("window.isSame && document.querySelector('#viewer canvas') !== null")
         assert await browser.evaluate("document.querySelector('tr.picked th button').textContent") == "p02"

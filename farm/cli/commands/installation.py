@@ -113,7 +113,7 @@ def _commission_printer(
         raise RefusedError(
             f"{section.name} is on {section.host}: `farm cleared {section.name}` tests its reset there"
         )
-    if section is not None and section.simulated:
+    if section is not None and section.is_simulated:
         print(f"{section.name} is simulated: nothing to test")
         return
     if not yes:

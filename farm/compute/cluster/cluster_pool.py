@@ -158,7 +158,7 @@ class ClusterPool:
             live_files=tuple(map(str, files.live_files)),
         )
         for _ in range(_MAX_ATTEMPTS):
-            async with self._slot_queue.take(group, limit.urgent) as has_slot:
+            async with self._slot_queue.hold_slot(group, limit.is_urgent) as has_slot:
                 if not has_slot:
                     break
                 try:
@@ -205,8 +205,8 @@ class ClusterPool:
         self, task: RemoteTask, contents: dict[str, bytes], group: Hashable
     ) -> RemoteAnswer:
         """Submit a task under a new name, and wait until it is answered or the cluster is abandoned."""
-        kind = re.sub(r"[^a-z]+", "_", task.limit.work_name.lower())
-        named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns durations by this prefix
+        name_prefix = re.sub(r"[^a-z]+", "_", task.limit.work_name.lower())
+        named_task = replace(task, id=f"{name_prefix}-{uuid.uuid4().hex}")  # Dask learns durations by it
         self._running_tasks[named_task.id] = (RunningTask(task.limit.work_name, group), named_task)
         answer_future = asyncio.ensure_future(self._connection.submit(named_task, contents))
         close_future = asyncio.ensure_future(self._close_event.wait())
@@ -230,9 +230,9 @@ class ClusterPool:
             if worker.refusal_reason and worker not in self._workers:
                 log.warning("worker %s of the cluster is refused: %s", worker.name, worker.refusal_reason)
         previous_place = choose_place(self._measure_loss_s())
-        slots = sum(worker.slots for worker in workers if worker.refusal_reason is None)
+        slot_count = sum(worker.slot_count for worker in workers if worker.refusal_reason is None)
         self._workers = workers
-        if slots:
+        if slot_count:
             self._lost_since_s = None
         elif self._lost_since_s is None:
             self._lost_since_s = self._read_clock_s()
@@ -244,7 +244,7 @@ class ClusterPool:
             self._close_event.set()
         else:
             self._close_event.clear()
-        self._slot_queue.update(slots, place is Place.THIS_COMPUTER)
+        self._slot_queue.set_slot_count(slot_count, place is Place.THIS_COMPUTER)
 
     def _on_message(self, message: dict[str, Any]) -> None:
         """Store the worker of a task, and write its live files."""

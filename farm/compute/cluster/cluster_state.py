@@ -24,7 +24,7 @@ class ClusterWorker:
 
     Attributes
     ----------
-    slots
+    slot_count
         Number of tasks at the same time.
     refusal_reason
         Reason why it gets no tasks, as text; None if it gets tasks.
@@ -32,7 +32,7 @@ class ClusterWorker:
 
     name: str
     address: str
-    slots: int
+    slot_count: int
     refusal_reason: str | None = None
 
 

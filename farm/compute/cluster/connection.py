@@ -68,9 +68,9 @@ class Connection:
         self._on_workers, self._on_message = on_workers, on_message
         self._client: Client | None = None
         self._workers: tuple[ClusterWorker, ...] = ()
-        # each future is set once all workers at these addresses are gone
+        # Each future is set once all workers at these addresses are gone.
         self._attempts: dict[asyncio.Future[None], frozenset[str]] = {}
-        # by address: last heartbeat, and the time at which it was first seen
+        # Last heartbeat of each worker, by address, and the time at which that heartbeat was first seen.
         self._heartbeats: dict[str, tuple[float, float]] = {}
         _redirect_log()
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "16 GiB"})  # models are large
@@ -121,7 +121,7 @@ class Connection:
             workers=usable_addresses,
             allow_other_workers=False,
             resources={RESOURCE: 1},
-            priority=1 if task.limit.urgent else 0,
+            priority=1 if task.limit.is_urgent else 0,
         )
         try:
             answer = await self._await_answer(future, frozenset(usable_addresses))
@@ -140,7 +140,7 @@ class Connection:
     async def _await_answer(self, future: Any, addresses: frozenset[str]) -> object:
         """Wait for an answer, or until all workers that could run the task are gone. Raises AttemptLost."""
         loss: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        answer_future = asyncio.ensure_future(_wait_for(future))
+        answer_future = asyncio.ensure_future(_await_future(future))
         self._attempts[loss] = addresses
         try:
             futures: set[asyncio.Future[Any]] = {answer_future, loss}
@@ -190,7 +190,7 @@ class Connection:
             self._on_workers(self._workers)
 
     async def _remove_stuck_workers(self, records: dict[str, dict[str, Any]]) -> None:
-        """Remove workers without a recent heartbeat, because a stopped process keeps connection and tasks.
+        """Remove workers without a recent heartbeat, because a stopped process keeps its tasks.
 
         Dask removes them after five minutes by default. Their tasks go to other workers.
         """
@@ -208,7 +208,7 @@ class Connection:
             await asyncio.wait({close_future}, timeout=_POLL_INTERVAL_S)
 
 
-async def _wait_for(future: Any) -> object:
+async def _await_future(future: Any) -> object:
     return await future
 
 
@@ -219,8 +219,8 @@ def list_workers(records: dict[str, dict[str, Any]], installation: Installation)
         facts = record.get(RESOURCE)
         if isinstance(facts, dict):
             refusal = Installation.from_record(facts).describe_difference(installation)
-            slots = int(record["nthreads"])
-            workers.append(ClusterWorker(str(record["name"]), address, slots, refusal))
+            slot_count = int(record["nthreads"])
+            workers.append(ClusterWorker(str(record["name"]), address, slot_count, refusal))
     return tuple(workers)
 
 
@@ -234,7 +234,7 @@ def list_stuck_workers(
     records
         The scheduler's records of its workers.
     heartbeats
-        Last heartbeat of each worker, and the time at which it was first seen; updated.
+        Last heartbeat of each worker, and the time at which that heartbeat was first seen; updated.
     now_s
         Seconds of a monotonic clock.
     """

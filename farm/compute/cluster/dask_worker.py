@@ -26,7 +26,7 @@ class FarmWorker(Worker):  # type: ignore[misc]
         Address of the scheduler.
     executor
         Runs the tasks. The clients compare its versions with theirs.
-    slots
+    slot_count
         Number of tasks at the same time.
     folder
         Folder for Dask's files.
@@ -38,7 +38,7 @@ class FarmWorker(Worker):  # type: ignore[misc]
         self,
         scheduler: str,
         executor: TaskExecutor,
-        slots: int,
+        slot_count: int,
         folder: Path,
         security: Security | None = None,
     ) -> None:
@@ -50,8 +50,8 @@ class FarmWorker(Worker):  # type: ignore[misc]
 
         super().__init__(
             scheduler,
-            nthreads=slots,
-            resources={RESOURCE: slots},
+            nthreads=slot_count,
+            resources={RESOURCE: slot_count},
             name=executor.host,
             local_directory=str(folder),
             security=security,

@@ -65,7 +65,7 @@ class FileCache:
         return tuple(dict.fromkeys(name for name in names if not self.make_path(name).exists()))
 
     @contextmanager
-    def use(self, names: Iterable[str]) -> Iterator[None]:
+    def keep_files(self, names: Iterable[str]) -> Iterator[None]:
         """Keep files while a task uses them, even before they are stored; then trim the cache."""
         used_names = set(names)
         self._use_counts.update(used_names)

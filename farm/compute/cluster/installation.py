@@ -62,10 +62,10 @@ class Installation:
                 return f"it has {title} {own_value}, not {expected_value}".replace("  ", " ")
         return None
 
-    def pair_paths(self, host_installation: Installation) -> list[tuple[str, str]]:
+    def pair_paths(self, other_installation: Installation) -> list[tuple[str, str]]:
         """Pair the paths of this installation with those of another; leave out paths that either lacks."""
         names = ("engine_path", "resources_path", "materials_path")
-        pairs = [(getattr(self, name), getattr(host_installation, name)) for name in names]
+        pairs = [(getattr(self, name), getattr(other_installation, name)) for name in names]
         return [pair for pair in pairs if all(pair)]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Relocation:
-    """Pairs of paths. A path at or below the first is moved to the second; the longest match is used."""
+    """Pairs of paths: paths at or below the first of a pair move to the second. The longest match is used."""
 
     pairs: tuple[tuple[str, str], ...] = ()
 
@@ -81,7 +81,7 @@ def run_relocated(call: bytes, relocation: Relocation) -> bytes:
     call
         A function and its arguments.
     relocation
-        From the paths of the call to those of this computer.
+        Relocation from the paths of the call to those of this computer.
 
     Returns
     -------

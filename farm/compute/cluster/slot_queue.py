@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WaitingTask:
-    """Task that waits for a slot; `grant` results in True if it gets one."""
+    """Task that waits for a slot; the result of `grant` is True if it gets one."""
 
     group: Hashable
-    urgent: bool
+    is_urgent: bool
     grant: asyncio.Future[bool]
 
 
@@ -37,15 +37,15 @@ class SlotQueue:
         """True if a slot is free."""
         return self._running_counts.total() < self._slot_count
 
-    def update(self, slots: int, is_closed: bool) -> None:
+    def set_slot_count(self, slot_count: int, is_closed: bool) -> None:
         """Set the number of slots; with `is_closed`, refuse a slot to all waiting tasks."""
-        self._slot_count, self._is_closed = slots, is_closed
+        self._slot_count, self._is_closed = slot_count, is_closed
         self._assign_slots()
 
     @asynccontextmanager
-    async def take(self, group: Hashable, urgent: bool) -> AsyncIterator[bool]:
-        """Wait for a slot, and hold it for the block. Yields False without a slot if the queue is closed."""
-        task = _WaitingTask(group, urgent, asyncio.get_running_loop().create_future())
+    async def hold_slot(self, group: Hashable, is_urgent: bool) -> AsyncIterator[bool]:
+        """Wait for a slot, and hold it in the block. Yields False, without a slot, if the queue is closed."""
+        task = _WaitingTask(group, is_urgent, asyncio.get_running_loop().create_future())
         self._waiting_tasks.append(task)
         self._assign_slots()
         try:
@@ -69,10 +69,10 @@ class SlotQueue:
         self._assign_slots()
 
     def _assign_slots(self) -> None:
-        """Grant free slots to waiting tasks in their order; if the queue is closed, refuse them."""
+        """Grant free slots to waiting tasks, urgent ones first; if the queue is closed, refuse them all."""
         while self._waiting_tasks and (self._is_closed or self._running_counts.total() < self._slot_count):
             first = min(
-                self._waiting_tasks, key=lambda task: (not task.urgent, self._running_counts[task.group])
+                self._waiting_tasks, key=lambda task: (not task.is_urgent, self._running_counts[task.group])
             )
             self._waiting_tasks.remove(first)
             if first.grant.done():  # its task was cancelled

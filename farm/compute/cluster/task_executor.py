@@ -64,7 +64,7 @@ class TaskExecutor:
         difference = self.installation.describe_difference(task.installation)
         if difference is not None:
             return RemoteAnswer(self.host, mismatch=difference)
-        with self._files.use(task.list_hashes()):
+        with self._files.keep_files(task.list_hashes()):
             try:
                 for sha256, content in contents.items():
                     await asyncio.to_thread(self._files.store, sha256, content)

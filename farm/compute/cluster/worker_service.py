@@ -27,7 +27,7 @@ class WorkerOptions:
     ----------
     folder
         Folder for caches and tasks, used by this worker only.
-    slots
+    slot_count
         Number of tasks at the same time.
     memory_gb
         Memory of each task; None for a share of the machine.
@@ -37,7 +37,7 @@ class WorkerOptions:
     certificates: Path | None
     name: str
     folder: Path
-    slots: int
+    slot_count: int
     memory_gb: float | None = None
 
 
@@ -63,11 +63,13 @@ async def serve_tasks(options: WorkerOptions, warm_up: WarmUp | None) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stop_event.set)
     security = make_security(options.scheduler, options.certificates)
     installation = await asyncio.to_thread(read_installation)
-    pool = WorkerPool(options.folder / "processes", options.slots, options.memory_gb, warm_up)
+    pool = WorkerPool(options.folder / "processes", options.slot_count, options.memory_gb, warm_up)
     executor = TaskExecutor(options.name, options.folder, pool, installation)
     try:
         while not stop_event.is_set():
-            worker = FarmWorker(options.scheduler, executor, options.slots, options.folder / "dask", security)
+            worker = FarmWorker(
+                options.scheduler, executor, options.slot_count, options.folder / "dask", security
+            )
             await _serve_once(worker, stop_event)
             if not stop_event.is_set():
                 log.warning("the connection to %s ended; connecting again", options.scheduler)

@@ -7,7 +7,7 @@ import secrets
 from dataclasses import dataclass
 
 from farm import api
-from farm.control.access.keys import CODE_LETTERS, KeyCommands
+from farm.control.access.keys import CODE_CHARACTERS, KeyCommands
 from farm.errors import NotFoundError, RefusedError
 
 _CODE_LENGTH = 4
@@ -60,7 +60,7 @@ class AppKeyRequests:
         ):
             raise RefusedError("too many programs are requesting a key: wait for five minutes, or paste one")
         name = _FORBIDDEN_CHARACTERS.sub(" ", app).strip(" ._-")[:_MAX_APP_NAME_LENGTH].strip() or "app"
-        code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))
+        code = "".join(secrets.choice(CODE_CHARACTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_LIFETIME_S)
         return token

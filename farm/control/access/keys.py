@@ -18,7 +18,7 @@ from farm.errors import RefusedError
 from farm.model import Key, KeyKind
 from farm.state import events as ev
 
-CODE_LETTERS = "abcdefghijkmnpqrstuvwxyz23456789"  # without l, o, 0 and 1, which look alike
+CODE_CHARACTERS = "abcdefghijkmnpqrstuvwxyz23456789"  # without l, o, 0 and 1, which look alike
 _ID_AND_SECRET_PATTERN = r"_([a-z0-9]{8})_[A-Za-z0-9_-]{43}"
 _PREFIXES = {KeyKind.KEY: "farm", KeyKind.SESSION: "session"}
 _PATTERNS = {kind: re.compile(word + _ID_AND_SECRET_PATTERN) for kind, word in _PREFIXES.items()}
@@ -28,7 +28,7 @@ _DAY_S = 86400.0
 
 
 def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
-    """Make the text of a new key with 256 random bits.
+    """Make the id and the text of a new key, with 256 random bits.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
     id, text
         The public part, which names the key, and the whole text, which is shown only once.
     """
-    name = "".join(secrets.choice(CODE_LETTERS) for _ in range(_ID_LENGTH))
+    name = "".join(secrets.choice(CODE_CHARACTERS) for _ in range(_ID_LENGTH))
     return name, f"{_PREFIXES[kind]}_{name}_{secrets.token_urlsafe(_SECRET_BYTES)}"
 
 

@@ -57,11 +57,11 @@ def make_job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) ->
 
     @router.post("/jobs/{number}/pause")
     async def pause_job(number: int, caller_name: CallerName) -> None:
-        jobs.pause(number, True, caller_name)
+        jobs.set_paused(number, True, caller_name)
 
     @router.post("/jobs/{number}/resume")
     async def resume_job(number: int, caller_name: CallerName) -> None:
-        jobs.pause(number, False, caller_name)
+        jobs.set_paused(number, False, caller_name)
 
     return router
 
@@ -100,10 +100,10 @@ def make_part_routes(parts: PartCommands) -> APIRouter:
 
     @router.post("/jobs/{number}/parts/{part}/pause")
     async def pause_part(number: int, part: str, caller_name: CallerName) -> api.NameResponse:
-        return api.NameResponse(name=parts.pause(number, part, True, caller_name))
+        return api.NameResponse(name=parts.set_paused(number, part, True, caller_name))
 
     @router.post("/jobs/{number}/parts/{part}/resume")
     async def resume_part(number: int, part: str, caller_name: CallerName) -> api.NameResponse:
-        return api.NameResponse(name=parts.pause(number, part, False, caller_name))
+        return api.NameResponse(name=parts.set_paused(number, part, False, caller_name))
 
     return router

@@ -28,11 +28,11 @@ def make_printer_routes(services: Services, printers: PrinterCommands, parts: Pa
 
     @router.post("/printers/{name}/pause")
     async def pause_printer(name: str, caller_name: CallerName) -> None:
-        printers.pause(name, True, caller_name)
+        printers.set_paused(name, True, caller_name)
 
     @router.post("/printers/{name}/resume")
     async def resume_printer(name: str, caller_name: CallerName) -> None:
-        printers.pause(name, False, caller_name)
+        printers.set_paused(name, False, caller_name)
 
     @router.post("/printers/{name}/fail")
     async def fail_print(name: str, request: api.Reason, caller_name: CallerName) -> None:

@@ -65,7 +65,7 @@ def _is_plain_gcode(lower_name: str) -> bool:
 def inspect_gcode(
     path: Path, name: str, options: JobOptions, printers: Sequence[PrinterSection], files: Path
 ) -> InspectedSubmission:
-    """Check that a G-code file can be printed on one of some printers, and store it.
+    """Check that a G-code file can be printed on at least one of the printers, and store it.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     FarmError
         See `inspect_gcode`.
     """
-    order = sorted(
+    sections = sorted(
         task.printers,
         key=lambda section: (
             PROFILES[section.model].height_mm,
@@ -103,10 +103,10 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
             section.name,
         ),
     )
-    nozzle_mm = _find_common_nozzle_mm(order)
-    accepted_gcode = _rewrite_gcode(task.model, order[0], nozzle_mm, "the file")
-    section = _find_fitting_printer(order, accepted_gcode, "the file")
-    if section is not order[0]:  # it may have a different material
+    nozzle_mm = _find_common_nozzle_mm(sections)
+    accepted_gcode = _rewrite_gcode(task.model, sections[0], nozzle_mm, "the file")
+    section = _find_fitting_printer(sections, accepted_gcode, "the file")
+    if section is not sections[0]:  # it may have a different material
         accepted_gcode = _rewrite_gcode(task.model, section, nozzle_mm, "the file")
     part, plate = _store_gcode(task, accepted_gcode, section, files)
     expected_s = plate.expected_s
@@ -194,7 +194,7 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
 
 
 def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
-    """List the changes of a file, and a warning if it seems to be sliced for another material."""
+    """List the changes made to a file, with a warning if it seems to be sliced for another material."""
     notices = list(accepted_gcode.notices)
     filament_type, kind = accepted_gcode.filament_type, find_resources().read_material_kind(section.material)
     if (
@@ -210,7 +210,7 @@ def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tup
     if abs(accepted_gcode.nozzle_c - usual_c) > _MAX_DEVIATION_C:
         notices.append(
             f"Warning: it heats the nozzle to {accepted_gcode.nozzle_c:g} C, and {section.material} on "
-            f"{section.name} usually has {usual_c:g} C: was it sliced for another material?"
+            f"{section.name} is usually printed at {usual_c:g} C: was it sliced for another material?"
         )
     return tuple(notices)
 
@@ -331,7 +331,7 @@ class FirmwareTimeEstimator:
         self._now_s = self.measure_time_s(finish=True) + seconds
 
     def measure_time_s(self, finish: bool = False) -> float:
-        """Return the elapsed time, including the moves that have not ended if `finish` is true."""
+        """Return the elapsed time; with `finish`, it includes the moves that have not ended."""
         while finish and len(self._planner):
             self._now_s = self._planner.end_s
             self._planner.advance(self._now_s)

@@ -13,7 +13,7 @@ from farm.planning.error_translation import translate_errors
 
 
 def write_coupon(out: Path, pin_mm: float | None) -> dict[str, Any]:
-    """Write the coupon for pins of a diameter as an STL in its printing pose.
+    """Write the coupon for pins of one diameter to an STL file, in its printing pose.
 
     Returns
     -------

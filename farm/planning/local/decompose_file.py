@@ -64,9 +64,13 @@ class DecomposeRequest:
         Build volume of a printer: x, y, z.
     interior, engine, score
         Names of `Interior`, `Engine` and `Score`.
+    attempt_count
+        Number of attempts of the engine `parallelobox` for each number of seeds.
+    is_faithful
+        True to follow the engine's paper exactly.
     budget_s
         Budget of the engine `best`.
-    clear_s, assemble_s
+    clearing_s, assembly_s
         Time to clear a bed, and to glue a part; each additional part must save more than both.
     quality
         Quality with which parts are priced and sliced.
@@ -87,12 +91,12 @@ class DecomposeRequest:
     min_glue_mm2: float
     engine: str
     seed: int
-    tries: int
+    attempt_count: int
     score: str
-    faithful: bool
+    is_faithful: bool
     budget_s: float
-    clear_s: float
-    assemble_s: float
+    clearing_s: float
+    assembly_s: float
     quality: str = DEFAULT_QUALITY
     slices_parts: bool = False
     connectors: ConnectorOptions = field(default_factory=ConnectorOptions)
@@ -152,13 +156,13 @@ def decompose_to_folder(
 def _choose_profile(height_mm: float) -> Profile:
     """Choose the profile with the lowest sufficient build height.
 
-    Among equal ones this is the 2+, whose clips are larger.
+    Of profiles with the same height, it is the 2+, whose clips are larger.
     """
     return max(PROFILES.values(), key=lambda p: (p.height_mm >= height_mm, -p.height_mm))
 
 
 def _build_cost_model(settings: EngineSettings, brim_mm: float) -> CostModel:
-    """Build the cost model of the settings, with another width of the brim."""
+    """Build the cost model of the settings, with another brim width."""
     return CostModel.from_settings(
         replace(build_print_time_settings(settings, overhead_s=0.0), brim_mm=brim_mm)
     )
@@ -184,7 +188,7 @@ def _decompose(
     ]
     try:
         if request.printer_count is None:
-            goal = CountGoal(request.clear_s, request.assemble_s)
+            goal = CountGoal(request.clearing_s, request.assembly_s)
             return decompose_for_goal(model, printers, options, cost, executor, goal)
         return decompose_model(model, printers, options, cost, executor)
     except NoFit as error:
@@ -211,10 +215,10 @@ def _build_options(request: DecomposeRequest) -> Options:
     except ValueError:
         engines = ", ".join(Engine)
         raise FarmError(f"--engine {request.engine}: use one of {engines}", ErrorCode.SETTINGS) from None
-    if request.faithful and engine not in _PAPER_ENGINES:
+    if request.is_faithful and engine not in _PAPER_ENGINES:
         raise FarmError(f"--faithful is for the engines of papers, not {engine}", ErrorCode.SETTINGS)
-    if request.faithful and not request.connectors.is_empty:
-        raise FarmError("--faithful: its parts have neither --pins nor --marks", ErrorCode.SETTINGS)
+    if request.is_faithful and not request.connectors.is_empty:
+        raise FarmError("--faithful cannot be combined with --pins or --marks", ErrorCode.SETTINGS)
     quality = FARM_QUALITIES.get(request.quality)
     return Options(
         engine=engine,
@@ -223,10 +227,10 @@ def _build_options(request: DecomposeRequest) -> Options:
         min_wall_mm=request.min_wall_mm,
         min_glue_mm2=request.min_glue_mm2,
         seed=request.seed,
-        faithful=request.faithful,
+        faithful=request.is_faithful,
         fit_first_layer=quality is not None and quality.fits_first_layer,
         best=BestOptions(request.budget_s),
-        parallelobox=ParalleloboxOptions(request.tries, score),
+        parallelobox=ParalleloboxOptions(request.attempt_count, score),
         connectors=select_connectors(request.connectors, request.quality),
     )
 

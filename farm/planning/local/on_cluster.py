@@ -12,7 +12,7 @@ from farm.compute import CHECKING_LIMIT, DeferredFunction, Limit, TaskFiles, rea
 from farm.compute.cluster import connect_cluster
 from farm.planning.error_translation import translate_errors
 from farm.planning.local.decompose_file import DecomposeRequest, prepare_output_folder
-from farm.planning.local.slice_file import SliceOptions, check_writable
+from farm.planning.local.slice_file import SliceOptions, check_output_file
 
 T = TypeVar("T")
 _CLUSTER_LIMIT = Limit("working on the cluster", 6 * 3600.0)
@@ -46,7 +46,7 @@ class _LocalPool:
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
-        """Run a function in this process, with a notice."""
+        """Run a function in this process, after a notice to the user."""
         self._on_notice("no worker of the cluster can be used: computing on this host")
         return work(*args)
 
@@ -66,7 +66,7 @@ def slice_on_cluster(
     cluster: Cluster, path: Path, out: Path, options: SliceOptions, cache: Path | None
 ) -> dict[str, Any]:
     """Slice a model on a cluster; see `slice_to_file`."""
-    check_writable(out, path)
+    check_output_file(out, path)
     return _run_on_cluster(cluster, _slice, path.absolute(), out.absolute(), options, cache)
 
 

@@ -26,11 +26,11 @@ from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 StepListener = Callable[[str], None]
-_SIZE_MARGIN = 0.99  # share of the largest size, because the suggested figures are rounded
+_SUGGESTED_SHARE = 0.99  # share of the largest size that is suggested, because figures are rounded
 
 
 def find_default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the slice cache in the XDG cache folder; None if that cannot be written."""
+    """Return the folder of the slice cache in the XDG cache folder; None if it cannot be written."""
     folder = Path(env.get("XDG_CACHE_HOME") or Path(env.get("HOME", "/")) / ".cache") / "farm" / "slices"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -84,7 +84,7 @@ def slice_to_file(
         If the model cannot be sliced; the message is one line with the reason.
     """
     profile, request = _find_settings(options)
-    check_writable(out, path)
+    check_output_file(out, path)
     with translate_errors():
         resources, engine = find_resources(), find_engine()
         named_material = choose_material(options.material, request.printer, options.nozzle_mm, resources)
@@ -113,7 +113,7 @@ def slice_to_file(
 
 def _find_settings(options: SliceOptions) -> tuple[Profile, SettingsRequest]:
     """Find the printer's profile, and build the request for its settings."""
-    profile = _find_printer(options.printer_model)
+    profile = _find_profile(options.printer_model)
     request = SettingsRequest(
         build_slicing_printer(profile),
         options.quality,
@@ -168,7 +168,7 @@ def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: StepL
     return _build_report(model, result, settings, profile)
 
 
-def _find_printer(printer_model: str) -> Profile:
+def _find_profile(printer_model: str) -> Profile:
     if printer_model not in SLICING_PROFILES:
         hint = (
             suggest_names(printer_model, SLICING_PROFILES)
@@ -215,7 +215,7 @@ def _suggest_size(
     if not shares:
         return "its brim leaves no room on that bed; make the brim narrower (--set brim_width=4)"
     share, largest_mm = max(shares)
-    share *= _SIZE_MARGIN
+    share *= _SUGGESTED_SHARE
     return (
         f"there is room for {_format_size(largest_mm)} mm beside the brim; `farm decompose` cuts the model "
         f"into parts, or make it smaller with --scale {scale * share:.3g} or "
@@ -227,14 +227,14 @@ def _format_size(size_mm: tuple[float, float, float]) -> str:
     return " x ".join(f"{side:.1f}" for side in size_mm)
 
 
-def check_writable(out: Path, model: Path) -> None:
+def check_output_file(out: Path, model: Path) -> None:
     """Check that a file can be written, before slow work, without creating it. Raises FarmError."""
     try:
         if out.is_dir():
             raise _make_write_error(out, "it is a folder")
         if out.exists() and model.exists() and out.samefile(model):
             raise _make_write_error(out, "it is the model")
-        parent = next(place for place in (out, *out.absolute().parents) if place.exists())
+        parent = next(path for path in (out, *out.absolute().parents) if path.exists())
         if parent is not out and not parent.is_dir():
             raise _make_write_error(out, f"{parent} is not a folder")
     except OSError as error:

@@ -24,7 +24,8 @@ from farm.planning.parts.slice_part import slice_part
 from slicing.plate import PlateResult
 from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
 
-MAX_RELEVELS = 2  # enough, because the times of the parts are accurate after the first
+MAX_RELEVELS = 2
+"""Maximum number of times that the cuts are moved: after the first, the times of the parts are accurate."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,8 @@ def iterate_part_counts(copy_count: int, printer_count: int, max_parts: int) -> 
     Yields
     ------
     rounds, parts
-        Both ascending. All copies together have at most `rounds * printer_count` parts.
+        Number of rounds, and of parts per copy; both ascend. All copies together have at most
+        `rounds * printer_count` parts.
     """
     rounds = parts = 0
     while parts < max_parts:
@@ -101,7 +102,7 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], d
 
     Returns
     -------
-    (dict, dict)
+    plates, loads_s
         The copied plates by their name, and the printing seconds of each printer.
     """
     printers = _choose_printers(plan, task)

@@ -27,7 +27,7 @@ class _Record(BaseModel):
 
 
 class _CuttingRecord(_Record):
-    """`decompose.results.Cutting`, with its arrays as rows."""
+    """Record of a `decompose.results.Cutting`, with its arrays as rows."""
 
     granularity: str | int
     frame: tuple[_Row, _Row, _Row]
@@ -38,7 +38,7 @@ class _CuttingRecord(_Record):
 
 
 class _CutRecord(_Record):
-    """`decompose.results.Decomposition` without parts, joints and faults."""
+    """Record of a `decompose.results.Decomposition` without parts, joints and faults."""
 
     engine: Engine
     options: Options

@@ -67,7 +67,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
         resources = find_resources()
     model, quality = read_inspected_model(task.model), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, model.solid, quality, resources)
-    printers, cost = build_target_printers(task.printers, time_factors, quality, resources, task.rounds)
+    printers, cost = build_target_printers(task.printers, time_factors, quality, resources, task.round_count)
     options = build_decompose_options(task.options, task.printers)
     if task.budget_s is not None:
         may_pause = task.may_pause and not task.options.dry_run
@@ -106,8 +106,8 @@ def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | Pau
     time_factors = estimate_time_factors(
         task.printers, task.time_factors, search.model.solid, task.options.quality, find_resources()
     )
-    assigned_parts = replace(best, parts=_reassign_parts(best.parts, task.printers, time_factors))
-    return write_decomposed_job(assigned_parts, search.model, task.folder)
+    decomposition = replace(best, parts=_reassign_parts(best.parts, task.printers, time_factors))
+    return write_decomposed_job(decomposition, search.model, task.folder)
 
 
 def write_decomposed_job(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
@@ -230,34 +230,34 @@ class ModelCutter:
         printer stays whole, unless the user requests a number of printers, or a time by which whole copies
         would not be finished.
         """
-        copies, printers = task.options.copies, len(task.printers)
+        copy_count, printer_count = task.options.copies, len(task.printers)
         limit_s = None if task.time_limit_s is None else task.time_limit_s / DEADLINE_MARGIN_RATIO
         has_count = task.options.printers is not None and limit_s is None
-        one_part = None if has_count and copies < printers else self.keep_model_whole()
+        one_part = None if has_count and copy_count < printer_count else self.keep_model_whole()
         if one_part is not None and (
-            limit_s is None or one_part.makespan_s * -(-copies // printers) <= limit_s
+            limit_s is None or one_part.makespan_s * -(-copy_count // printer_count) <= limit_s
         ):
             return one_part
         part_limit, min_parts = len(self.printers), 0
-        by_kind = sorted(range(part_limit), key=lambda i: self.printers[i].boxes)
-        for rounds, parts in iterate_part_counts(copies, printers, part_limit):
-            if parts < min_parts and parts < part_limit:
+        indices_by_kind = sorted(range(part_limit), key=lambda i: self.printers[i].boxes)
+        for round_count, part_count in iterate_part_counts(copy_count, printer_count, part_limit):
+            if part_count < min_parts and part_count < part_limit:
                 continue
             # Sorted, so that the fastest printer is first, as in `self.printers`.
-            chosen_indices = sorted(choose_evenly_spaced_items(by_kind, parts))
+            chosen_indices = sorted(choose_evenly_spaced_items(indices_by_kind, part_count))
             cutter = replace(self, printers=[self.printers[i] for i in chosen_indices])
             try:
                 if has_count:
                     return cutter.cut_for_all_printers()
-                return cutter.cut_for_worthwhile_printers(None if limit_s is None else limit_s / rounds)
+                return cutter.cut_for_worthwhile_printers(None if limit_s is None else limit_s / round_count)
             except NoFit as error:
-                if parts == part_limit:
+                if part_count == part_limit:
                     raise
                 min_parts = error.needed_printer_count or 0
         raise AssertionError("the last attempt has all printers")
 
     def cut_within_time(self, time_limit_s: float) -> Decomposition:
-        """Cut the model into the fewest parts that meet a time limit with a margin, or else finish first."""
+        """Cut the model into the fewest parts that meet a time limit with a margin, or else end soonest."""
         limit_s = time_limit_s / DEADLINE_MARGIN_RATIO
         whole = self.keep_model_whole()
         if whole is not None and whole.makespan_s <= limit_s:

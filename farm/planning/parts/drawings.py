@@ -66,8 +66,8 @@ async def draw_parts_in_parallel(
     try:
         await asyncio.gather(*drawings)
     finally:
-        for started in drawings:
-            started.cancel()
+        for running_drawing in drawings:
+            running_drawing.cancel()
         await asyncio.gather(*drawings, return_exceptions=True)  # waits until their workers have ended
     await workers.run(draw_job_parts, task, record, overview, tuple(files), limit=DRAWING_LIMIT)
 

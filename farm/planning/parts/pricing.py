@@ -1,4 +1,4 @@
-"""Inputs of a decomposition for the printers of the fleet: sizes of parts, speeds and the cost of a part."""
+"""Inputs of a decomposition for the printers of the fleet: part sizes, speeds and the cost model."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def build_target_printers(
     time_factors: Mapping[str, float],
     quality: str,
     resources: Resources,
-    rounds: int = 1,
+    round_count: int = 1,
 ) -> tuple[list[TargetPrinter], CostModel]:
-    """Return the part sizes and speed of each printer, the fastest first, and the cost of a part.
+    """Return the part sizes and the speed of each printer, the fastest first, and the cost model.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def build_target_printers(
         The printers; parts are priced with the settings of the first.
     time_factors
         Factor of each printer's time for the parts of the model, by name (`estimate_time_factors`).
-    rounds
+    round_count
         Number of times that each printer is repeated in the list.
     """
     settings = {section.name: resolve_printer_settings(section, quality, resources) for section in printers}
@@ -51,7 +51,7 @@ def build_target_printers(
         TargetPrinter(
             section.name, list_model_sizes(volumes, settings[section.name]), time_ratios[section.name]
         )
-        for _ in range(rounds)
+        for _ in range(round_count)
         for section in fastest
         for volumes in (find_usable_volumes(section, settings[section.name].brim_width_mm),)
     ]
@@ -82,9 +82,12 @@ def estimate_time_factors(
         time_settings = build_print_time_settings(
             resolve_printer_settings(printers[0], quality, resources), overhead_s=0.0
         )
-        share = estimate_feature_shares(*solid.arrays(), time_settings)
-        supports = share["supports"] + share["brim"]
-        shares = share["walls"], share["infill"], share["skins"], supports, share["travel"]
+        share_by_feature = estimate_feature_shares(*solid.arrays(), time_settings)
+        supports = share_by_feature["supports"] + share_by_feature["brim"]
+        walls, infill, skins, travel = (
+            share_by_feature[name] for name in ("walls", "infill", "skins", "travel")
+        )
+        shares = walls, infill, skins, supports, travel
     return {name: factor.compute_factor(shares) for name, factor in factors.items()}
 
 
@@ -107,19 +110,19 @@ def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSecti
     return Options(
         options.engine,
         fit_first_layer=fit_first_layer,
-        prove=False,  # because the user is waiting
+        prove=False,  # a proof would keep the user waiting
         connectors=select_connectors(connectors, options.quality),
     )
 
 
 def select_connectors(connectors: ConnectorOptions, quality: str) -> ConnectorOptions:
-    """Return the connectors for a quality: none for those that print parts as in the paper."""
+    """Return the connectors for a quality: none for qualities that print parts as in the paper."""
     return ConnectorOptions() if quality in ("paper", "paper-hidden") else connectors
 
 
 @dataclass(frozen=True, slots=True)
-class _PartLayers:
-    """Height of the layers of a part, in mm, by its height in mm without the scale against shrinkage."""
+class _PartLayerHeight:
+    """Layer height of a part in mm, as a function of its height in mm before shrinkage compensation."""
 
     layer_fit: LayerFit
     scale_z: float
@@ -141,7 +144,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
     layer_fit = settings.layer_fit
     return PrintTimeSettings(
         layer_height_mm=settings.layer_height_mm if layer_fit is None else layer_fit.compute_mean_layer_mm(),
-        fit_layer_mm=None if layer_fit is None else _PartLayers(layer_fit, settings.scale_z),
+        fit_layer_mm=None if layer_fit is None else _PartLayerHeight(layer_fit, settings.scale_z),
         line_width_mm=settings.line_width_mm,
         outer_line_width_mm=settings.line_width_0_mm,
         wall_count=settings.wall_count,
@@ -182,7 +185,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
 
 
 def _find_hidden_inner_wall_mm_s(settings: EngineSettings) -> float:
-    """Return the length of the inner wall of a hidden side per second that the head needs for it."""
+    """Return the speed in mm/s along the inner wall of a hidden side, which may have been removed."""
     if removes_inner_walls(settings):
         return settings.speed_travel_mm_s / REMAINING_TRAVEL_SHARE
     return settings.compute_hidden_wall_speed_mm_s(settings.speed_wall_x_mm_s, settings.line_width_mm)

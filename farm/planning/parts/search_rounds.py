@@ -29,7 +29,7 @@ class SearchRounds:
     def __init__(self, workers: PoolShare, task: DecomposeTask) -> None:
         self._workers, self._task = workers, task
         self._spent_share = 0.0
-        self._attempt_folders: list[Path] = []  # those of the last round
+        self._attempt_folders: list[Path] = []  # folders of the attempts of the last round
         self._rate = ProgressRate()
 
     async def run(self) -> DecomposedJob:
@@ -73,7 +73,7 @@ class SearchRounds:
         if self._attempt_folders:
             attempt_shares = [read_share(folder) or 0.0 for folder in self._attempt_folders]
             share = max(share or 0.0, self._spent_share + sum(attempt_shares))
-        return None if share is None else self._rate.measure(min(1.0, share), now_s)
+        return None if share is None else self._rate.estimate_progress(min(1.0, share), now_s)
 
     async def _make_attempts(self, paused_job: PausedJob) -> tuple[Path | str, ...]:
         """Make the attempts of a round; return the file of each outcome, or the limit that it exceeded."""

@@ -60,7 +60,7 @@ class ReplanCoordinator:
         """Printers for which plates are being replanned, each with its plate."""
         return {name: replan.plate for replan in self._running.values() for name in replan.printers}
 
-    def exclude_reserved_printers(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
+    def filter_assignments(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
         """Return the assignments without those that give reserved printers to jobs that have not started."""
         reserved_printers = self.reserved_printers
         return [

@@ -172,6 +172,6 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
 
 
 def find_end_s(plates: set[str], situation: Situation) -> float:
-    """Return the expected end of the last of some plates; infinity if one of them never starts."""
+    """Return the expected end of the last of these plates; infinity if one of them never starts."""
     ends_s = {slot.plate: slot.end_s for slot in forecast_prints(situation, include_bound=False).slots}
     return max((ends_s.get(plate, math.inf) for plate in plates), default=situation.now_s)

@@ -91,7 +91,7 @@ class PlanRevisions:
         return min(self._hold_ends_s.values(), default=math.inf)
 
     def list_holds(self, books: Books, now_s: float) -> dict[str, Hold]:
-        """Return a hold for each plate whose job is being planned again, until that takes too long."""
+        """Return a hold for each plate whose job is being planned again, up to a time limit."""
         return {
             plate: Hold(
                 code=HoldCode.BEING_REPLANNED,
@@ -143,25 +143,25 @@ class PlanRevisions:
             names = None
             if may_revise(planned_job, situation, (idle_printers, usable_printers)):
                 if forecast_size > MAX_FORECAST_SIZE:
-                    self._postpone(plates if can_start else ())
+                    self._postpone_job(plates if can_start else ())
                     continue
                 earlier_plates = situation.waiting_plates.limit_to_rank(plates[0].queue_rank)
                 forecast_size += len(situation.printers) + len(earlier_plates)
                 names = choose_revision(planned_job, situation, (idle_printers, usable_printers))
             self._examined_keys = {k for k in self._examined_keys if k[0] in changeable_jobs} | {key}
             if names is not None:
-                yield self._start(planned_job, names, situation.now_s)
+                yield self._start_planning(planned_job, names, situation.now_s)
 
-    def _postpone(self, plates: Iterable[WaitingPlate]) -> None:
+    def _postpone_job(self, plates: Iterable[WaitingPlate]) -> None:
         """Leave a job for the next run; its plates that could start wait until then."""
         self.has_remaining_jobs = True
         self.postponed_plates |= {plate.id for plate in plates}
 
-    def _start(self, job: PlannedJob, names: tuple[str, ...], now_s: float) -> StartPlanning:
+    def _start_planning(self, job: PlannedJob, names: tuple[str, ...], now_s: float) -> StartPlanning:
         """Start planning a job again for some printers; its plates are held for a limited time."""
         number = job.number
         log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
-        self._running[number] = StartPlanning(number, names, rounds=1)
+        self._running[number] = StartPlanning(number, names, round_count=1)
         self._start_times_s[number] = now_s
         self._hold_ends_s[number] = now_s + PLANNING_TIMEOUT_RATIO * job.planning_s
         return self._running[number]

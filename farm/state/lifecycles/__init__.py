@@ -1,6 +1,13 @@
 """Lifecycles of jobs, plates, prints and printers as tables, and the error for events that violate them."""
 
-from farm.state.lifecycles.lifecycle import NEW, InvalidTransition, Lifecycle, PrinterState, State, Transition
+from farm.state.lifecycles.lifecycle import (
+    NO_STATE,
+    InvalidTransition,
+    Lifecycle,
+    PrinterState,
+    State,
+    Transition,
+)
 from farm.state.lifecycles.tables import (
     FARM_WIDE_EVENTS,
     JOB_LIFECYCLE,
@@ -15,7 +22,7 @@ __all__ = [
     "FARM_WIDE_EVENTS",
     "JOB_LIFECYCLE",
     "LIFECYCLES",
-    "NEW",
+    "NO_STATE",
     "PLATE_LIFECYCLE",
     "PRINTER_LIFECYCLE",
     "PRINT_LIFECYCLE",

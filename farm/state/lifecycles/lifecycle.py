@@ -24,7 +24,7 @@ class PrinterState(StrEnum):
 
 State = JobState | PlateState | PrintState | PrinterState
 EventKind = type[ev.Event]
-NEW = None
+NO_STATE = None
 """State of an entity that does not exist yet."""
 
 
@@ -34,15 +34,15 @@ class Transition:
 
     Attributes
     ----------
-    event
-        The kind of event.
+    event_kind
+        Kind of the event.
     start_states
-        States in which the event can happen; NEW if it creates the entity.
+        States in which the event can happen; NO_STATE if it creates the entity.
     end_states
         States that it can lead to; None if the state stays the same.
     """
 
-    event: EventKind
+    event_kind: EventKind
     start_states: frozenset[State | None]
     end_states: frozenset[State] | None
 
@@ -70,7 +70,7 @@ class Lifecycle:
     consequences
         Events about another entity that change the state of this entity.
     find_state
-        Returns the state of an entity in the books; NEW if it is not in them.
+        Returns the state of an entity in the books; NO_STATE if it is not in them.
     """
 
     entity_name: str
@@ -83,15 +83,15 @@ class Lifecycle:
     @property
     def event_kinds(self) -> frozenset[EventKind]:
         """Kinds of events about the entity itself."""
-        return frozenset(row.event for row in self.transitions)
+        return frozenset(row.event_kind for row in self.transitions)
 
     def allows(self, kind: EventKind, start: State | None, end: State | None) -> bool:
         """Return whether an event about the entity leads from one state to the other."""
-        return any(row.event is kind and row.allows(start, end) for row in self.transitions)
+        return any(row.event_kind is kind and row.allows(start, end) for row in self.transitions)
 
     def find_start_states(self, kind: EventKind) -> frozenset[State | None]:
         """Return the states in which an event about the entity can happen."""
-        return frozenset().union(*(row.start_states for row in self.transitions if row.event is kind))
+        return frozenset().union(*(row.start_states for row in self.transitions if row.event_kind is kind))
 
 
 class InvalidTransition(FarmError):

@@ -11,15 +11,15 @@ from collections.abc import Iterable
 from farm.model import Bed, JobState, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.lifecycles.lifecycle import NEW, EventKind, Lifecycle, PrinterState, State, Transition
+from farm.state.lifecycles.lifecycle import NO_STATE, EventKind, Lifecycle, PrinterState, State, Transition
 from farm.state.plate_state import PlateState
 
 
 def find_printer_state(books: Books, name: str) -> PrinterState | None:
-    """Return the state of a printer; NEW if it does not exist."""
+    """Return the state of a printer; NO_STATE if it does not exist."""
     printer = books.printers.get(name)
     if printer is None:
-        return NEW
+        return NO_STATE
     if books.find_open_print(name) is not None:
         return PrinterState.PRINTING
     return _STATE_BY_BED[printer.bed]
@@ -34,23 +34,25 @@ _STATE_BY_BED = {
 
 def _find_job_state(books: Books, key: object) -> State | None:
     job = books.jobs.get(key)  # type: ignore[call-overload]
-    return NEW if job is None else job.state
+    return NO_STATE if job is None else job.state
 
 
 def _find_plate_state(books: Books, key: object) -> State | None:
     plate = books.plates.get(str(key))
-    return NEW if plate is None else books.find_plate_state(plate)
+    return NO_STATE if plate is None else books.find_plate_state(plate)
 
 
 def _find_print_state(books: Books, key: object) -> State | None:
     attempt = books.prints.get(str(key))
-    return NEW if attempt is None else attempt.state
+    return NO_STATE if attempt is None else attempt.state
 
 
 def _make_row(
-    event: EventKind, start_states: Iterable[State | None], end_states: Iterable[State] | None
+    event_kind: EventKind, start_states: Iterable[State | None], end_states: Iterable[State] | None
 ) -> Transition:
-    return Transition(event, frozenset(start_states), None if end_states is None else frozenset(end_states))
+    return Transition(
+        event_kind, frozenset(start_states), None if end_states is None else frozenset(end_states)
+    )
 
 
 _LIVE_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
@@ -62,7 +64,7 @@ JOB_LIFECYCLE = Lifecycle(
     states=JobState,
     find_state=_find_job_state,
     transitions=(
-        _make_row(ev.JobSubmitted, [NEW], [JobState.QUEUED]),
+        _make_row(ev.JobSubmitted, [NO_STATE], [JobState.QUEUED]),
         _make_row(ev.JobHeld, [JobState.QUEUED], None),
         _make_row(ev.PlanningStarted, [JobState.QUEUED], [JobState.PLANNING]),
         _make_row(ev.PlanningAbandoned, [JobState.PLANNING], [JobState.QUEUED]),
@@ -121,10 +123,10 @@ PLATE_LIFECYCLE = Lifecycle(
         _make_row(ev.PrintFound, [PlateState.WAITING, PlateState.PRINTING], [PlateState.PRINTING]),
     ),
     consequences=(
-        _make_row(ev.JobPlanned, [NEW], [PlateState.WAITING]),
-        _make_row(ev.PlanRevised, [NEW, PlateState.REPLACED], [PlateState.WAITING]),
+        _make_row(ev.JobPlanned, [NO_STATE], [PlateState.WAITING]),
+        _make_row(ev.PlanRevised, [NO_STATE, PlateState.REPLACED], [PlateState.WAITING]),
         _make_row(ev.PlanRevised, [PlateState.WAITING], [PlateState.REPLACED]),
-        _make_row(ev.PlateReplaced, [NEW], [PlateState.WAITING]),
+        _make_row(ev.PlateReplaced, [NO_STATE], [PlateState.WAITING]),
         _make_row(ev.JobCancelled, _UNPRINTED_STATES, [PlateState.CANCELLED]),
         _make_row(ev.JobFailed, _UNPRINTED_STATES, [PlateState.CANCELLED]),
         _make_row(
@@ -151,8 +153,8 @@ PRINT_LIFECYCLE = Lifecycle(
     states=PrintState,
     find_state=_find_print_state,
     transitions=(
-        _make_row(ev.PlateAssigned, [NEW], [PrintState.ASSIGNED]),
-        _make_row(ev.PrintFound, [NEW], [PrintState.ASSIGNED]),
+        _make_row(ev.PlateAssigned, [NO_STATE], [PrintState.ASSIGNED]),
+        _make_row(ev.PrintFound, [NO_STATE], [PrintState.ASSIGNED]),
         _make_row(ev.PrintProgressed, _OPEN_STATES, _OPEN_STATES),
         _make_row(ev.PauseRequested, _OPEN_STATES, None),
         _make_row(ev.PrintFailRequested, _OPEN_STATES, None),
@@ -170,7 +172,7 @@ PRINTER_LIFECYCLE = Lifecycle(
     states=PrinterState,
     find_state=lambda books, key: find_printer_state(books, str(key)),
     transitions=(
-        _make_row(ev.PrinterAdded, [NEW], _IDLE_STATES),
+        _make_row(ev.PrinterAdded, [NO_STATE], _IDLE_STATES),
         _make_row(ev.PlateAssigned, [PrinterState.CLEAR], [PrinterState.PRINTING]),
         _make_row(ev.PrintFound, _IDLE_STATES, [PrinterState.PRINTING]),
         _make_row(ev.BedCleared, _IDLE_STATES, [PrinterState.CLEAR]),

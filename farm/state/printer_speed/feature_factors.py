@@ -18,7 +18,7 @@ MAX_PRINTS = 60
 """Number of latest finished prints that are used; after a change of the printer, half of them suffice."""
 MIN_FACTOR, MAX_FACTOR = 0.7, 1.5
 """Limits of the factor of a feature."""
-_SPREAD = 0.2
+_FACTOR_SPREAD = 0.2
 """[assumed] Usual difference between the factors of two features of one printer."""
 _MIN_NOISE = 1e-4
 """Lower limit of the estimated noise: the deviation of ratios from the fit."""
@@ -52,7 +52,7 @@ def fit_feature_factors(timings: Iterable[Timing]) -> tuple[float, ...] | None:
     Returns
     -------
     tuple of float or None
-        Factors in the order of `Shares`, between MIN_FACTOR and MAX_FACTOR; None below MIN_PRINTS prints.
+        Factors in the order of `Shares`, between MIN_FACTOR and MAX_FACTOR; None for fewer than MIN_PRINTS.
     """
     prints = sorted(timings)
     if len(prints) < MIN_PRINTS:
@@ -60,7 +60,7 @@ def fit_feature_factors(timings: Iterable[Timing]) -> tuple[float, ...] | None:
     noise, weights = _INITIAL_NOISE, [1.0] * len(prints)
     factors: tuple[float, ...] = ()
     for _ in range(_ITERATION_COUNT):
-        factors = _fit_factors(prints, weights, (noise / _SPREAD) ** 2)
+        factors = _fit_factors(prints, weights, (noise / _FACTOR_SPREAD) ** 2)
         deviations = [timing.ratio - sum(map(mul, timing.shares, factors)) for timing in prints]
         noise = _estimate_noise(deviations)
         weights = [_compute_weight(deviation, noise) for deviation in deviations]

@@ -40,8 +40,8 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
     factors = fit_feature_factors(timings)
     if factors is None:
         return printer
-    by_feature = dict(zip(("walls", "infill", "skins", "supports", "travel"), factors, strict=True))
-    learned_factors = FeatureFactors(**by_feature, prints=len(timings), own=is_own)
+    factor_by_feature = dict(zip(("walls", "infill", "skins", "supports", "travel"), factors, strict=True))
+    learned_factors = FeatureFactors(**factor_by_feature, prints=len(timings), own=is_own)
     return replace_fields(printer, feature_factors=learned_factors)
 
 

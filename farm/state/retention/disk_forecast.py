@@ -23,7 +23,7 @@ class DiskUse:
     stored_bytes
         Size of all files of jobs.
     prunable_bytes
-        Size of the files that a prune may delete.
+        Size of the files that pruning may delete.
     daily_bytes
         Bytes stored per day, on average over the last days.
     """

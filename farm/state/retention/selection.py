@@ -18,9 +18,9 @@ _PRUNABLE_STATES = (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 @dataclass(frozen=True, slots=True)
 class RetentionRules:
-    """Limits on stored files: days since the end of a job, and bytes of all files."""
+    """Limits on stored files: maximum days since the end of their job, and bytes of all files."""
 
-    days: float
+    max_age_days: float
     max_bytes: float
 
 
@@ -86,7 +86,7 @@ def select_jobs(
     total_bytes = sum(sizes.get(name, 0) for name in reference_counts)
     selected_jobs = []
     for job, ended_s in _list_candidates(books, min(backup_s, now_s - MIN_AGE_S)):
-        if ended_s >= now_s - rules.days * DAY_S and total_bytes <= rules.max_bytes:
+        if ended_s >= now_s - rules.max_age_days * DAY_S and total_bytes <= rules.max_bytes:
             break
         selected_jobs.append(job.id)
         for name in names[job.id] - _list_kept_names(job):
@@ -97,7 +97,7 @@ def select_jobs(
 
 
 def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set[str]:
-    """List the files that a prune may delete: those that no open or recently ended job needs."""
+    """List the files that pruning may delete: those that no open or recently ended job needs."""
     prunable_jobs = {job.id for job, _ in _list_candidates(books, now_s - MIN_AGE_S)}
     kept_names: set[str] = set()
     for number, job_names in group_file_names_by_job(books).items():
@@ -111,12 +111,12 @@ def list_jobs_with_lost_files(books: Books, names: Container[str]) -> list[int]:
     Pruning keeps pictures. If these are missing too, the store may be unavailable, so the job is not listed.
     """
     unjudged_jobs = _find_unjudged_jobs(books)
-    by_job = group_file_names_by_job(books)
-    if not any(name in names for job_names in by_job.values() for name in job_names):
+    names_by_job = group_file_names_by_job(books)
+    if not any(name in names for job_names in names_by_job.values() for name in job_names):
         return []
     return [
         number
-        for number, job_names in by_job.items()
+        for number, job_names in names_by_job.items()
         if any(name not in names for name in job_names)
         and all(name in names for name in _list_kept_names(books.jobs[number]))
         and _find_keep_reason(books, books.jobs[number], unjudged_jobs) is None

@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 BACKUP_COUNT = 7
 _MIN_INTERVAL_S = 60.0  # minimum wall seconds between two backups, for fast simulated clocks
-_SPARE_BYTES = 64 * 2**20
+_RESERVE_BYTES = 64 * 2**20  # space beyond two copies of the books that a backup needs
 _BACKUP_HOUR = 4  # local time; later than the change to or from daylight saving time
 _NAME_FORMAT = "books-%Y%m%dT%H%M%SZ"
 _NAME_PATTERN = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
@@ -40,7 +40,7 @@ def back_up(state: StateFolder, now_s: float) -> Path:
         free_bytes = shutil.disk_usage(state.root).free
     except OSError as error:
         raise StoreError(f"the database cannot be backed up: {error}") from error
-    needed_bytes = 2 * state.books.stat().st_size + _SPARE_BYTES if state.books.exists() else 0
+    needed_bytes = 2 * state.books.stat().st_size + _RESERVE_BYTES if state.books.exists() else 0
     if free_bytes < needed_bytes:
         log.warning("the disk is full: the slice cache %s is emptied for the backup", state.slices)
         trim_cache(state.slices, 0)
@@ -89,10 +89,10 @@ class NightlyBackup:
         await self.run(only_if_due=True)
 
     async def run(self, only_if_due: bool = False) -> None:
-        """Back up now, and set the timer for the next night, even after a failure."""
+        """Back up (with `only_if_due`, only if a backup is due), and set the timer for the next night."""
         now_s = self._clock.now()
         try:
-            if not only_if_due or is_due(self._state, now_s):
+            if not only_if_due or is_backup_due(self._state, now_s):
                 copy = await asyncio.to_thread(back_up, self._state, now_s)
                 log.info("the database is backed up to %s", copy)
                 self._clean_up(copy)
@@ -128,7 +128,7 @@ def compute_next_backup_s(now_s: float, zone: tzinfo) -> float:
     return (due_at if due_at.timestamp() > now_s else due_at + timedelta(days=1)).timestamp()
 
 
-def is_due(state: StateFolder, now_s: float) -> bool:
+def is_backup_due(state: StateFolder, now_s: float) -> bool:
     """Return whether a backup is due: none was made in the last day, for example because the farm was off."""
     newest = next(iter(list_backups(state)), None)
     return newest is None or parse_backup_time_s(newest) < now_s - 86400.0
@@ -140,8 +140,8 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     Returns
     -------
     store, copied_s
-        The books, and the time up to which they are complete; None if they lack nothing. Books from a backup
-        are incomplete until the agents' journals have added the prints since then.
+        The books, and the time up to which they are complete; None if they are complete. Books from a
+        backup are incomplete until the prints since then have been added from the agents' journals.
 
     Raises
     ------

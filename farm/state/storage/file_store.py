@@ -30,7 +30,7 @@ def link_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
     store
         The store.
     names
-        Name of the stored file for the name of each link.
+        Names of the stored files, by the names of their links.
     """
     folder.mkdir(parents=True, exist_ok=True)
     relative = Path(os.path.relpath(store, folder))

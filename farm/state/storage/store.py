@@ -155,10 +155,10 @@ class Store:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._count = EventCount(path)
-        self._last_number: int | None = None  # of the last event of the transaction; None without events
+        self._last_number: int | None = None  # number of the last event of the transaction
         self._is_writing = False  # True in a block of `transaction`
         is_new = not path.exists() or not path.stat().st_size
-        _make_private(path)
+        _restrict_access(path)
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
             self._db.create_function("crc32", 1, zlib.crc32, deterministic=True)
@@ -296,7 +296,7 @@ class Store:
         """Read the events after a number, oldest first, as all users may see them. Raises StoreError."""
         return self._read_rows(EVENTS_QUERY, last_number, limit)
 
-    def read_upkeep(self, printer: str, limit: int) -> list[EventRow]:
+    def read_upkeep_events(self, printer: str, limit: int) -> list[EventRow]:
         """Read events on the upkeep of a printer, newest first. Raises StoreError."""
         return self._read_rows(UPKEEP_QUERY, printer, limit)
 
@@ -307,7 +307,7 @@ class Store:
             raise StoreError(f"the event log cannot be read: {error}") from error
 
     def find_last_deletable_number(self, cutoff_s: float, limit: int) -> int:
-        """Find the last event that may be deleted: older than a time, or followed by `limit` newer events.
+        """Find the number of the last event that may be deleted: too old, or followed by `limit` newer ones.
 
         The newest event is always kept, because its number shows that no commit is lost. Returns 0 if
         every event is kept.
@@ -354,7 +354,7 @@ class Store:
         if error.lifecycle is None:
             return error
         path = f"$.{error.lifecycle.key_field}"
-        with suppress(sqlite3.Error):  # the error is returned without it
+        with suppress(sqlite3.Error):  # the error is returned without its history
             rows = self._db.execute(_HISTORY_QUERY, (path, error.key, f"{path}.id", error.key)).fetchall()
             return error.with_history(
                 f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%d %H:%M:%S} {kind}{f' {state}' if state else ''}"
@@ -373,8 +373,8 @@ class Store:
         self.close()
 
 
-def _make_private(path: Path) -> None:
-    """Make books accessible to their owner only; files that SQLite creates beside them get the same mode.
+def _restrict_access(path: Path) -> None:
+    """Restrict access to books to their owner; files that SQLite creates beside them get the same mode.
 
     Books of an earlier version may be readable by all, in a folder that is open to all.
     """

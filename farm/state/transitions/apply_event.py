@@ -9,7 +9,7 @@ from farm.errors import NotFoundError
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.consequences import Result
-from farm.state.lifecycles import LIFECYCLES, NEW, PRINTER_LIFECYCLE, InvalidTransition, Lifecycle, State
+from farm.state.lifecycles import LIFECYCLES, NO_STATE, PRINTER_LIFECYCLE, InvalidTransition, Lifecycle, State
 from farm.state.transitions.rules import change
 
 
@@ -73,7 +73,7 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
             key = event.job.id
         start = lifecycle.find_state(books, key)
         start_states = lifecycle.find_start_states(kind)
-        if start is NEW and NEW not in start_states:
+        if start is NO_STATE and NO_STATE not in start_states:
             _raise_not_found(lifecycle, key, books)
         if start not in start_states:
             raise InvalidTransition(event, lifecycle, key, start)
@@ -93,7 +93,7 @@ def list_undeclared_changes(event: ev.Event, old_books: Books, new_books: Books)
     violations = []
     kind = type(event)
     for lifecycle in LIFECYCLES:
-        rows = [row for row in (*lifecycle.transitions, *lifecycle.consequences) if row.event is kind]
+        rows = [row for row in (*lifecycle.transitions, *lifecycle.consequences) if row.event_kind is kind]
         for key in getattr(new_books, f"{lifecycle.entity_name}s"):
             start, end = lifecycle.find_state(old_books, key), lifecycle.find_state(new_books, key)
             if start != end and not any(row.allows(start, end) for row in rows):

@@ -40,12 +40,12 @@ def make_job_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
 
     @router.post("/jobs/{number}/pause")
     async def pause_job(number: int, request: Request, caller_name: CallerName) -> Response:
-        jobs.pause(number, True, caller_name)
+        jobs.set_paused(number, True, caller_name)
         return answer_form(request, Note(f"Job {number} is paused."))
 
     @router.post("/jobs/{number}/resume")
     async def resume_job(number: int, request: Request, caller_name: CallerName) -> Response:
-        jobs.pause(number, False, caller_name)
+        jobs.set_paused(number, False, caller_name)
         return answer_form(request, Note(f"Job {number} continues."))
 
     @router.post("/jobs/{number}/assembled")
@@ -74,12 +74,12 @@ def make_part_form_routes(parts: PartCommands) -> APIRouter:
 
     @router.post("/jobs/{number}/parts/{part}/pause")
     async def pause_part(number: int, part: str, request: Request, caller_name: CallerName) -> Response:
-        parts.pause(number, part, True, caller_name)
+        parts.set_paused(number, part, True, caller_name)
         return answer_form(request, Note(f"Part {part} is paused."))
 
     @router.post("/jobs/{number}/parts/{part}/resume")
     async def resume_part(number: int, part: str, request: Request, caller_name: CallerName) -> Response:
-        parts.pause(number, part, False, caller_name)
+        parts.set_paused(number, part, False, caller_name)
         return answer_form(request, Note(f"Part {part} continues."))
 
     return router

@@ -53,12 +53,12 @@ def make_print_form_routes(printers: PrinterCommands, parts: PartCommands) -> AP
 
     @router.post("/printers/{name}/pause")
     async def pause_printer(name: str, request: Request, caller_name: CallerName) -> Response:
-        printers.pause(name, True, caller_name)
+        printers.set_paused(name, True, caller_name)
         return answer_form(request, Note(f"{name} pauses."))
 
     @router.post("/printers/{name}/resume")
     async def resume_printer(name: str, request: Request, caller_name: CallerName) -> Response:
-        printers.pause(name, False, caller_name)
+        printers.set_paused(name, False, caller_name)
         return answer_form(request, Note(f"{name} resumes."))
 
     @router.post("/printers/{name}/fail")

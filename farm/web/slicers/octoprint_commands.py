@@ -73,9 +73,9 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
                 await jobs.release(job.id, services.state, caller_name, is_operator(request))
             case "pause" if open_print is not None:
                 is_paused = open_print.pause_requested or open_print.state is PrintState.PAUSED
-                printers.pause(open_print.printer, body.wants_pause(is_paused), caller_name)
+                printers.set_paused(open_print.printer, body.wants_pause(is_paused), caller_name)
             case "pause":
-                jobs.pause(job.id, body.wants_pause(job.paused), caller_name)
+                jobs.set_paused(job.id, body.wants_pause(job.paused), caller_name)
             case "cancel" if open_print is not None:
                 parts.cancel_on_printer(open_print.printer, caller_name)
             case "cancel":

@@ -80,8 +80,8 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last_snapshot = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
-        self.refusals.append((print_id, late))
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
+        self.refusals.append((print_id, is_late))
 
     def find_unreported_since_s(self, printer: str) -> float | None:
         return None
@@ -149,9 +149,9 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_must_be_replaced(tm
                 await asyncio.sleep(0.01)
         # The print was not started, so its plate is assigned again.
         assert listener.refusals == [("p", True)] * 3
-        await manager.replace("a")
+        await manager.replace_agent("a")
         with pytest.raises(NotFoundError):
-            await manager.replace("b")
+            await manager.replace_agent("b")
 
     agent = run_with_agent(tmp_path, False, run_scenario)
     assert [request["do"] for request in agent.requests] == ["shutdown"]
@@ -183,7 +183,7 @@ def test_refused_replacement_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
 
         monkeypatch.setattr(AgentClient, "request", refuse_request)
         with pytest.raises(RefusedError, match="it prints"):
-            await manager.replace("a")
+            await manager.replace_agent("a")
 
     run_with_agent(tmp_path, False, run_scenario)
 

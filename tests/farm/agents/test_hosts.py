@@ -53,7 +53,7 @@ class RecordingListener:
         if snapshot.printer == "a" and snapshot.print is not None:
             self.print_states.append(snapshot.print.state)
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
         raise AssertionError(reason)
 
     def find_unreported_since_s(self, printer: str) -> float | None:

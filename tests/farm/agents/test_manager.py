@@ -36,7 +36,7 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last_snapshot = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
         raise AssertionError(reason)
 
     def find_unreported_since_s(self, printer: str) -> float | None:
@@ -388,7 +388,7 @@ def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
         manager.start(())
         try:
             first_pid = await wait_until_ready(manager, listener)
-            await manager.replace("a")
+            await manager.replace_agent("a")
             agent_folder = state.find_agent_folder("a")
             assert await wait_until_ready(manager, listener, first_pid) == find_agent_pid(agent_folder)
             assert emulator_is_running(agent_folder / "emulator")

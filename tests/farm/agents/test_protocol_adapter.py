@@ -25,8 +25,8 @@ def make_snapshot(**fields):
     )
 
 
-def convert_snapshot(snapshot, is_simulated=False, bed_cleared=False):
-    return to_trusted_snapshot(snapshot, CLOCK, "a", is_simulated, bed_cleared)
+def convert_snapshot(snapshot, is_simulated=False, is_bed_cleared=False):
+    return to_trusted_snapshot(snapshot, CLOCK, "a", is_simulated, is_bed_cleared)
 
 
 @pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
@@ -34,7 +34,7 @@ def test_earlier_snapshot_does_not_undo_a_cleared_bed(field):
     """Ignore the alarm of a snapshot that left its agent before the command arrived."""
     snapshot = make_snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
     assert getattr(convert_snapshot(snapshot), field) is not None
-    assert getattr(convert_snapshot(snapshot, bed_cleared=True), field) is None
+    assert getattr(convert_snapshot(snapshot, is_bed_cleared=True), field) is None
 
 
 def test_readings_of_a_printer_are_copied_to_its_view():

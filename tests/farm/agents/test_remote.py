@@ -53,7 +53,7 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last_snapshot = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
         raise AssertionError(reason)
 
     def find_unreported_since_s(self, printer: str) -> float | None:
@@ -198,7 +198,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
     tmp_path: Path, remote_host: Any, monkeypatch: pytest.MonkeyPatch
 ):
     if isinstance(remote_host, SilentNetwork):  # ten minutes by the farm's clock take five seconds
-        monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
+        monkeypatch.setattr(connection, "_SILENCE_TIMEOUT_S", 1.5)
         monkeypatch.setattr(connection, "_MAX_WAIT_S", 0.5)
         monkeypatch.setattr(client, "FIRST_MESSAGE_TIMEOUT_S", 10.0)
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"

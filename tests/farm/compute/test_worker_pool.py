@@ -195,7 +195,7 @@ def test_quick_task_does_not_wait_while_all_workers_are_busy(pool):
         ]
         await asyncio.sleep(0)
         assert len(workers.pids) == 1  # the second task waits
-        first_pid = await PoolShare(workers, "dry run", urgent=True).run(
+        first_pid = await PoolShare(workers, "dry run", is_urgent=True).run(
             work.get_pid, limit=DECOMPOSING_LIMIT
         )
         assert await workers.run(work.get_pid) == first_pid in workers.pids

@@ -225,11 +225,11 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     with pytest.raises(RefusedError, match="a is not printing"):
-        farm.printers.pause("a", True, "ann")
+        farm.printers.set_paused("a", True, "ann")
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.find_open_print("a")
     with pytest.raises(RefusedError, match="a is not paused"):
-        farm.printers.pause("a", False, "ann")
+        farm.printers.set_paused("a", False, "ann")
     pause_instruction = ev.SendPause(print_id=attempt.id, printer="a", pause=True)
 
     def find_last_pause():
@@ -238,7 +238,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         ]
         return pauses[-1]
 
-    farm.printers.pause("a", True, "ann")
+    farm.printers.set_paused("a", True, "ann")
     assert find_last_pause() == pause_instruction
 
     def report_state(state, **changes):
@@ -257,13 +257,13 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by 01 Jan 1970 02:00, or its print will be ended: `farm resume a`"
     assert [time.text for time in item.times] == ["01 Jan 1970 02:00"]
-    farm.printers.pause("a", False, "ann")
+    farm.printers.set_paused("a", False, "ann")
     assert find_last_pause() == pause_instruction.model_copy(update={"pause": False})
     view, tasks = report_state(PrintState.PRINTING)
     assert (view.state, view.print.pause_ends, tasks) == ("printing", None, [])
     farm.jobs.cancel(1, "ann")
     with pytest.raises(RefusedError, match="ending"):
-        farm.printers.pause("a", True, "ann")
+        farm.printers.set_paused("a", True, "ann")
 
 
 def test_temperatures_and_progress_do_not_run_the_scheduler(farm, plan, monkeypatch):

@@ -149,7 +149,7 @@ class ForecastSimulation:
             return
         self.report_print(name, print_id, state, started_s, next_s if state.ended else None)
         if state.ended:
-            clear_s = self.controller.rules.find_bed_clear_s(next_s, CLEARING_TIME_S)
+            clear_s = self.controller.rules.find_clearing_end_s(next_s, CLEARING_TIME_S)
             self.add_step(clear_s, name, print_id, None, 0.0)
 
     def run_to_end(self):

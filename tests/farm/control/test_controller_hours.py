@@ -94,7 +94,7 @@ def test_changed_hours_are_sent_to_the_agent(farm):
 def test_late_start_is_refused_and_its_plate_waits(farm):
     attempt = farm.controller.books.find_open_print("a")
     farm.controller.clock.now_s = parse_time_s("2026-11-20 19:00")
-    farm.controller.on_refusal(attempt.id, "it came too late", late=True)
+    farm.controller.on_refusal(attempt.id, "it came too late", is_late=True)
     late_print = farm.controller.books.prints[attempt.id]
     assert (late_print.state, late_print.fault) == (PrintState.CANCELLED, None)
     assert "too late" in late_print.reason
@@ -123,31 +123,31 @@ def test_print_that_exceeds_the_hours_is_listed_as_a_task(farm):
 
 def test_paused_print_is_resumed_only_in_attended_hours(farm):
     report_print(farm)
-    farm.printers.pause("a", True, "ann")
+    farm.printers.set_paused("a", True, "ann")
     report_print(farm, PrintState.PAUSED, pause_ends_s=STOP_S + 3600.0)
     assert [item.text for item in list_deadline_tasks(farm)] == [
         "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
     farm.controller.clock.now_s = parse_time_s("2026-11-20 19:00")
     with pytest.raises(RefusedError, match=r"only in attended hours .*: from Mon 08:00"):
-        farm.printers.pause("a", False, "ann")
+        farm.printers.set_paused("a", False, "ann")
     farm.controller.clock.now_s = STOP_S - 60.0
-    farm.printers.pause("a", False, "ann")
+    farm.printers.set_paused("a", False, "ann")
     assert not farm.controller.books.find_open_print("a").pause_requested
 
 
 def test_job_is_resumed_only_if_its_printers_may_continue(farm):
     report_print(farm)
-    farm.jobs.pause(1, True, "ann")
+    farm.jobs.set_paused(1, True, "ann")
     report_print(farm, PrintState.PAUSED)
     farm.controller.clock.now_s = parse_time_s("2026-11-20 19:00")
     with pytest.raises(RefusedError, match=r"^a prints only in attended hours .*: from Mon 08:00 \(UTC\)$"):
-        farm.jobs.pause(1, False, "ann")
+        farm.jobs.set_paused(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
     report_print(
         farm, PrintState.FAILED, fault="hours_ended", reason="the attended hours have ended", ended_s=STOP_S
     )
-    farm.jobs.pause(1, False, "ann")  # its waiting plates have their own start times
+    farm.jobs.set_paused(1, False, "ann")  # its waiting plates have their own start times
     assert not farm.controller.books.jobs[1].paused
 
 

@@ -158,7 +158,7 @@ def test_updated_situation_equals_one_built_after_the_starts(plate_counts, print
             )
         )
         updated_situation, new_situation = (
-            situations.update(old_situation, starts),
+            situations.apply_starts(old_situation, starts),
             situations.build(situations.find_held_back_plates()),
         )
         farm.store.close()
@@ -183,7 +183,7 @@ CHANGES = {
         start.printer, link=Link.FAULT, reason="stopped by estop"
     ),
     "maintenance": lambda farm, start: farm.printers.begin_maintenance(start.printer, "its nozzle", "ann"),
-    "its job is paused": lambda farm, start: farm.jobs.pause(int(start.plate[0]), True, "ann"),
+    "its job is paused": lambda farm, start: farm.jobs.set_paused(int(start.plate[0]), True, "ann"),
     "its job is cancelled": lambda farm, start: farm.jobs.cancel(int(start.plate[0]), "ann"),
     "its part is cancelled": lambda farm, start: farm.parts.cancel(
         int(start.plate[0]), start.plate.replace("/", "/p"), "ann"

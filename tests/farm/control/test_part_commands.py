@@ -99,18 +99,18 @@ def test_part_is_cancelled_by_name_or_by_printer(farm):
 
 
 def test_paused_job_starts_no_plate(farm):
-    farm.jobs.pause(1, True, "ann")
+    farm.jobs.set_paused(1, True, "ann")
     with pytest.raises(RefusedError, match="already paused"):
-        farm.jobs.pause(1, True, "ann")
+        farm.jobs.set_paused(1, True, "ann")
     end_print(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.find_open_print("a") is None
     assert farm.controller.scheduler.find_plate_holds().get("1/03").code is HoldCode.PAUSED
-    farm.jobs.pause(1, False, "ann")
+    farm.jobs.set_paused(1, False, "ann")
     assert farm.controller.books.find_open_print("a").plate == "1/03"
-    assert farm.parts.pause(1, "p03", True, "ann") == "a"
+    assert farm.parts.set_paused(1, "p03", True, "ann") == "a"
     with pytest.raises(RefusedError, match="is already printed"):
-        farm.parts.pause(1, "p01", True, "ann")
+        farm.parts.set_paused(1, "p01", True, "ann")
 
 
 def test_plates_waiting_for_a_bed_are_counted(farm):
@@ -128,9 +128,9 @@ def test_plates_waiting_for_a_bed_are_counted(farm):
 
 
 def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
-    assert farm.parts.pause(1, "p03", True, "ann") == ""
+    assert farm.parts.set_paused(1, "p03", True, "ann") == ""
     with pytest.raises(RefusedError, match="already paused"):
-        farm.parts.pause(1, "3", True, "ann")
+        farm.parts.set_paused(1, "3", True, "ann")
     end_print(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.find_open_print("a") is None
@@ -140,17 +140,17 @@ def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
     farm = Farm(tmp_path)  # the pause survives a restart
     farm.report_ready("a")
     assert farm.controller.books.find_open_print("a") is None
-    farm.parts.pause(1, "p03", False, "ann")
+    farm.parts.set_paused(1, "p03", False, "ann")
     assert farm.controller.books.find_open_print("a").plate == "1/03"
 
 
 def test_resumed_job_resumes_its_paused_parts(farm):
-    farm.parts.pause(1, "p03", True, "ann")
-    farm.jobs.pause(1, False, "ann")
+    farm.parts.set_paused(1, "p03", True, "ann")
+    farm.jobs.set_paused(1, False, "ann")
     assert farm.controller.scheduler.find_plate_holds().get("1/03").code is not HoldCode.PAUSED
-    farm.jobs.pause(1, True, "ann")
+    farm.jobs.set_paused(1, True, "ann")
     with pytest.raises(RefusedError, match="job 1 is paused: `farm resume 1`"):
-        farm.parts.pause(1, "p03", False, "ann")
+        farm.parts.set_paused(1, "p03", False, "ann")
 
 
 def test_printer_in_maintenance_finishes_its_print_and_gets_no_other(farm):
@@ -241,8 +241,8 @@ def test_refused_start_uses_no_filament(farm):
 @pytest.mark.parametrize(
     "request_print",
     [
-        lambda farm: farm.jobs.pause(1, False, "ann"),
-        lambda farm: farm.parts.pause(1, "p01", False, "ann"),
+        lambda farm: farm.jobs.set_paused(1, False, "ann"),
+        lambda farm: farm.parts.set_paused(1, "p01", False, "ann"),
         lambda farm: farm.parts.reprint(1, "p01", "", "ann"),
     ],
     ids=["resume job", "resume part", "reprint"],

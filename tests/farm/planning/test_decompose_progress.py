@@ -21,9 +21,9 @@ from farm.planning.tasks import decompose_job
 
 def test_remaining_time_follows_from_the_rate_so_far():
     rate = ProgressRate()
-    assert rate.measure(0.0, 100.0) == DecomposeProgress(share=0.0)
-    assert rate.measure(0.1, 110.0) == DecomposeProgress(share=0.1)
-    progress = rate.measure(0.25, 120.0)
+    assert rate.estimate_progress(0.0, 100.0) == DecomposeProgress(share=0.0)
+    assert rate.estimate_progress(0.1, 110.0) == DecomposeProgress(share=0.1)
+    progress = rate.estimate_progress(0.25, 120.0)
     assert (progress.share, progress.remaining_s) == (0.25, pytest.approx(50.0))
 
 

@@ -77,8 +77,10 @@ def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
         make_printer("b", link=Link.ABSENT),
         make_printer("c", attention_reason="it smokes"),
     ]
-    assert choose_order(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), rounds=2)
-    assert choose_order(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
+    assert choose_order(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), round_count=2)
+    assert choose_order(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(
+        ("a", "c"), round_count=3
+    )
 
 
 def test_job_is_planned_although_no_printer_is_free():
@@ -114,7 +116,7 @@ def test_job_at_night_is_planned_for_unattended_printers():
     ) == PlanOrder(("a", "b"))
     assert choose_order(
         ANY_PRINTER, None, 3, fleet, frozenset(), True, blocked_printers=blocked_printers
-    ) == PlanOrder(("a", "b"), rounds=2)
+    ) == PlanOrder(("a", "b"), round_count=2)
     assert choose_order(
         ANY_PRINTER, None, 0, fleet[2:], frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("c",))

@@ -23,7 +23,7 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.holds import find_plate_holds
 from farm.scheduling.plate_queue import PlateQueue
 from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import SituationBuilder, derive_job_requirements, update_ends
+from farm.scheduling.situation_builder import SituationBuilder, derive_job_requirements, update_print_ends
 from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
 from farm.views import ViewContext
@@ -171,7 +171,7 @@ def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s,
     builder = SituationBuilder(list_bed_boxes)
     printers = builder.describe_printers(FLEET, books, snapshots)
     situation = Situation(PlateQueue(), printers, StartRules.from_config(FLEET.fleet), context.now_s)
-    busy_printer, *other_printers = update_ends(situation, books, snapshots).printers
+    busy_printer, *other_printers = update_print_ends(situation, books, snapshots).printers
     assert busy_printer.print_end_s == context.now_s + context.estimate_remaining_s(
         books.find_open_print("a")
     )

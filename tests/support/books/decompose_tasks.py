@@ -16,13 +16,13 @@ def make_fleet(count=2):
     return Fleet.model_validate({"printers": printers})
 
 
-def make_decompose_task(bar, files, tmp_path, printers=2, rounds=1):
+def make_decompose_task(bar, files, tmp_path, printers=2, round_count=1):
     return DecomposeTask(
         job=1,
         model=files / bar.file,
         options=JobOptions(),
         printers=make_fleet(printers).printers,
-        rounds=rounds,
+        round_count=round_count,
         folder=tmp_path / "work",
         budget_s=0.0,  # one engine is enough for this bar
     )

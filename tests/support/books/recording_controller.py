@@ -27,7 +27,7 @@ class RecordedEffects:
 
     def perform(self, effect, books):
         if isinstance(effect, StartPlanning):
-            self.plans.append((effect.job, list(effect.printers), effect.rounds))
+            self.plans.append((effect.job, list(effect.printers), effect.round_count))
         elif isinstance(effect, StartReplan):
             self.replans.append((effect.plate, list(effect.printers), effect.is_cut))
         else:

@@ -43,7 +43,7 @@ def run_worker(folder, certificates, address, name):
     from farm.compute.cluster import worker_service
 
     worker_service.read_installation = lambda: INSTALLATION
-    options = worker_service.WorkerOptions(address, certificates, name, folder / name, slots=1)
+    options = worker_service.WorkerOptions(address, certificates, name, folder / name, slot_count=1)
     options.folder.mkdir(exist_ok=True)
     asyncio.run(worker_service.serve_tasks(options, None))
 

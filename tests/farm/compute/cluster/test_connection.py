@@ -51,5 +51,5 @@ def test_workers_of_other_programs_are_ignored():
         "tls://c": {"name": "c", "nthreads": 2, "farm": {"farm": "0"}},
     }
     a, c = list_workers(records, INSTALLATION)
-    assert (a.name, a.slots, a.refusal_reason) == ("a", 4, None)
+    assert (a.name, a.slot_count, a.refusal_reason) == ("a", 4, None)
     assert (c.name, c.refusal_reason) == ("c", "it has farm 0, not 1")

@@ -30,7 +30,7 @@ def test_least_recently_used_files_are_deleted_first_and_files_in_use_are_kept(t
     for modified_s, content in enumerate((used_file, old_file, new_file)):
         cache.store(compute_file_name(content), content)
         os.utime(cache.make_path(compute_file_name(content)), (modified_s, modified_s))
-    with cache.use([compute_file_name(used_file)]), cache.use([compute_file_name(new_file)]):
+    with cache.keep_files([compute_file_name(used_file)]), cache.keep_files([compute_file_name(new_file)]):
         pass
     assert {path.read_bytes() for path in (tmp_path / "files").iterdir()} == {used_file, new_file}
 
@@ -38,9 +38,9 @@ def test_least_recently_used_files_are_deleted_first_and_files_in_use_are_kept(t
 def test_cache_that_is_too_small_keeps_the_files_of_a_running_task(tmp_path):
     cache = FileCache(tmp_path / "files", max_bytes=1)
     content = b"a" * 100
-    with cache.use([compute_file_name(content)]):
+    with cache.keep_files([compute_file_name(content)]):
         cache.store(compute_file_name(content), content)
-        with cache.use([]):
+        with cache.keep_files([]):
             pass
         assert cache.list_missing_files([compute_file_name(content)]) == ()
     assert cache.list_missing_files([compute_file_name(content)]) == (compute_file_name(content),)

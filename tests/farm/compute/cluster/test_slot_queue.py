@@ -22,7 +22,7 @@ class QueuedTasks:
         return asyncio.ensure_future(self._hold_slot(name, group, urgent))
 
     async def _hold_slot(self, name, group, urgent):
-        async with self.slots.take(group, urgent) as has_slot:
+        async with self.slots.hold_slot(group, urgent) as has_slot:
             self.started_tasks.append((name, has_slot))
             await self.end_events[name].wait()
 
@@ -33,7 +33,7 @@ def run(run_scenario):
         tasks = await run_scenario(queue)
         for event in queue.end_events.values():
             event.set()
-        queue.slots.update(9, False)
+        queue.slots.set_slot_count(9, False)
         for task in tasks:
             with suppress(asyncio.CancelledError):
                 await task
@@ -48,7 +48,7 @@ def test_groups_share_the_slots_and_urgent_tasks_go_first():
         tasks.append(queue.add_task("c1", "c", urgent=True))
         await run_pending_tasks()
         assert queue.slots.waiting_count == 5 and queue.started_tasks == []
-        queue.slots.update(3, False)
+        queue.slots.set_slot_count(3, False)
         await run_pending_tasks()
         assert [name for name, _ in queue.started_tasks] == ["c1", "a1", "b1"]
         queue.end_events["c1"].set()
@@ -61,7 +61,7 @@ def test_groups_share_the_slots_and_urgent_tasks_go_first():
 
 def test_cancelled_task_gives_its_slot_back():
     async def run_scenario(queue):
-        queue.slots.update(1, False)
+        queue.slots.set_slot_count(1, False)
         first_task, second_task, third_task = (queue.add_task(name, name) for name in "xyz")
         await run_pending_tasks()
         second_task.cancel()
@@ -77,7 +77,7 @@ def test_no_task_waits_once_the_cluster_is_given_up():
     async def run_scenario(queue):
         tasks = [queue.add_task(name, name) for name in "xy"]
         await run_pending_tasks()
-        queue.slots.update(0, True)
+        queue.slots.set_slot_count(0, True)
         await run_pending_tasks()
         assert queue.started_tasks == [("x", False), ("y", False)]
         return tasks
@@ -89,7 +89,7 @@ def test_slot_is_free_until_a_task_takes_it():
     slot_states = []
 
     async def run_scenario(queue):
-        queue.slots.update(1, False)
+        queue.slots.set_slot_count(1, False)
         slot_states.append(queue.slots.has_free_slot)
         tasks = [queue.add_task("a", 1)]
         await run_pending_tasks()

@@ -62,7 +62,7 @@ def plan_lines(tmp_path, files, inspect_lines):
             model=files / inspection.file,
             options=JobOptions(**options),
             printers=fleet,
-            rounds=1,
+            round_count=1,
             folder=folder,
         )
         return plan_gcode(task, files)

@@ -23,12 +23,12 @@ USUAL_OPTIONS = {
     "min_glue_mm2": 25.0,
     "engine": "guillotine",
     "seed": 0,
-    "tries": 2,
+    "attempt_count": 2,
     "score": "low",
-    "faithful": False,
+    "is_faithful": False,
     "budget_s": 20.0,
-    "clear_s": 120.0,
-    "assemble_s": 216.0,
+    "clearing_s": 120.0,
+    "assembly_s": 216.0,
 }
 
 
@@ -41,7 +41,7 @@ def bar(tmp_path):
 
 def test_engine_is_selected_by_name(bar, tmp_path):
     path = tmp_path / "out"
-    engine_options = {"engine": "parallelobox", "faithful": True, "score": "both"}
+    engine_options = {"engine": "parallelobox", "is_faithful": True, "score": "both"}
     report = decompose_to_folder(bar, path, DecomposeRequest(**USUAL_OPTIONS | engine_options))
     assert report["engine"] == "parallelobox"
     assert report["options"]["score"] == "high"
@@ -59,11 +59,11 @@ def test_engine_is_selected_by_name(bar, tmp_path):
         ),
         ({"engine": "parallelobox", "score": "up"}, "--score up: use low, high or both"),
         (
-            {"engine": "parallelobox", "faithful": True, "connectors": ConnectorOptions(2.85)},
-            "--faithful: its parts have neither --pins nor --marks",
+            {"engine": "parallelobox", "is_faithful": True, "connectors": ConnectorOptions(2.85)},
+            "--faithful cannot be combined with --pins or --marks",
         ),
         ({"interior": "gone"}, "--interior gone: use leave or keep"),
-        ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
+        ({"is_faithful": True}, "--faithful is for the engines of papers, not guillotine"),
     ],
 )
 def test_invalid_option_is_named(bar, tmp_path, wrong_option, message):

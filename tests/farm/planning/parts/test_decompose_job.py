@@ -45,7 +45,7 @@ def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files
     with pytest.raises(TooFewPrinters) as error:
         decompose_job(make_decompose_task(bar, files, tmp_path, printers=1))
     assert error.value.needed_count == 2
-    decomposition = decompose_job(make_decompose_task(bar, files, tmp_path, printers=1, rounds=2))
+    decomposition = decompose_job(make_decompose_task(bar, files, tmp_path, printers=1, round_count=2))
     assert [p.printer for p in decomposition.parts] == ["p0", "p0"]
 
 

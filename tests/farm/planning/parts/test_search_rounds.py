@@ -59,7 +59,7 @@ class ScriptedWorkers:
 
 def make_task(folder):
     return DecomposeTask(
-        job=1, model=folder / "model", options=None, printers=(), rounds=1, folder=folder, may_pause=True
+        job=1, model=folder / "model", options=None, printers=(), round_count=1, folder=folder, may_pause=True
     )
 
 

@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from farm.state import events as ev
-from farm.state.lifecycles import FARM_WIDE_EVENTS, LIFECYCLES, NEW
+from farm.state.lifecycles import FARM_WIDE_EVENTS, LIFECYCLES, NO_STATE
 
 
 def test_every_event_has_a_subject():
@@ -16,7 +16,7 @@ def test_every_event_has_a_subject():
 @pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity_name)
 def test_every_state_is_reachable(lifecycle):
     rows = [*lifecycle.transitions, *lifecycle.consequences]
-    reached_states = {NEW}
+    reached_states = {NO_STATE}
     while True:
         new_states = (
             set().union(*(row.end_states or () for row in rows if row.start_states & reached_states))
@@ -25,7 +25,7 @@ def test_every_state_is_reachable(lifecycle):
         if not new_states:
             break
         reached_states |= new_states
-    assert reached_states - {NEW} == set(lifecycle.states)
+    assert reached_states - {NO_STATE} == set(lifecycle.states)
 
 
 @pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity_name)

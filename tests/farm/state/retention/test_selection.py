@@ -36,14 +36,14 @@ def test_expired_jobs_are_selected_oldest_first():
     books = make_old_books(
         (JobState.DONE, 91), (JobState.DONE, 89), (JobState.CANCELLED, 200), (JobState.PRINTING, 0)
     )
-    rules = RetentionRules(days=90, max_bytes=1e12)
+    rules = RetentionRules(max_age_days=90, max_bytes=1e12)
     assert select_jobs(books, make_sizes(books), rules, NOW_S, NOW_S) == [3, 1]
 
 
 def test_oldest_jobs_are_selected_until_the_rest_fits():
     books = make_old_books(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files per job
     assert len(list_job_file_names(books, books.jobs[1])) == 7
-    rules = RetentionRules(days=90, max_bytes=2500)
+    rules = RetentionRules(max_age_days=90, max_bytes=2500)
     # Two pruned jobs, which keep only their pictures, leave 3500 - 2 * 600 bytes.
     assert select_jobs(books, make_sizes(books), rules, NOW_S, NOW_S) == [
         5,
@@ -61,7 +61,7 @@ def test_files_shared_with_another_job_are_not_freed():
 
 def test_recent_jobs_and_those_without_a_backup_are_not_selected():
     books = make_old_books((JobState.DONE, 1.9), (JobState.DONE, 5), (JobState.DONE, 2.1))
-    full_rules = RetentionRules(days=2, max_bytes=0.0)
+    full_rules = RetentionRules(max_age_days=2, max_bytes=0.0)
     assert select_jobs(books, make_sizes(books), full_rules, NOW_S, NOW_S) == [2, 3]
     assert select_jobs(books, make_sizes(books), full_rules, NOW_S, NOW_S - 3 * DAY_S) == [2]
 

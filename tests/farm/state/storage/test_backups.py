@@ -22,7 +22,7 @@ from farm.state.storage.backups import (
     BACKUP_COUNT,
     back_up,
     compute_next_backup_s,
-    is_due,
+    is_backup_due,
     list_backups,
     open_books,
     parse_backup_time_s,
@@ -61,13 +61,13 @@ def make_held_books():
 
 def test_books_in_use_are_backed_up_and_old_backups_are_deleted(state):
     books = write_books(state)
-    assert is_due(state, FIRST_BACKUP_S)
+    assert is_backup_due(state, FIRST_BACKUP_S)
     with Store(state.books):
         for night in range(BACKUP_COUNT + 2):
             back_up(state, FIRST_BACKUP_S + night * DAY_S)
     backup_times_s = [parse_backup_time_s(copy) for copy in list_backups(state)]
     assert backup_times_s == [FIRST_BACKUP_S + night * DAY_S for night in range(BACKUP_COUNT + 1, 1, -1)]
-    assert not is_due(state, backup_times_s[0] + DAY_S - 1)
+    assert not is_backup_due(state, backup_times_s[0] + DAY_S - 1)
     (state.backups / "books-before-upgrade.db").touch()  # a person's copy: neither used nor deleted
     assert [parse_backup_time_s(copy) for copy in list_backups(state)] == backup_times_s
     with Store(list_backups(state)[0]) as copy:
