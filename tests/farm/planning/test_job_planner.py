@@ -262,7 +262,7 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
     assert reports == [PlanStep.WAITING, PlanStep.NO_ROOM, PlanStep.WAITING]
     assert "No space left" in str(result)  # the second time, there was free space: the job itself failed
     assert [len(texts) for texts in task_texts] == [0, 1, 0]
-    assert "free space" in task_texts[1][0] and "job 7" in task_texts[1][0]
+    assert "free some space" in task_texts[1][0] and "job 7" in task_texts[1][0]
 
 
 def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
