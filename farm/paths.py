@@ -164,7 +164,7 @@ def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
 
 
 def _make_private_folder(name: str) -> Path:
-    """Create a private folder in the system's temporary folder, which other users cannot replace.
+    """Create a private folder, which other users cannot replace, in the system's temporary folder.
 
     Raises
     ------

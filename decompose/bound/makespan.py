@@ -105,8 +105,8 @@ def bound_makespan(boxes: BoxTables, is_needed: Bools, printer_count: int, makes
     Parameters
     ----------
     boxes
-        Tables for which the proof holds: the time of a box is that of the best of its axis poses, with
-        supports down to the bed, and consists of the tables' number of pieces.
+        Tables for which the proof holds: the time of a box is that of its best axis pose, with supports
+        down to the bed, and the box consists of as many pieces as the tables say.
     is_needed
         (nx, ny, nz) bool, true for cells that must be in a box; at least one.
     printer_count

@@ -99,8 +99,9 @@ class Mark:
         Numbers of the part that carries it, and of the joint.
     text
         Numbers of the part and its neighbour (`10-14`, or `-14` on a face that is printed level), and `^`,
-        which points to the top of the model (on level faces, to its back); or the part's number alone; or, if
-        no digits fit, full stops for dots, the same number on both faces of a joint.
+        which points to the top of the model (on level faces, to its back); or the part's number alone. If
+        no digits fit, the text consists of full stops, printed as dots: as many on one face of the joint as
+        on the other.
     height_mm
         Height of its letters.
     lines_mm

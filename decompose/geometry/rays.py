@@ -103,7 +103,7 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     """Find the crossings of rays with the triangles of a mesh.
 
     A ray through the common edge of two triangles crosses only one of them: an edge belongs to the triangle
-    above it.
+    on its side of greater y.
 
     Parameters
     ----------

@@ -268,8 +268,8 @@ def _sort_half_edges_by_angle(
     angle_rad = np.arctan2(third_corners @ np.cross(along, across), third_corners @ across)
     angle_rad = np.round(angle_rad / MAX_ANGLE_DIFFERENCE_RAD) * MAX_ANGLE_DIFFERENCE_RAD
     angle_rad = np.where(angle_rad <= -np.pi + MAX_ANGLE_DIFFERENCE_RAD, np.pi, angle_rad)
-    # The normal of a face whose half-edge runs along the edge points to greater angles, so the solid of the
-    # face is at smaller angles.
+    # The normal of a face whose half-edge runs from `start` to `end` points to greater angles, so the solid
+    # of the face is at smaller angles.
     begins = tail[half_edges] != start
     order = np.lexsort((begins, angle_rad))
     depth = np.cumsum(np.where(begins[order], 1, -1))  # number of solids at each angle around the edge

@@ -160,7 +160,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
 def find_faults(
     pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, joints: Sequence[Joint] | None = None
 ) -> list[Fault]:
-    """Find the pieces that cannot be glued well, at most one for each reason.
+    """Find all slivers, and one loose piece for each weakly held group.
 
     Slivers are thinner than `SLIVER_MM` next to a cut, or are flakes thinner than two walls. Loose pieces are
     connected to their body only by joints that do not hold (`Joint.holds`). A piece that touches no other
@@ -210,7 +210,7 @@ def _describe_sliver(piece: CutSolid) -> str:
         distances_mm = vertices @ plane[:3] - plane[3]
         cut_thickness_mm = float(np.ptp(distances_mm))
         if cut_thickness_mm < SLIVER_MM and (np.abs(distances_mm) < PLANE_TOLERANCE_MM).sum() >= 3:
-            return f"is {cut_thickness_mm:.1f} mm thin where it was cut, less than {SLIVER_MM:g} mm"
+            return f"is {cut_thickness_mm:.1f} mm thick where it was cut, less than {SLIVER_MM:g} mm"
     thickness_mm = 2.0 * piece.solid.volume_mm3 / piece.solid.area_mm2
     if thickness_mm < TWO_WALLS_MM:
         triangles = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
@@ -251,7 +251,7 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
             continue
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
         plane_key = np.round(sign * plane, PLANE_DECIMALS) + 0.0
-        # The inverse of a denormal number is infinite.
+        # Rounded, because shapely divides by coordinates, and the inverse of a denormal number is infinite.
         corners = np.round((vertices @ choose_plane_axes(plane_key[:3]).T)[flat_faces], PLANE_DECIMALS)
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = _unite_triangles(rings[shapely.area(rings) > 0.0])

@@ -54,7 +54,7 @@ class Alarms:
 
     @property
     def suspicion(self) -> Suspicion | None:
-        """Suspicion that the first session after a dead agent takes over."""
+        """Suspicion to be handed to the first session after an agent died."""
         return None if self.alarm is None else self.alarm.suspicion
 
     def mark_ended(self) -> None:

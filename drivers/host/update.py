@@ -139,7 +139,7 @@ class AgentsUpdate:
     async def _await_trial(
         self, watch: AgentWatch, old_link: m.LinkState | None, start_count: int
     ) -> str | None:
-        """Wait for the agent that follows `start_count` starts; return its fault, or None if it works."""
+        """Wait for the first agent after start number `start_count`; return its fault; None if it works."""
         started_s = time.monotonic()
         while True:
             installation = watch.find_installation()

@@ -149,7 +149,7 @@ class Link:
         # Fast path: an ok to a line of a program while the next line is already encoded.
         is_usual = self._awaits_ok and self._is_undisturbed and not self._partial_line
         if data == b"ok\n" and is_usual and now_s < self._poll_at_s:
-            line = self._outbox.take_encoded()
+            line = self._outbox.take_encoded_line()
             if line is not None:
                 self._output = line
                 self._recovery.sent_s = now_s

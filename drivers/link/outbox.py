@@ -153,7 +153,7 @@ class Outbox:
 
     # --- sending ---
 
-    def take_encoded(self) -> bytes | None:
+    def take_encoded_line(self) -> bytes | None:
         """Return the next line if it is ordinary and already encoded; if this is None, call `take_next`."""
         number = self._cursor + 1
         if number < len(self._frames) and self._base + self._cursor > self._slow_path_end:

@@ -60,7 +60,7 @@ class ForecastCache:
         self._is_large = False
 
     def on_clock_set(self) -> None:
-        """Drop the forecast after a step of the host's clock, which shifts the hours."""
+        """Drop the forecast after a step of the host's clock, which shifts the expected ends."""
         self._ends = ExpectedEnds()
 
     def find_ends(self) -> ExpectedEnds:

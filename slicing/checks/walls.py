@@ -99,7 +99,7 @@ class Walls:
     run: npt.NDArray[np.intp]  # index of the unbroken line of a move
     is_closed: npt.NDArray[np.bool_]  # whether that line is a ring
     width_mm: Floats  # computed from the extruded filament
-    half_width_mm: Floats  # half of the line's width; for a ring, from its centre line to the model's outline
+    reach_mm: Floats  # from a ring's centre line to the model's outline; half the width of another line
     other_lines: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
     inner_lines: Floats  # (k, 5) lines of the inner walls: start, end, layer
 
@@ -151,7 +151,7 @@ class Walls:
         )
         # An engine may draw rings in the opposite direction, but then it does so for all rings of a layer.
         sign = np.where(inside.area_mm2 < 0, -1.0, 1.0)
-        band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_width_mm * np.where(is_ring, 1.0, 2.0)
+        band_mm2 = np.hypot(*(self.end - self.start).T) * self.reach_mm * np.where(is_ring, 1.0, 2.0)
         corners_mm2 = np.bincount(self.layer, self._compute_corners_mm2(), layer_count)
         area_mm2 = sign * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, layer_count)
         moment_mm3 = sign[:, None] * inside.moment_mm3
@@ -202,7 +202,7 @@ class Walls:
             axis=1
         )
         half_angle_tan = np.clip(cross / np.maximum(scale, 1e-9), -2.0, 2.0)
-        return np.where(self.is_closed, self.half_width_mm**2 * half_angle_tan, 0.0)
+        return np.where(self.is_closed, self.reach_mm**2 * half_angle_tan, 0.0)
 
     def build_printed_area(self, layer: int, model: Geometry) -> Geometry:
         """Build the area within the outer edge of the outer wall in one layer.
@@ -220,7 +220,7 @@ class Walls:
             elif len(points) > 3:
                 # Rings do not cross each other: one within another is a hole.
                 inside = inside.symmetric_difference(shapely.make_valid(shapely.Polygon(points)))
-        reach_mm = float(self.half_width_mm[indices][~is_line].max(initial=0.0))
+        reach_mm = float(self.reach_mm[indices][~is_line].max(initial=0.0))
         strokes = _build_strokes(
             self.start[indices[is_line]], self.end[indices[is_line]], self.width_mm[indices[is_line]] / 2
         )

@@ -31,9 +31,9 @@ from slicing.settings import EngineSettings
 
 MIN_REMOVED_MM = 10.0
 """Minimum length that is removed from a wall."""
-_SAVED_TIME_MARGIN = 1.1
-"""Factor by which a removed line saves more than its length over its speed, because the head also accelerates
-less often. It keeps layers from becoming shorter than the minimum layer time."""
+_SAVED_TIME_FACTOR = 1.1
+"""Ratio of the time that removing a line saves to its length over its speed: the head also accelerates less
+often. It keeps layers from becoming shorter than the minimum layer time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ def _find_removal(
             is_whole = is_ring and len(skin_mm) == 0
             first, last = _clip_run(lengths_mm, skin_mm, 0.0 if is_whole else TRANSITION_MM)
             removed_mm = (last - first) * lengths_mm
-            saved_s = _SAVED_TIME_MARGIN * float((removed_mm * 60.0 / path.feed_mm_min[moves]).sum())
+            saved_s = _SAVED_TIME_FACTOR * float((removed_mm * 60.0 / path.feed_mm_min[moves]).sum())
             if float(removed_mm.sum()) < MIN_REMOVED_MM or saved_s > spare_s.get(layer, 0.0):
                 continue
             ends_mm = [starts_mm + share[:, None] * deltas_mm for share in (first, last)]

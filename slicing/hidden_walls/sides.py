@@ -25,8 +25,9 @@ Grooves for keys are deeper; the side lists them."""
 MAX_NOTCH_LENGTH_MM = 6.0
 """Maximum length of the path through a notch; letters are 5 mm high. A longer path may lie along a visible
 wall."""
-_NOTCH_RATIO = 0.5
-"""Depth of a wall's line below a notch, as a share of the wall's depth: 1 / sin(42 deg) - 1 in a gutter."""
+_NOTCH_EXCESS_SHARE = 0.5
+"""Excess depth of a wall's line below the bottom of a notch, as a share of the wall's depth: 1 / sin(42 deg)
+- 1 in a gutter."""
 _LINE_TOLERANCE_MM = 0.05
 
 
@@ -167,7 +168,7 @@ def _find_groove_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_de
     """Mark the moves (k,) around the grooves of a side; the parameters are those of `list_side_runs`."""
     positions_mm = np.stack([side.measure_positions_mm(points) for points in ends_mm])
     low_mm, high_mm = positions_mm.min(axis=0), positions_mm.max(axis=0)
-    margin_mm = (1.0 + _NOTCH_RATIO) * wall_depth_mm
+    margin_mm = (1.0 + _NOTCH_EXCESS_SHARE) * wall_depth_mm
     in_groove = np.zeros(len(low_mm), np.bool_)
     for groove in side.grooves:
         is_beside = (low_mm > groove.low_mm - margin_mm) & (high_mm < groove.high_mm + margin_mm)
@@ -180,5 +181,5 @@ def _find_moves_between(
 ) -> Bools:
     """Mark the moves (k,) between the wall along a side and the wall in a notch of depth `notch_depth_mm`."""
     depths_mm = np.stack([side.measure_depths_mm(points) for points in ends_mm]) - wall_depth_mm
-    deepest_mm = notch_depth_mm + _NOTCH_RATIO * wall_depth_mm
+    deepest_mm = notch_depth_mm + _NOTCH_EXCESS_SHARE * wall_depth_mm
     return np.asarray(((depths_mm > -_LINE_TOLERANCE_MM) & (depths_mm < deepest_mm)).all(axis=0))

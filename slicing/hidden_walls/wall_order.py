@@ -26,7 +26,7 @@ from slicing.settings import EngineSettings
 MIN_SAVED_MM = 2.0  # minimum travel that another order saves in a layer
 MAX_PIECES = 4  # maximum number of pieces whose order is changed; there are n! 2^n orders
 MAX_TRIED_ORDERS = 6  # maximum number of orders whose travel is planned, the best by straight lines first
-_SAVED_TIME_MARGIN = 1.5
+_SAVED_TIME_FACTOR = 1.5
 """Factor by which omitted travel saves more time than its length over its speed, because the head also
 accelerates less often. It keeps layers from becoming shorter than the minimum layer time."""
 _CLOSURE_TOLERANCE_MM = 0.02
@@ -150,7 +150,7 @@ def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) 
         layer = int(path.layer[chain.moves[-1]])
         plan = _find_best_plan(chain, outer_walls.build_travel_area(layer))
         saved_mm = 0.0 if plan is None else chain.travel_mm - plan.travel_mm
-        saved_s = _SAVED_TIME_MARGIN * saved_mm / settings.speed_travel_mm_s
+        saved_s = _SAVED_TIME_FACTOR * saved_mm / settings.speed_travel_mm_s
         if plan is not None and saved_mm > MIN_SAVED_MM and saved_s <= spare_s.get(layer, 0.0):
             spare_s[layer] -= saved_s
             segments |= _list_segments(path, chain, plan, 60.0 * settings.speed_travel_mm_s)

@@ -31,7 +31,7 @@ class Objections:
         self._has_ended = False  # an end script has begun, and nothing has been printed since
 
     def add(self, reason: str) -> None:
-        """Refuse the file once something is printed after this line; a start script is not printed."""
+        """Record a reason to refuse the file at its next printed line or its end; not in a start script."""
         if self.is_printing:
             self.first_reason = self.first_reason or self._format_reason(reason)
             if not self._has_ended:

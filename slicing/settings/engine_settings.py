@@ -95,7 +95,7 @@ class EngineSettings:
     layer_fit: LayerFit | None = None
 
     def compute_hidden_wall_speed_mm_s(self, speed_mm_s: float, line_width_mm: float) -> float:
-        """Compute the speed of a wall on hidden sides: its flow is at most that of infill, and is melted.
+        """Compute the speed of a wall on hidden sides, limited to the flow of infill and of faster lines.
 
         Parameters
         ----------

@@ -1,10 +1,10 @@
 """Block growth: blocks of cells grow from seeds, one layer at a time, until none can grow.
 
-The cheapest block that can grow grows next, in the direction with the best score, which consists of
-``|P + O|`` of the grown block and its proximity to other blocks. The paper calls higher scores better
-(section "Objective") although P and O are costs, so `Score` has both interpretations. A direction is
-forbidden if the grown block would leave the grid, not fit a printer, gain no needed cell, take a cell that
-has an owner, or consist of more pieces than before.
+The cheapest block that can grow grows next, in the direction with the best score: the product of ``|P + O|``
+(printing price and overhang price of the grown block) and its proximity to other blocks. The paper calls
+higher scores better (section "Objective") although P and O are costs, so `Score` has both interpretations. A
+direction is forbidden if the grown block would leave the grid, not fit a printer, gain no needed cell, take a
+cell that has an owner, or consist of more pieces than before.
 """
 
 from __future__ import annotations

@@ -166,7 +166,7 @@ class EmulatedFirmware(Listener):
             due_s = min(
                 due_s,
                 machine.temperature_fault_s,
-                self.dialect.find_inactive_since_s(machine) + machine.dead_man_timeout_s,
+                self.dialect.find_inactivity_start_s(machine) + machine.dead_man_timeout_s,
             )
             if self.dialect.busy_message and self._is_busy():
                 due_s = min(due_s, self._busy_message_s)

@@ -25,7 +25,9 @@ def fetch(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="The folder to write to; default job-N in this folder.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files with other content.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite existing files whose content differs.")
+    ] = False,
 ) -> None:
     """Fetch the files of a job: parts, G-code, pictures, stills, and a report.
 

@@ -123,7 +123,7 @@ def resolve_filament(
     printers
         The fleet.
     own_materials
-        Folder of own materials.
+        Folder of the user's own material files.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def _can_print(name: str, printer: PrinterModel, nozzle_mm: float, resources: Re
 def _describe_printable_kinds(
     printer: PrinterModel, nozzle_mm: float, kinds: Mapping[str, str], resources: Resources
 ) -> str:
-    """Describe the kinds that a printer can print: Cura's generic materials, and own materials."""
+    """Describe the kinds that a printer can print: Cura's generic materials, and the user's own."""
     own_names = resources.list_own_material_names()
     names = [name for name in kinds if name.startswith(_GENERIC_PREFIX) or name in own_names]
     printable_kinds = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}

@@ -55,14 +55,14 @@ def test_line_can_be_resent_while_it_is_kept():
 
 
 def test_plain_ok_does_not_answer_a_poll_with_the_next_line_encoded():
-    """Check `take_encoded`, whose result the link sends on a plain ok."""
+    """Check `take_encoded_line`, whose result the link sends on a plain ok."""
     outbox, _ = send_commands([])
     outbox.queue((FAST_MOVE,) * 9)
-    assert outbox.take_next() is not None and outbox.take_encoded() is not None
+    assert outbox.take_next() is not None and outbox.take_encoded_line() is not None
     outbox.insert_poll()
     assert outbox.take_next() == b"N3 M105*36\n" and outbox.is_poll
-    assert outbox.take_encoded() is None
-    assert outbox.take_next() is not None and outbox.take_encoded() is not None
+    assert outbox.take_encoded_line() is None
+    assert outbox.take_next() is not None and outbox.take_encoded_line() is not None
 
 
 def test_all_queries_fit_the_ring_buffer_after_the_longest_line():

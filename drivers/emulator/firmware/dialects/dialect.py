@@ -45,11 +45,11 @@ class Dialect:
         True if an ok can contain the line number and the free space of both buffers.
     busy_message
         Message sent every `Machine.keep_alive_s` while a command is executed; empty if there is none.
-    find_inactive_since_s
+    find_inactivity_start_s
         Function that returns the time from which M85 counts.
     halts
-        True if a fault ends in kill(), until a reset; otherwise moves are refused, and the watchdog resets a
-        killed board.
+        True if a fault calls kill(), which halts the board until a reset. Otherwise moves are refused, and
+        the watchdog resets a killed board.
     """
 
     commands: Commands
@@ -66,5 +66,5 @@ class Dialect:
     acknowledges_read_moves: bool
     advanced_ok: bool
     busy_message: bytes
-    find_inactive_since_s: Callable[[Machine], float]
+    find_inactivity_start_s: Callable[[Machine], float]
     halts: bool

@@ -146,6 +146,6 @@ MARLIN2 = Dialect(
     acknowledges_read_moves=False,
     advanced_ok=True,
     busy_message=b"echo:busy: processing\n",
-    find_inactive_since_s=_find_last_activity_s,
+    find_inactivity_start_s=_find_last_activity_s,
     halts=True,
 )

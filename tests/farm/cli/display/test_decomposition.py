@@ -66,14 +66,14 @@ def test_turned_cuts_are_reported() -> None:
 
 def test_summary_has_at_most_seven_lines() -> None:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": i == 1} for i in range(1, 7)]
-    fault = {"part": "p03", "what": "is 5.0 mm thin where it was cut, less than 8 mm"}
+    fault = {"part": "p03", "what": "is 5.0 mm thick where it was cut, less than 8 mm"}
     lines = summarise_decomposition(
         make_report(repairs=["Closed it.", "Turned it."], faults=[fault], parts=parts), 4, Path("out")
     )
     assert len(lines) == 7
     assert lines[0] == "Closed it. Turned it."
     assert lines[5] == (
-        "Check: p03 is 5.0 mm thin where it was cut, less than 8 mm; "
+        "Check: p03 is 5.0 mm thick where it was cut, less than 8 mm; "
         "p02 may fall over while it is printed; p03 may fall over while it is printed, and 3 more"
     )
 
