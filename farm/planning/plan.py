@@ -25,8 +25,8 @@ from farm.model import (
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 MIN_RELEVEL_DELAY_S, MIN_RELEVEL_DELAY_SHARE = 120.0, 0.01
-"""Cuts are moved if the last printer ends later than the mean by at least this time, and by at least this share
-of the longest time."""
+"""Cuts are moved if the last printer ends later than the mean by at least this time, and by at least this
+share of the longest time."""
 
 
 class TooFewPrinters(FarmError):

@@ -103,7 +103,7 @@ def test_thin_slice_is_a_sliver_but_not_a_thin_model() -> None:
     assert find_faults(cut_by_planes(slab, x=(50.0,))) == []
     (fault,) = find_faults(cut_by_planes(slab, x=(94.0,)))
     assert fault.piece_number == 1
-    assert fault.reason.startswith("is 6.0 mm thin")
+    assert fault.reason.startswith("is 6.0 mm thick")
 
 
 def test_film_with_a_rib_is_a_flake() -> None:
