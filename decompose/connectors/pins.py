@@ -284,15 +284,11 @@ class _PinPlacer:
 
     def _compute_slot_mm(self, point_mm: Floats, end_mm: Floats) -> Floats:
         """Compute the elongation (3,) in mm of a hole towards another one; 0 unless they are far apart."""
-        separation_vector_mm = (end_mm - point_mm) - (
-            (end_mm - point_mm) @ self.step.direction
-        ) * self.step.direction
+        distance_mm, direction = end_mm - point_mm, self.step.direction
+        separation_vector_mm = distance_mm - (distance_mm @ direction) * direction
         separation_mm = float(np.linalg.norm(separation_vector_mm))
-        return (
-            SLOT_MM * separation_vector_mm / separation_mm
-            if separation_mm > MIN_SLOT_DISTANCE_MM
-            else np.zeros(3)
-        )
+        has_slot = separation_mm > MIN_SLOT_DISTANCE_MM
+        return SLOT_MM * separation_vector_mm / separation_mm if has_slot else np.zeros(3)
 
     def _find_farthest_pair(
         self, deep_areas: list[shapely.Geometry], shallow_areas: list[shapely.Geometry]

@@ -356,12 +356,8 @@ class Link:
     @property
     def _place(self) -> Place:
         """Place of the last sent line; an answer to a query from another place is out of date."""
-        return Place(
-            self._outbox.number,
-            self.repeat_count,
-            self._outbox.highest_number,
-            self._recovery.confirmation_count,
-        )
+        confirmation_count = self._recovery.confirmation_count
+        return Place(self._outbox.number, self.repeat_count, self._outbox.highest_number, confirmation_count)
 
     # --- sending ---
 

@@ -103,9 +103,9 @@ class PartCutter:
     def _measure_piece(self, piece: Piece, pose: Pose) -> Pose:
         """Price a piece in the rotation of a pose."""
         vertices, faces = piece.solid.arrays()
-        cut = find_cut_faces(vertices, faces, piece.planes)
+        is_cut = find_cut_faces(vertices, faces, piece.planes)
         rotation, options = pose.to_model[:3, :3].T, self._problem.options
-        return measure_pose(vertices, faces, cut, rotation, self._problem.cost, options.fit_first_layer)
+        return measure_pose(vertices, faces, is_cut, rotation, self._problem.cost, options.fit_first_layer)
 
     def measure_slopes(self, i: int, part: BoxPart, is_fixed: Bools) -> Floats:
         """Measure the change (2, 3) of a part's time in s/mm as each of its faces moves up its axis.

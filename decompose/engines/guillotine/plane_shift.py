@@ -168,14 +168,9 @@ class _PlaneShift:
         """Search for a better partition, starting from parts in their poses."""
         if not (self.is_free.any() and math.isfinite(find_longest_time_s(best_parts))):
             return best_parts
-        self.cutter.record_effort([i for i in range(len(best_parts)) for _ in range(6)])
-        slopes = np.array(
-            list(
-                self.problem.map(
-                    self.cutter.measure_slopes, range(len(best_parts)), best_parts, self.groups < 0
-                )
-            )
-        )
+        numbers, is_fixed = range(len(best_parts)), self.groups < 0
+        self.cutter.record_effort([i for i in numbers for _ in range(6)])
+        slopes = np.array(list(self.problem.map(self.cutter.measure_slopes, numbers, best_parts, is_fixed)))
         for rounds in range(MAX_ROUNDS):
             if rounds and self.problem.effort.is_spent():
                 break
@@ -258,11 +253,13 @@ class _PlaneShift:
     ) -> list[Face]:
         """Find the faces that break a part, or make it take as long as a limit, even if they move alone."""
         self.cutter.record_effort([i] * len(faces))
+        boxes_mm = [part.box_mm.copy() for _ in faces]
+        for box_mm, face in zip(boxes_mm, faces, strict=True):
+            box_mm[face] += move_mm[face]
+        arguments = [i] * len(faces), [part] * len(faces), boxes_mm
+        cut_parts = self.problem.map(self.cutter.cut_in_old_poses, *arguments)
         slow_faces = []
-        for face in faces:
-            box = part.box_mm.copy()
-            box[face] += move_mm[face]
-            new_part, poses = self.cutter.cut_in_old_poses(i, part, box)
+        for face, (new_part, poses) in zip(faces, cut_parts, strict=True):
             known_poses = [pose for pose in poses if pose is not None]
             if len(known_poses) < len(part.pieces) or new_part.with_poses(known_poses).seconds >= limit_s:
                 slow_faces.append(face)

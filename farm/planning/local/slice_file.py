@@ -10,6 +10,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import trimesh
+
 from decompose.geometry import Model, load_model
 from drivers.printers import SLICING_PROFILES, Profile, UsableVolume, list_usable_volumes, place_part
 from farm.compute import read_process_memory_bytes
@@ -161,7 +163,7 @@ def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: StepL
     model.mesh.export(task.stl)
     on_step(f"slicing {task.part_name}")
     result = slice_part(task, lambda share: on_step(f"slicing {task.part_name}, {share:.0%}"))
-    mesh = model.mesh
+    mesh: Any = trimesh.load_mesh(task.stl)
     mesh.apply_scale((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
     with translate_errors():
         settings = resolve_slice_settings(task, mesh)
