@@ -70,7 +70,7 @@ PRINTER = "ultimaker2_plus"
 FAITHFUL_SUFFIX = "-faithful"  # suffix of an engine's name
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"
-MAX_PLANE_MOVES = 2  # maximum number of times that the planes are moved by sliced times
+MAX_PLANE_MOVES = 4  # maximum number of times that the planes are moved by sliced times
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,15 +124,17 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     return _write_parts(result, folder, wall_s)
 
 
-def relevel(run: Run, cut_file: Path, folder: Path, sliced_s: list[float]) -> dict[str, Any] | None:
-    """Balance a partition from a file by its sliced times; return None if that changes nothing."""
+def relevel(
+    run: Run, cut_file: Path, folder: Path, sliced_s: list[float], best_s: float
+) -> dict[str, Any] | None:
+    """Balance a partition from a file by its sliced times; return None if no gain over `best_s` is expected."""
     previous_result = pickle.loads(cut_file.read_bytes())
     start_s = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
     cost = CostModel.from_settings(make_print_time_settings(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            result = relevel_planes(model, previous_result, sliced_s, cost, executor)
+            result = relevel_planes(model, previous_result, sliced_s, cost, executor, best_s)
     except DecomposeError as error:
         print(f"{run.name}, balanced again: {error}", file=sys.stderr)
         return None
@@ -144,7 +146,7 @@ def list_cut_files(run: Run, folder: Path) -> TaskFiles:
     return TaskFiles(input_files=(run.path,), output_folders=(folder,))
 
 
-def list_relevel_files(run: Run, cut_file: Path, folder: Path, _: list[float]) -> TaskFiles:
+def list_relevel_files(run: Run, cut_file: Path, folder: Path, *_: Any) -> TaskFiles:
     """List the files of `relevel`: the model, its partition, and the folder of the parts."""
     return TaskFiles(input_files=(run.path, cut_file), output_folders=(folder,))
 
@@ -251,16 +253,21 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     if not args.no_slices and "refused" not in report:
         sliced_s = slice_parts(report, run, folder, args)
     row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
-    while row.get("sliced") and row.get("plane_moves", 0) < MAX_PLANE_MOVES and (folder / CUT_FILE).is_file():
+    for number in range(1, MAX_PLANE_MOVES + 1):
+        if not (row.get("sliced") and (folder / CUT_FILE).is_file()):
+            break
         cut_file, folder = folder / CUT_FILE, folder / "plane_moves"
-        report = args.call(deferred_relevel, run, cut_file, folder, sliced_s)
+        report = args.call(deferred_relevel, run, cut_file, folder, sliced_s, row["parallel_s"])
         if report is None:
             break
         sliced_s = slice_parts(report, run, folder, args)
         moved_row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
-        if not moved_row["sliced"] or moved_row["parallel_s"] >= row["parallel_s"]:
+        if not moved_row["sliced"]:
             break
-        changes = {"plane_moves": row.get("plane_moves", 0) + 1, "plane_moves_wall_s": moved_row["wall_s"]}
+        print(f"{run.name}: moved planes {number}: {moved_row['parallel_s']:.0f} s", file=sys.stderr)
+        if moved_row["parallel_s"] >= row["parallel_s"]:
+            continue
+        changes = {"plane_moves": number, "plane_moves_wall_s": moved_row["wall_s"]}
         first_s = row.get("first_s", row["parallel_s"])
         row = moved_row | changes | {"first_s": first_s, "wall_s": row["wall_s"], "peak_mb": row["peak_mb"]}
     record_path.write_text(json.dumps(row, indent=1))

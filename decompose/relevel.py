@@ -32,8 +32,12 @@ def relevel_planes(
     sliced_times_s: Sequence[float],
     cost: CostModel,
     executor: Executor | None = None,
+    best_makespan_s: float = math.inf,
 ) -> Decomposition | None:
     """Move the cut planes so that the part with the longest sliced time ends sooner.
+
+    The sliced times after the move may differ from what is expected, and even be longer, where the time of a
+    part jumps. They also show this jump to a next move, which starts from there.
 
     Parameters
     ----------
@@ -47,12 +51,15 @@ def relevel_planes(
         Cost model of that decomposition.
     executor
         Threads or processes for work that may run in parallel; None to run it sequentially.
+    best_makespan_s
+        Least sliced makespan in s of any decomposition so far, which may be another one than the previous.
 
     Returns
     -------
     Decomposition | None
-        Decomposition into the same number of parts, with the times of the cost model. None if the gain would
-        be too small to slice again, or if the parts were not cut by the engine `guillotine`.
+        Decomposition into the same number of parts, with the times of the cost model. None if the gain over
+        the best one would be too small to slice again, or if the parts were not cut by the engine
+        `guillotine`.
 
     Raises
     ------
@@ -67,7 +74,7 @@ def relevel_planes(
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
     cut_boxes = _cut_previous_boxes(problem, cutting, sliced_times_s)
-    shifted_pieces = None if cut_boxes is None else _shift_planes(problem, cut_boxes)
+    shifted_pieces = None if cut_boxes is None else _shift_planes(problem, cut_boxes, best_makespan_s)
     if shifted_pieces is None:
         return None
     grid = GridFigures(previous_result.grid_makespan_s, previous_result.lower_bound_s, previous_result.cells)
@@ -76,14 +83,15 @@ def relevel_planes(
     return _copy_history(previous_result, result, perf_counter() - start_s)
 
 
-def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece] | None:
+def _shift_planes(
+    problem: Problem, cut_boxes: list[list[Piece]], best_makespan_s: float
+) -> list[Piece] | None:
     """Move the planes between the pieces of each box; None if the gain is too small to slice again."""
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in cut_boxes])
     shifted_pieces = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, cut_boxes)
     old_s = _compute_makespan_s(problem, [piece for pieces in cut_boxes for piece in pieces])
-    return (
-        shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= (1.0 - MIN_GAIN) * old_s else None
-    )
+    max_s = (1.0 - MIN_GAIN) * min(old_s, best_makespan_s)
+    return shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= max_s else None
 
 
 def _copy_history(previous_result: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:

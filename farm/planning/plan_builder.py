@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_MAX_RELEVELS = 2  # enough, because the times of the parts are accurate after the first
+_MAX_RELEVELS = 4  # the last ones are for parts whose time jumps when a face moves
 _POLL_INTERVAL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
 
 
@@ -125,44 +125,51 @@ class PlanBuilder:
         return SlicedJob(task, decomposed_job, await slice_batch(self._workers, batch, count_slice))
 
     async def _relevel_job(self, sliced_job: SlicedJob) -> SlicedJob:
-        """Move the cuts as long as this shortens the sliced time of the slowest printer."""
-        job = sliced_job.task.job
+        """Move the cuts as long as the slowest printer may end sooner; return the best job by its slices.
+
+        If a part takes longer after a move than its price says, the next move takes that into account.
+        """
+        job, best_job = sliced_job.task.job, sliced_job
         for _ in range(_MAX_RELEVELS):
             if not sliced_job.should_relevel():
                 break
             self._on_progress(PlanProgress(step=PlanStep.LEVELLING))
             folder = sliced_job.task.folder / "levelled"
             try:
-                decomposed_job = await self._move_cuts(sliced_job, folder)
+                decomposed_job = await self._move_cuts(sliced_job, best_job, folder)
                 if decomposed_job is None:
                     break
-                new_slices = await self._slice_parts(replace(sliced_job.task, folder=folder), decomposed_job)
-                if new_slices.compute_makespan_s() >= sliced_job.compute_makespan_s():
-                    break
-                await self._drawings.finish(new_slices.task, decomposed_job)
+                sliced_job = await self._slice_parts(replace(sliced_job.task, folder=folder), decomposed_job)
+                if sliced_job.compute_makespan_s() >= best_job.compute_makespan_s():
+                    await self._drawings.stop(folder)
+                    continue
+                await self._drawings.finish(sliced_job.task, decomposed_job)
             except FarmError as error:
                 log.warning("job %d: its cuts are not moved: %s", job, error, extra={"job": job})
                 break
             except Exception:  # the plan is valid without moved cuts
                 log.exception("job %d: its cuts are not moved", job, extra={"job": job})
                 break
-            await self._drawings.stop(sliced_job.task.folder)
-            sliced_job = new_slices
-        return sliced_job
+            await self._drawings.stop(best_job.task.folder)
+            best_job = sliced_job
+        return best_job
 
-    async def _move_cuts(self, sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
-        """Move the cuts, while idle workers draw the parts, because these may stay unchanged."""
+    async def _move_cuts(
+        self, sliced_job: SlicedJob, best_job: SlicedJob, folder: Path
+    ) -> DecomposedJob | None:
+        """Move the cuts, while idle workers draw the best parts, because these may stay unchanged."""
+        best_makespan_s = best_job.compute_makespan_s()
         move_future = asyncio.ensure_future(
-            self._workers.run(relevel_parts, sliced_job, folder, limit=DECOMPOSING_LIMIT)
+            self._workers.run(relevel_parts, sliced_job, folder, best_makespan_s, limit=DECOMPOSING_LIMIT)
         )
         try:
             await asyncio.sleep(0)  # lets the move take a worker before the drawings
             if self._workers.has_idle_worker:
-                self._drawings.start(sliced_job.task, sliced_job.decomposed_job)
+                self._drawings.start(best_job.task, best_job.decomposed_job)
             decomposed_job = await move_future
         finally:
             move_future.cancel()
             await asyncio.gather(move_future, return_exceptions=True)  # waits until its worker has ended
         if decomposed_job is not None and not self._workers.has_idle_worker:  # the new parts need the workers
-            await self._drawings.stop(sliced_job.task.folder)
+            await self._drawings.stop(best_job.task.folder)
         return decomposed_job

@@ -65,7 +65,7 @@ def list_draw_files(
     return TaskFiles(input_files=(drawing_record, *pictures), output_folders=(task.folder,))
 
 
-def list_relevel_files(sliced_job: SlicedJob, folder: Path) -> TaskFiles:
+def list_relevel_files(sliced_job: SlicedJob, folder: Path, *_: float) -> TaskFiles:
     """List the files of `relevel_parts`: the model, the cuts, and the folder of the new parts."""
     record = sliced_job.decomposed_job.cut_record
     input_files = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)

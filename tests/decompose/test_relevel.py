@@ -70,6 +70,14 @@ def test_slow_part_gets_smaller(slow_part: int, decomposition: Decomposition, co
     assert sum(p.solid.volume_mm3 for p in new_result.parts) == pytest.approx(MODEL.solid.volume_mm3)
 
 
+def test_planes_are_not_moved_for_a_gain_over_the_previous_result_alone(
+    decomposition: Decomposition, cost: CostModel
+) -> None:
+    times_s, old = make_times_s(decomposition, 1), pickle_and_unpickle(decomposition)
+    assert relevel_planes(MODEL, old, times_s, cost, None, times_s.max()) is not None
+    assert relevel_planes(MODEL, old, times_s, cost, None, 0.8 * times_s.max()) is None
+
+
 def test_relevel_with_true_prices_changes_nothing(decomposition: Decomposition, cost: CostModel) -> None:
     assert (
         relevel_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0, 1.0), cost)

@@ -24,7 +24,7 @@ from farm.planning.parts.slice_part import slice_part
 from slicing.plate import PlateResult
 from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
 
-MAX_RELEVELS = 2
+MAX_RELEVELS = 4
 """Maximum number of times that the cuts are moved: after the first, the times of the parts are accurate."""
 
 
@@ -99,7 +99,7 @@ def relevel_by_slices(
     executor: Executor,
     folder: Path,
 ) -> SlicedParts:
-    """Slice all parts, and move the cuts as long as this shortens the longest sliced time.
+    """Slice all parts, and move the cuts as long as this may shorten the longest sliced time.
 
     Parameters
     ----------
@@ -113,18 +113,19 @@ def relevel_by_slices(
     FarmError
         If a part cannot be sliced (`PartSlicer.slice_parts`).
     """
-    best = slicer.slice_parts(decomposition, folder / "0")
+    best = last = slicer.slice_parts(decomposition, folder / "0")
     for number in range(1, MAX_RELEVELS + 1):
         try:
-            moved_parts = relevel_planes(model, best.decomposition, best.times_s, cost, executor)
+            moved_parts = relevel_planes(
+                model, last.decomposition, last.times_s, cost, executor, max(best.times_s)
+            )
         except DecomposeError:  # the parts are valid without moved cuts
             break
         if moved_parts is None or moved_parts.faults:
             break
-        moved_slices = slicer.slice_parts(moved_parts, folder / str(number))
-        if max(moved_slices.times_s) >= max(best.times_s):
-            break
-        best = moved_slices
+        last = slicer.slice_parts(moved_parts, folder / str(number))
+        if max(last.times_s) < max(best.times_s):
+            best = last
     return best
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple
@@ -19,7 +20,9 @@ from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
 
-def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
+def relevel_parts(
+    sliced_job: SlicedJob, folder: Path, best_makespan_s: float = math.inf
+) -> DecomposedJob | None:
     """Move the cuts of a job so that the part with the longest sliced time finishes sooner.
 
     Parameters
@@ -28,6 +31,8 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
         A job with a cut record (`SlicedJob.should_relevel`).
     folder
         Folder for the new parts.
+    best_makespan_s
+        Least sliced makespan of the job so far in s.
 
     Returns
     -------
@@ -58,7 +63,7 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
     ]
     model = read_inspected_model(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        new_decomposition = relevel_planes(model, decomposition, part_times_s, cost, threads)
+        new_decomposition = relevel_planes(model, decomposition, part_times_s, cost, threads, best_makespan_s)
         if new_decomposition is None:
             return None
         return write_decomposed_job(new_decomposition, model, folder)

@@ -3,6 +3,7 @@
 import asyncio
 import shutil
 from dataclasses import replace
+from itertools import chain, repeat
 
 import pytest
 import trimesh
@@ -13,11 +14,11 @@ from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import Job, JobOptions, PlanProgress, PlanStep, TimeFactors
 from farm.paths import StateFolder
-from farm.planning import job_planner, slice_batch
+from farm.planning import job_planner, plan_builder, slice_batch
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import MIN_FREE_BYTES, JobPlanner
 from farm.planning.parts import drawings
-from farm.planning.plan import MIN_RELEVEL_DELAY_S, Plan, PlanRequest
+from farm.planning.plan import MIN_RELEVEL_DELAY_S, Plan, PlanRequest, SlicedJob
 from farm.planning.plan_builder import PlanBuilder
 from farm.views import list_tasks
 
@@ -144,7 +145,7 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
 @pytest.mark.usefixtures("without_pictures")
 def test_useless_relevel_is_discarded(state, bar, error, monkeypatch):
     """Use a part that takes longer after the new cut, or a slice that fails."""
-    times_s = iter([600.0, 9000.0])
+    times_s = chain([600.0], repeat(9000.0))
     requests = slow_down_slices(
         monkeypatch, lambda stl, _: next(times_s) if stl.stem == "p02" else 0.0, error
     )
@@ -155,6 +156,28 @@ def test_useless_relevel_is_discarded(state, bar, error, monkeypatch):
     first_part, second_part = result.parts
     assert first_part.geometry.volume_mm3 == pytest.approx(second_part.geometry.volume_mm3, rel=0.05)
     assert result.plates[1].sliced_s - result.plates[0].sliced_s == pytest.approx(600.0, rel=0.1)
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_cut_is_moved_again_after_a_move_at_which_a_time_jumps(state, bar, monkeypatch):
+    """Use a bar whose second part takes 600 s longer, and the first one 400 s as soon as it is longer."""
+    sliced_times_s = []  # longest time of each slicing
+
+    def compute_delay_s(stl, length_mm):
+        return 600.0 if stl.stem == "p02" else 400.0 * (length_mm > 130.5)
+
+    def record_job(*args):
+        sliced_job = SlicedJob(*args)
+        sliced_times_s.append(max(part.result.sliced_s for part in sliced_job.parts))
+        return sliced_job
+
+    slow_down_slices(monkeypatch, compute_delay_s)
+    monkeypatch.setattr(plan_builder, "SlicedJob", record_job)
+    _, result = plan_job(state, bar)
+    assert isinstance(result, Plan), result
+    first_s, moved_s, *later_s = sliced_times_s
+    assert moved_s > first_s > min(later_s) + 60.0
+    assert max(plate.sliced_s for plate in result.plates) == pytest.approx(min(later_s), abs=1.0)
 
 
 class RecordingWorkers(SameProcess):
