@@ -7,8 +7,8 @@ Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines 
 
 Engines other than `best` run only for the first number of printers. If an engine that takes no number returns
 k parts, `best` runs for k printers as well, for a fair comparison. Partitions of the guillotine engine are
-balanced again by their sliced times (`decompose.relevel`) if that makes them faster. Each run is stored in a
-file in --results and is not repeated; slices are cached. The uncut model is sliced as it stands, and in its
+balanced again by their sliced times (`decompose.rebalance`) if that makes them faster. Each run is stored in
+a file in --results and is not repeated; slices are cached. The uncut model is sliced as it stands, and in its
 best pose, on a bed without limits (with --no-whole, its times are the estimates of the cost model).
 """
 
@@ -49,7 +49,7 @@ from decompose.geometry import load_model
 from decompose.options import BUDGET_S, BestOptions, Engine, Options
 from decompose.print_time import CostModel, find_best_pose
 from decompose.printers import TargetPrinter
-from decompose.relevel import relevel_planes
+from decompose.rebalance import rebalance_planes
 from decompose.results import Decomposition
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.compute import DeferredFunction, TaskFiles
@@ -124,17 +124,17 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     return _write_parts(result, folder, wall_s)
 
 
-def relevel(
+def rebalance(
     run: Run, cut_file: Path, folder: Path, sliced_s: list[float], best_s: float
 ) -> dict[str, Any] | None:
-    """Balance a partition from a file by its sliced times; return None if no gain over `best_s` is expected."""
+    """Balance a partition from a file by its sliced times; None if no gain over `best_s` is expected."""
     previous_result = pickle.loads(cut_file.read_bytes())
     start_s = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
     cost = CostModel.from_settings(make_print_time_settings(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            result = relevel_planes(model, previous_result, sliced_s, cost, executor, best_s)
+            result = rebalance_planes(model, previous_result, sliced_s, cost, executor, best_s)
     except DecomposeError as error:
         print(f"{run.name}, balanced again: {error}", file=sys.stderr)
         return None
@@ -146,17 +146,17 @@ def list_cut_files(run: Run, folder: Path) -> TaskFiles:
     return TaskFiles(input_files=(run.path,), output_folders=(folder,))
 
 
-def list_relevel_files(run: Run, cut_file: Path, folder: Path, *_: Any) -> TaskFiles:
-    """List the files of `relevel`: the model, its partition, and the folder of the parts."""
+def list_rebalance_files(run: Run, cut_file: Path, folder: Path, *_: Any) -> TaskFiles:
+    """List the files of `rebalance`: the model, its partition, and the folder of the parts."""
     return TaskFiles(input_files=(run.path, cut_file), output_folders=(folder,))
 
 
 deferred_cut = DeferredFunction("bench.decompose:cut_model", list_cut_files)
-deferred_relevel = DeferredFunction("bench.decompose:relevel", list_relevel_files)
+deferred_rebalance = DeferredFunction("bench.decompose:rebalance", list_rebalance_files)
 
 
 def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
-    """Write the parts and the input of `relevel` into a folder; return the report."""
+    """Write the parts and the input of `rebalance` into a folder; return the report."""
     report = write_decomposition(result, folder).as_dict()
     (folder / CUT_FILE).write_bytes(pickle.dumps(result.without_parts()))
     report["wall_s"] = wall_s
@@ -257,7 +257,7 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         if not (row.get("sliced") and (folder / CUT_FILE).is_file()):
             break
         cut_file, folder = folder / CUT_FILE, folder / "plane_moves"
-        report = args.call(deferred_relevel, run, cut_file, folder, sliced_s, row["parallel_s"])
+        report = args.call(deferred_rebalance, run, cut_file, folder, sliced_s, row["parallel_s"])
         if report is None:
             break
         sliced_s = slice_parts(report, run, folder, args)

@@ -1,6 +1,6 @@
 """Decomposition of a model into parts that are printed in parallel and glued.
 
-Public interface: `decompose.decompose_model`, `auto.decompose_for_goal` and `relevel.relevel_planes`;
+Public interface: `decompose.decompose_model`, `auto.decompose_for_goal` and `rebalance.rebalance_planes`;
 `options`, `printers`, `errors` and `files`; and the names in the `__init__` of each package. This file
 imports nothing: a program may read an option or an error without loading the compiler and the geometry
 kernels.

@@ -49,7 +49,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cutting:
-    """Boxes from which the parts were cut, so that their planes can be moved again (`decompose.relevel`).
+    """Boxes from which the parts were cut, so that their planes can be moved again (`decompose.rebalance`).
 
     Attributes
     ----------

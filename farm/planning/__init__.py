@@ -8,7 +8,7 @@ Its modules, in the order in which a job passes through them:
 3. `parts.decompose_job`: cut the model for its printers. With a large budget, `parts.search_rounds` makes
    attempts side by side.
 4. `slice_batch`, `parts.slice_part`: slice every part.
-5. `parts.relevel_parts`: move the cuts if the slices show that one part is too slow.
+5. `parts.rebalance_parts`: move the cuts if the slices show that one part is too slow.
 6. `booking`: put the files into the store; `planned_event`: the event that commits the plan.
 
 `plan` and `part_records` are the records that pass between these steps. `replanning` plans a waiting plate

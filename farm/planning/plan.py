@@ -24,7 +24,7 @@ from farm.model import (
 )
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
-MIN_RELEVEL_DELAY_S, MIN_RELEVEL_DELAY_SHARE = 120.0, 0.01
+MIN_REBALANCE_DELAY_S, MIN_REBALANCE_DELAY_SHARE = 120.0, 0.01
 """Cuts are moved if the last printer ends later than the mean by at least this time, and by at least this
 share of the longest time."""
 
@@ -161,7 +161,7 @@ class DecomposedJob:
     drawing_record
         File for `draw_job_parts` (farm.planning.parts.job_drawing).
     cut_record
-        File for `relevel_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
+        File for `rebalance_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
     assembly_s
         A person's time to glue the parts; None for a single part.
     step_count
@@ -200,14 +200,14 @@ class SlicedJob:
         """Return the longest printing time of a printer, without the time to clear beds between rounds."""
         return max(self.compute_printer_times_s().values())
 
-    def should_relevel(self) -> bool:
+    def should_rebalance(self) -> bool:
         """Return whether the last printer ends late enough to justify moving the cuts and reslicing.
 
         The result is False if a printer has several parts, because equal parts would then not be equal loads.
         """
         printer_times_s = self.compute_printer_times_s()
         delay_s = self.compute_makespan_s() - sum(printer_times_s.values()) / len(printer_times_s)
-        min_delay_s = max(MIN_RELEVEL_DELAY_S, MIN_RELEVEL_DELAY_SHARE * self.compute_makespan_s())
+        min_delay_s = max(MIN_REBALANCE_DELAY_S, MIN_REBALANCE_DELAY_SHARE * self.compute_makespan_s())
         is_movable = self.decomposed_job.cut_record is not None and len(printer_times_s) == len(self.parts)
         return is_movable and delay_s >= min_delay_s
 

@@ -21,7 +21,7 @@ from farm.planning.parts.drawings import Drawings
 from farm.planning.parts.search_rounds import SearchRounds
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
 from farm.planning.slice_batch import slice_batch
-from farm.planning.tasks import plan_gcode, relevel_parts
+from farm.planning.tasks import plan_gcode, rebalance_parts
 from slicing.cache import trim_cache
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_MAX_RELEVELS = 4  # the last ones are for parts whose time jumps when a face moves
+_MAX_REBALANCES = 4  # the last ones are for parts whose time jumps when a face moves
 _POLL_INTERVAL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
 
 
@@ -69,7 +69,7 @@ class PlanBuilder:
         """Decompose a model, slice its parts and balance them; idle workers draw them at the same time."""
         try:
             decomposed_job = await self._decompose_model()
-            sliced_job = await self._relevel_job(await self._slice_parts(self.task, decomposed_job))
+            sliced_job = await self._rebalance_job(await self._slice_parts(self.task, decomposed_job))
             await self._drawings.finish(sliced_job.task, sliced_job.decomposed_job)
         finally:
             await self._drawings.stop()
@@ -124,17 +124,17 @@ class PlanBuilder:
         )
         return SlicedJob(task, decomposed_job, await slice_batch(self._workers, batch, count_slice))
 
-    async def _relevel_job(self, sliced_job: SlicedJob) -> SlicedJob:
+    async def _rebalance_job(self, sliced_job: SlicedJob) -> SlicedJob:
         """Move the cuts as long as the slowest printer may end sooner; return the best job by its slices.
 
         If a part takes longer after a move than its price says, the next move takes that into account.
         """
         job, best_job = sliced_job.task.job, sliced_job
-        for _ in range(_MAX_RELEVELS):
-            if not sliced_job.should_relevel():
+        for _ in range(_MAX_REBALANCES):
+            if not sliced_job.should_rebalance():
                 break
             self._on_progress(PlanProgress(step=PlanStep.LEVELLING))
-            folder = sliced_job.task.folder / "levelled"
+            folder = sliced_job.task.folder / "rebalanced"
             try:
                 decomposed_job = await self._move_cuts(sliced_job, best_job, folder)
                 if decomposed_job is None:
@@ -160,7 +160,7 @@ class PlanBuilder:
         """Move the cuts, while idle workers draw the best parts, because these may stay unchanged."""
         best_makespan_s = best_job.compute_makespan_s()
         move_future = asyncio.ensure_future(
-            self._workers.run(relevel_parts, sliced_job, folder, best_makespan_s, limit=DECOMPOSING_LIMIT)
+            self._workers.run(rebalance_parts, sliced_job, folder, best_makespan_s, limit=DECOMPOSING_LIMIT)
         )
         try:
             await asyncio.sleep(0)  # lets the move take a worker before the drawings

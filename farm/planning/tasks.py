@@ -65,8 +65,8 @@ def list_draw_files(
     return TaskFiles(input_files=(drawing_record, *pictures), output_folders=(task.folder,))
 
 
-def list_relevel_files(sliced_job: SlicedJob, folder: Path, *_: float) -> TaskFiles:
-    """List the files of `relevel_parts`: the model, the cuts, and the folder of the new parts."""
+def list_rebalance_files(sliced_job: SlicedJob, folder: Path, *_: float) -> TaskFiles:
+    """List the files of `rebalance_parts`: the model, the cuts, and the folder of the new parts."""
     record = sliced_job.decomposed_job.cut_record
     input_files = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)
     return TaskFiles(input_files=input_files, output_folders=(folder,))
@@ -90,7 +90,7 @@ if TYPE_CHECKING:
     from farm.planning.parts.decompose_job import decompose_job, warm_up_planning
     from farm.planning.parts.job_drawing import draw_job_parts, draw_overview, draw_step_range
     from farm.planning.parts.paused_job import continue_job, try_grid
-    from farm.planning.parts.relevel_parts import relevel_parts
+    from farm.planning.parts.rebalance_parts import rebalance_parts
     from farm.planning.parts.slice_part import slice_part
     from farm.planning.replanning.cut_part import cut_part
 else:
@@ -100,7 +100,9 @@ else:
     draw_job_parts = DeferredFunction("farm.planning.parts.job_drawing:draw_job_parts", list_draw_files)
     draw_overview = DeferredFunction("farm.planning.parts.job_drawing:draw_overview", list_overview_files)
     draw_step_range = DeferredFunction("farm.planning.parts.job_drawing:draw_step_range", list_step_files)
-    relevel_parts = DeferredFunction("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
+    rebalance_parts = DeferredFunction(
+        "farm.planning.parts.rebalance_parts:rebalance_parts", list_rebalance_files
+    )
     warm_up_planning = DeferredFunction("farm.planning.parts.decompose_job:warm_up_planning")
     plan_gcode = DeferredFunction("farm.planning.inspection.own_gcode:plan_gcode")
     try_grid = DeferredFunction("farm.planning.parts.paused_job:try_grid", list_attempt_files)
@@ -116,7 +118,7 @@ __all__ = [
     "draw_step_range",
     "inspect_submission",
     "plan_gcode",
-    "relevel_parts",
+    "rebalance_parts",
     "slice_part",
     "try_grid",
     "warm_up_planning",

@@ -9,7 +9,7 @@ from bench.clusters.replay import find_critical_path, sum_path
 STAGES = [
     {"decompose_job": [30.0]},
     {"slice_part": [2.0, 5.0, 1.0], "draw_job_parts": [10.0]},
-    {"relevel_parts": [15.0]},
+    {"rebalance_parts": [15.0]},
     {
         "slice_part": [3.0, 4.0],
         "draw_overview": [3.0],
@@ -26,7 +26,7 @@ def test_tasks_are_grouped_by_the_stages_that_follow_each_other():
         "slice_part",
         "draw_job_parts",
         "slice_part",
-        "relevel_parts",
+        "rebalance_parts",
         "slice_part",
     ]
     tasks = [
@@ -35,7 +35,7 @@ def test_tasks_are_grouped_by_the_stages_that_follow_each_other():
     assert list_stages(tasks[::-1]) == [
         {"decompose_job": [10.0]},
         {"slice_part": [11.0, 12.0, 14.0], "draw_job_parts": [13.0]},
-        {"relevel_parts": [15.0]},
+        {"rebalance_parts": [15.0]},
         {"slice_part": [16.0]},
     ]
 
@@ -45,7 +45,7 @@ def test_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
     assert path == [
         ("decompose_job", 30.0),
         ("slice_part", 5.0),
-        ("relevel_parts", 15.0),
+        ("rebalance_parts", 15.0),
         ("slice_part", 3.0),
         ("draw_step_range", 6.0),
         ("draw_job_parts", 2.0),

@@ -33,7 +33,7 @@ from drivers.printers import PROFILES, Profile, list_usable_volumes
 from farm.compute import read_process_memory_bytes
 from farm.errors import ErrorCode, FarmError, RefusedError
 from farm.planning.error_translation import translate_errors
-from farm.planning.local.sliced_parts import PartSlicer, relevel_by_slices, write_sliced_parts
+from farm.planning.local.sliced_parts import PartSlicer, rebalance_by_slices, write_sliced_parts
 from farm.planning.parts.bed_places import Bed
 from farm.planning.parts.pricing import build_print_time_settings, select_connectors
 from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
@@ -143,7 +143,7 @@ def decompose_to_folder(
             brim_request = replace(settings_request, overrides={"brim_width": f"{request.brim_mm:g}"})
             slicer = PartSlicer(brim_request, resources, usable_volumes, cache)
             with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
-                sliced_parts = relevel_by_slices(model, decomposition, slicer, cost, executor, Path(work))
+                sliced_parts = rebalance_by_slices(model, decomposition, slicer, cost, executor, Path(work))
                 report = write_sliced_parts(sliced_parts, out)
             if cache is not None:
                 trim_cache(cache)

@@ -15,7 +15,7 @@ from decompose.export import write_decomposition
 from decompose.files.names import REPORT
 from decompose.geometry import Model
 from decompose.print_time import CostModel
-from decompose.relevel import relevel_planes
+from decompose.rebalance import rebalance_planes
 from decompose.results import Decomposition
 from drivers.printers import UsableVolume
 from farm.planning.error_translation import translate_errors
@@ -24,7 +24,7 @@ from farm.planning.parts.slice_part import slice_part
 from slicing.plate import PlateResult
 from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
 
-MAX_RELEVELS = 4
+MAX_REBALANCES = 4
 """Maximum number of times that the cuts are moved: after the first, the times of the parts are accurate."""
 
 
@@ -91,7 +91,7 @@ class PartSlicer:
             return SlicedParts(stored_decomposition, tuple(threads.map(slice_part, tasks)))
 
 
-def relevel_by_slices(
+def rebalance_by_slices(
     model: Model,
     decomposition: Decomposition,
     slicer: PartSlicer,
@@ -114,9 +114,9 @@ def relevel_by_slices(
         If a part cannot be sliced (`PartSlicer.slice_parts`).
     """
     best = last = slicer.slice_parts(decomposition, folder / "0")
-    for number in range(1, MAX_RELEVELS + 1):
+    for number in range(1, MAX_REBALANCES + 1):
         try:
-            moved_parts = relevel_planes(
+            moved_parts = rebalance_planes(
                 model, last.decomposition, last.times_s, cost, executor, max(best.times_s)
             )
         except DecomposeError:  # the parts are valid without moved cuts

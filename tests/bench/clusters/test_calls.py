@@ -23,7 +23,7 @@ from farm.errors import FarmError
     "work",
     [
         decompose.deferred_cut,
-        decompose.deferred_relevel,
+        decompose.deferred_rebalance,
         savings.deferred_measure,
         unseen.deferred_measure,
     ],

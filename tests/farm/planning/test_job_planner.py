@@ -18,7 +18,7 @@ from farm.planning import job_planner, plan_builder, slice_batch
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import MIN_FREE_BYTES, JobPlanner
 from farm.planning.parts import drawings
-from farm.planning.plan import MIN_RELEVEL_DELAY_S, Plan, PlanRequest, SlicedJob
+from farm.planning.plan import MIN_REBALANCE_DELAY_S, Plan, PlanRequest, SlicedJob
 from farm.planning.plan_builder import PlanBuilder
 from farm.views import list_tasks
 
@@ -101,7 +101,7 @@ def slow_down_slices(monkeypatch, compute_delay_s, error=None):
 
     def slice_slowly(task):
         requests.append(task.stl)
-        if error and "levelled" in str(task.stl):
+        if error and "rebalanced" in str(task.stl):
             raise error
         slice_result = slice_part(task)
         mesh = trimesh.load_mesh(task.stl)
@@ -123,7 +123,7 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     assert steps.count(PlanStep.LEVELLING) >= 1
     assert steps.index(PlanStep.LEVELLING) > steps.index(PlanStep.SLICING)
     first_s, second_s = (plate.sliced_s for plate in result.plates)
-    assert second_s == pytest.approx(first_s, abs=2.0 * MIN_RELEVEL_DELAY_S)
+    assert second_s == pytest.approx(first_s, abs=2.0 * MIN_REBALANCE_DELAY_S)
     left_part, right_part = sorted(result.parts, key=lambda part: part.geometry.volume_mm3)
     assert left_part.geometry.volume_mm3 < 0.75 * right_part.geometry.volume_mm3
     assert left_part.geometry.volume_mm3 + right_part.geometry.volume_mm3 == pytest.approx(260 * 14 * 12)
@@ -143,7 +143,7 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     ],
 )
 @pytest.mark.usefixtures("without_pictures")
-def test_useless_relevel_is_discarded(state, bar, error, monkeypatch):
+def test_useless_rebalance_is_discarded(state, bar, error, monkeypatch):
     """Use a part that takes longer after the new cut, or a slice that fails."""
     times_s = chain([600.0], repeat(9000.0))
     requests = slow_down_slices(
@@ -152,7 +152,7 @@ def test_useless_relevel_is_discarded(state, bar, error, monkeypatch):
     reports, result = plan_job(state, bar)
     assert isinstance(result, Plan), result
     assert PlanStep.LEVELLING in [step_progress.step for step_progress in reports]
-    assert any("levelled" in str(stl) for stl in requests)
+    assert any("rebalanced" in str(stl) for stl in requests)
     first_part, second_part = result.parts
     assert first_part.geometry.volume_mm3 == pytest.approx(second_part.geometry.volume_mm3, rel=0.05)
     assert result.plates[1].sliced_s - result.plates[0].sliced_s == pytest.approx(600.0, rel=0.1)
@@ -234,7 +234,7 @@ def test_parts_that_may_be_cut_again_are_drawn_only_by_idle_workers(state, bar, 
     workers = RecordingWorkers(has_idle_worker=False)
     result = plan_with_workers(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert "relevel_parts 0" in workers.started_calls
+    assert "rebalance_parts 0" in workers.started_calls
     assert [call for call in workers.started_calls if call.startswith("draw")] == ["draw_job_parts 0"]
     page = (state.files / result.instructions).read_text()
     left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)

@@ -19,7 +19,7 @@ from decompose.printers import TargetPrinter
 from farm.errors import FarmError
 from farm.planning.local import sliced_parts
 from farm.planning.local.decompose_file import decompose_to_folder
-from farm.planning.local.sliced_parts import SlicedParts, relevel_by_slices
+from farm.planning.local.sliced_parts import SlicedParts, rebalance_by_slices
 from tests.farm.planning.local.test_decompose_file import USUAL_OPTIONS, DecomposeRequest
 
 
@@ -95,7 +95,7 @@ def test_cuts_are_moved_while_the_slowest_slice_may_end_sooner(
 ):
     slicer, pending_moves = Slicer(*rounds_s), list(moves)
 
-    def relevel_planes(model, previous_decomposition, times_s, cost, executor, best_makespan_s):
+    def rebalance_planes(model, previous_decomposition, times_s, cost, executor, best_makespan_s):
         assert times_s == rounds_s[len(slicer.folders) - 1]
         assert best_makespan_s == min(max(times_s) for times_s in rounds_s[: len(slicer.folders)])
         move = pending_moves.pop(0)
@@ -103,7 +103,7 @@ def test_cuts_are_moved_while_the_slowest_slice_may_end_sooner(
             raise move
         return move and replace(previous_decomposition, faults=("is a sliver",) if move == "faulty" else ())
 
-    monkeypatch.setattr(sliced_parts, "relevel_planes", relevel_planes)
-    best_slices = relevel_by_slices(None, decomposition, slicer, None, None, tmp_path)
+    monkeypatch.setattr(sliced_parts, "rebalance_planes", rebalance_planes)
+    best_slices = rebalance_by_slices(None, decomposition, slicer, None, None, tmp_path)
     assert best_slices.times_s == best_times_s
     assert slicer.folders == folders

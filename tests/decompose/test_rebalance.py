@@ -1,4 +1,4 @@
-"""Relevel by sliced times: the slow part ends sooner, and the partition stays valid."""
+"""Rebalance by sliced times: the slow part ends sooner, and the partition stays valid."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from decompose.pieces import cut_box, sort_pieces
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem
-from decompose.relevel import _cut_previous_boxes, relevel_planes
+from decompose.rebalance import _cut_previous_boxes, rebalance_planes
 from decompose.results import Attempt, Cutting, Decomposition, Part
 
 PRINTERS = tuple(TargetPrinter(name, ((220.0, 220.0, 200.0),)) for name in "abcd")
@@ -61,7 +61,7 @@ def find_part_number(new_result: Decomposition, decomposition: Decomposition, sl
 @pytest.mark.parametrize("slow_part", range(4))
 def test_slow_part_gets_smaller(slow_part: int, decomposition: Decomposition, cost: CostModel) -> None:
     old_times_s = make_times_s(decomposition, slow_part)
-    new_result = relevel_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
+    new_result = rebalance_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
     assert new_result is not None
     number = find_part_number(new_result, decomposition, slow_part)
     assert make_times_s(new_result, number).max() < 0.97 * old_times_s.max()
@@ -74,13 +74,13 @@ def test_planes_are_not_moved_for_a_gain_over_the_previous_result_alone(
     decomposition: Decomposition, cost: CostModel
 ) -> None:
     times_s, old = make_times_s(decomposition, 1), pickle_and_unpickle(decomposition)
-    assert relevel_planes(MODEL, old, times_s, cost, None, times_s.max()) is not None
-    assert relevel_planes(MODEL, old, times_s, cost, None, 0.8 * times_s.max()) is None
+    assert rebalance_planes(MODEL, old, times_s, cost, None, times_s.max()) is not None
+    assert rebalance_planes(MODEL, old, times_s, cost, None, 0.8 * times_s.max()) is None
 
 
-def test_relevel_with_true_prices_changes_nothing(decomposition: Decomposition, cost: CostModel) -> None:
+def test_rebalance_with_true_prices_changes_nothing(decomposition: Decomposition, cost: CostModel) -> None:
     assert (
-        relevel_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0, 1.0), cost)
+        rebalance_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0, 1.0), cost)
         is None
     )
 
@@ -93,7 +93,7 @@ def test_attempts_options_and_figures_are_kept(decomposition: Decomposition, cos
         attempts=attempts,
         options=replace(OPTIONS, engine=Engine.BEST),
     )
-    new_result = relevel_planes(MODEL, old_result, make_times_s(decomposition, 1), cost)
+    new_result = rebalance_planes(MODEL, old_result, make_times_s(decomposition, 1), cost)
     assert new_result is not None
     assert (new_result.yaw_deg, new_result.attempts, new_result.options) == (
         15.0,
@@ -108,35 +108,35 @@ def test_attempts_options_and_figures_are_kept(decomposition: Decomposition, cos
     assert new_result.cutting is not None
 
 
-def test_second_relevel_continues_from_the_first(decomposition: Decomposition, cost: CostModel) -> None:
-    first_relevel = relevel_planes(
+def test_second_rebalance_continues_from_the_first(decomposition: Decomposition, cost: CostModel) -> None:
+    first_rebalance = rebalance_planes(
         MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
     )
-    assert first_relevel is not None
-    slow_part = find_part_number(first_relevel, decomposition, 1)
+    assert first_rebalance is not None
+    slow_part = find_part_number(first_rebalance, decomposition, 1)
     # The parts are already balanced.
     assert (
-        relevel_planes(
-            MODEL, pickle_and_unpickle(first_relevel), make_times_s(first_relevel, slow_part), cost
+        rebalance_planes(
+            MODEL, pickle_and_unpickle(first_rebalance), make_times_s(first_rebalance, slow_part), cost
         )
         is None
     )
-    second_relevel = relevel_planes(
-        MODEL, pickle_and_unpickle(first_relevel), make_times_s(first_relevel, 2, 1.3), cost
+    second_rebalance = rebalance_planes(
+        MODEL, pickle_and_unpickle(first_rebalance), make_times_s(first_rebalance, 2, 1.3), cost
     )
-    assert second_relevel is not None
+    assert second_rebalance is not None
     assert (
-        make_times_s(second_relevel, find_part_number(second_relevel, first_relevel, 2), 1.3).max()
-        < make_times_s(first_relevel, 2, 1.3).max()
+        make_times_s(second_rebalance, find_part_number(second_rebalance, first_rebalance, 2), 1.3).max()
+        < make_times_s(first_rebalance, 2, 1.3).max()
     )
 
 
-def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
+def test_rotated_model_is_rebalanced_in_its_own_frame(cost: CostModel) -> None:
     from decompose.decompose import run_engine
 
     problem = rotate_about_z(Problem(MODEL, PRINTERS, cost, OPTIONS), -20.0)
     decomposition = run_engine(problem, get_serial_s=lambda: (1.0, 1.0))
-    new_result = relevel_planes(
+    new_result = rebalance_planes(
         MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
     )
     assert new_result is not None
@@ -153,7 +153,7 @@ def test_slow_part_ends_sooner_on_unequal_printers(speed_step: float, cost: Cost
     factors = {printer.name: printer.time_factor for printer in printers}
     decomposition = decompose_model(MODEL, printers, OPTIONS, cost)
     old_times_s = make_times_s(decomposition, 0, 1.1)
-    new_result = relevel_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
+    new_result = rebalance_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
     assert new_result is not None and new_result.cutting is not None
     new_times_s = make_times_s(new_result, find_part_number(new_result, decomposition, 0), 1.1)
 
@@ -194,12 +194,12 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
 def test_unrelated_parts_are_unchanged(decomposition: Decomposition, cost: CostModel) -> None:
     assert decomposition.cutting is not None
     assert (
-        relevel_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0)[:-1], cost)
+        rebalance_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0)[:-1], cost)
         is None
     )
     repeated_cutting = replace(decomposition.cutting, boxes_mm=decomposition.cutting.boxes_mm[[0, 0, 1, 2]])
     assert (
-        relevel_planes(
+        rebalance_planes(
             MODEL,
             replace(pickle_and_unpickle(decomposition), cutting=repeated_cutting),
             make_times_s(decomposition, 0),
@@ -213,6 +213,6 @@ def test_parts_without_a_grid_are_unchanged(cost: CostModel) -> None:
     decomposition = decompose_model(MODEL, PRINTERS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
     assert decomposition.cutting is None
     assert (
-        relevel_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0), cost)
+        rebalance_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0), cost)
         is None
     )

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple
 from pathlib import Path
 
-from decompose.relevel import relevel_planes
+from decompose.rebalance import rebalance_planes
 from farm.model import FeatureSeconds, TimeFactors
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected_model
@@ -20,7 +20,7 @@ from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
 
-def relevel_parts(
+def rebalance_parts(
     sliced_job: SlicedJob, folder: Path, best_makespan_s: float = math.inf
 ) -> DecomposedJob | None:
     """Move the cuts of a job so that the part with the longest sliced time finishes sooner.
@@ -28,7 +28,7 @@ def relevel_parts(
     Parameters
     ----------
     sliced_job
-        A job with a cut record (`SlicedJob.should_relevel`).
+        A job with a cut record (`SlicedJob.should_rebalance`).
     folder
         Folder for the new parts.
     best_makespan_s
@@ -63,7 +63,9 @@ def relevel_parts(
     ]
     model = read_inspected_model(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        new_decomposition = relevel_planes(model, decomposition, part_times_s, cost, threads, best_makespan_s)
+        new_decomposition = rebalance_planes(
+            model, decomposition, part_times_s, cost, threads, best_makespan_s
+        )
         if new_decomposition is None:
             return None
         return write_decomposed_job(new_decomposition, model, folder)

@@ -26,7 +26,7 @@ from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_
 MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which all parts are sliced again
 
 
-def relevel_planes(
+def rebalance_planes(
     model: Model,
     previous_result: Decomposition,
     sliced_times_s: Sequence[float],
