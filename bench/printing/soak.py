@@ -69,16 +69,17 @@ def print_over_noisy_wire(lines: int, damage: float, seed: int = 0) -> Outcome:
     link.on_opened(now_s)
     fault: str | None = None
     start_s = time.process_time()
-    is_connected = False
+    is_connected, line = False, None
     while fault is None:
-        sent_bytes = link.take()
+        sent_bytes = (line or b"") + link.take()
         if not sent_bytes:
             due_s = min(firmware.compute_deadline_s(), link.deadline_s)
             now_s = max(now_s + 1e-4, due_s)
         else:
             now_s += 0.002
         answer = firmware.feed(sent_bytes, now_s)
-        events = [*((answer and link.receive(answer, now_s)) or ()), *link.tick(now_s)]
+        line = link.take_line_after_ok(answer, now_s)
+        events = [*(link.receive(answer, now_s) if line is None else ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True

@@ -309,13 +309,14 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
         add_refusal.last_number = firmware.last_number  # type: ignore[attr-defined]
         to_host.put(injector.damage_answer(answer) if answer else answer, now_s)
         data = to_host.take(now_s)
-        events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
+        line = link.take_line_after_ok(data, now_s)
+        events = [*(link.receive(data, now_s) if line is None else ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True
             link.send(now_s, *START_LINES)
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        to_board.put(injector.damage_line(link.take()), now_s)
+        to_board.put(injector.damage_line((line or b"") + link.take()), now_s)
         if injector.fault_count > fault_count and len(fault_marks) <= faults:
             fault_count = injector.fault_count
             fault_marks.append((now_s, firmware.moving_s))

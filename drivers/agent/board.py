@@ -12,7 +12,7 @@ from drivers.agent.idle_watch import SD_PRINT_REASON, IdleWatch
 from drivers.clock import Clock, read_wall_s
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link import BoardConnected, Event, Events, Link, LinkFault, Phase, Report, UnknownLine
-from drivers.ports import Port, RecordedPort, WireRecord, identify_device, open_port
+from drivers.ports import Port, WireRecord, identify_device, open_port
 from drivers.printers import Profile
 from drivers.records import BoardState
 from drivers.safety import send_abort, send_abort_until_accepted
@@ -109,14 +109,14 @@ class Board:
         try:
             data = port.read()
             now_s = self._clock.now()
-            events = self.link.receive(data, now_s)
-            if events is None:
-                port.write(self.link.take())
+            line = self.link.take_line_after_ok(data, now_s)
+            if line is not None:
+                port.write(line)
                 return
         except PortError as error:
             self._on_port_lost(error)
             return
-        self._process_events(events, now_s)
+        self._process_events(self.link.receive(data, now_s), now_s)
 
     def tick(self) -> None:
         """Perform the actions that are due now."""
@@ -146,8 +146,8 @@ class Board:
                 raise PortNotIdle(MAY_PRINT_REASON)
             if not is_same_device:
                 self.idle_watch.filament.note_reset()
-            port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
-            self._port = RecordedPort(port, self.wire_record)
+            baud_rate = self._firmware.baud_rate
+            self._port = open_port(self._url, self._folder, self._clock, baud_rate, self.wire_record)
             self.state.device_id = device
         except PortError as error:
             self.needs_permission = isinstance(error, PortNotIdle)

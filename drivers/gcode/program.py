@@ -136,18 +136,15 @@ class Program:
             return lines
         first = start // _BLOCK_LINES
         for block in range(first, (stop - 1) // _BLOCK_LINES + 1):
-            lines += self._read_block(block).split(b"\n")[:-1]
+            try:
+                data = self.store.read(self.offsets[block], self.offsets[block + 1])
+            except OSError as error:
+                raise UnreadableFile(f"its copy cannot be read ({error.strerror}): check the disk") from error
+            if crc32(data) != self.checksums[block]:
+                raise UnreadableFile("its copy on the disk has changed: check the disk")
+            lines += data.split(b"\n")[:-1]
         skip = first * _BLOCK_LINES
         return lines[start - skip : stop - skip]
-
-    def _read_block(self, block: int) -> bytes:
-        try:
-            data = self.store.read(self.offsets[block], self.offsets[block + 1])
-        except OSError as error:
-            raise UnreadableFile(f"its copy cannot be read ({error.strerror}): check the disk") from error
-        if crc32(data) != self.checksums[block]:
-            raise UnreadableFile("its copy on the disk has changed: check the disk")
-        return data
 
     def compute_progress(self, line: int) -> Mark:
         """Compute the progress after `line` lines."""

@@ -47,5 +47,5 @@ def exchange(
         wait_s = min(deadline_s, link.deadline_s) - now_s
         select.select([port.fileno()], [], [], max(0.0, wait_s))
         data, now_s = port.read(), time.monotonic()
-        for event in (*(link.receive(data, now_s) or ()), *link.tick(now_s)):
+        for event in (*link.receive(data, now_s), *link.tick(now_s)):
             yield now_s, event

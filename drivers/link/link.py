@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from drivers.errors import Fault
+from drivers.errors import Fault, UnreadableFile
 from drivers.firmware import Firmware
 from drivers.link import replies
 from drivers.link.opening import Opening, OpeningLine, Phase
@@ -23,7 +23,8 @@ class Link:
     """Protocol state of the connection to one board.
 
     Call `on_opened` after opening the port, `receive` with the bytes read, and `tick` at `deadline_s`. After
-    each of these, and after `send` and `stream`, write the bytes that `take` returns.
+    each of these, and after `send` and `stream`, write the bytes that `take` returns. `take_line_after_ok`
+    may be called before `receive`: it is quicker, and usually suffices while a program is streamed.
 
     Parameters
     ----------
@@ -131,6 +132,11 @@ class Link:
         return self._outbox.count_streamed_lines(self._awaits_ok)
 
     @property
+    def source_error(self) -> UnreadableFile | None:
+        """Error that ended the stream: the program could not be read."""
+        return self._outbox.source_error
+
+    @property
     def deadline_s(self) -> float:
         """Time of the next call of `tick`."""
         if self._answer is not None:
@@ -141,20 +147,23 @@ class Link:
 
     # --- messages of the board ---
 
-    def receive(self, data: bytes, now_s: float) -> Events | None:
-        """Process bytes from the port. Never raises, even for invalid bytes.
+    def take_line_after_ok(self, data: bytes, now_s: float) -> bytes | None:
+        """Return the next line to write, if `data` is just the ok to a line of a program.
 
-        Returns None if the only effect is that `take` returns the next line of the program.
+        Returns None, without an effect, if there is more to do, or if the next line is not encoded yet: then
+        call `receive`.
         """
-        # Fast path: an ok to a line of a program while the next line is already encoded.
         is_usual = self._awaits_ok and self._is_undisturbed and not self._partial_line
-        if data == b"ok\n" and is_usual and now_s < self._poll_at_s:
-            line = self._outbox.take_encoded_line()
-            if line is not None:
-                self._output = line
-                self._recovery.sent_s = now_s
-                self._due_s = now_s + self._silence_s
-                return None
+        if data != b"ok\n" or not is_usual or now_s >= self._poll_at_s:
+            return None
+        line = self._outbox.take_encoded_line()
+        if line is not None:
+            self._recovery.sent_s = now_s
+            self._due_s = now_s + self._silence_s
+        return line
+
+    def receive(self, data: bytes, now_s: float) -> Events:
+        """Process bytes from the port. Never raises, even for invalid bytes."""
         *lines, self._partial_line = (self._partial_line + data).split(b"\n")
         if len(self._partial_line) > _MAX_ANSWER_BYTES:
             self._partial_line = b""

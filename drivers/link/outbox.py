@@ -11,6 +11,7 @@ import re
 from collections import deque
 from collections.abc import Callable
 
+from drivers.errors import UnreadableFile
 from drivers.firmware import Firmware
 from drivers.gcode import add_frame, add_frames, remove_frame
 
@@ -28,11 +29,17 @@ _FEEDRATE = re.compile(rb"F(\d+\.?\d*)")
 _match_head_move = re.compile(rb".*[XYZ]").match  # matches a move of more than the feeder
 
 Source = Callable[[int, int], list[bytes]]
-"""Function that returns lines `start` to `stop` of a program."""
+"""Function that returns lines `start` to `stop` of a program. Raises UnreadableFile."""
 
 
 class Outbox:
-    """Numbered lines: sent up to the cursor, unsent after it."""
+    """Numbered lines: sent up to the cursor, unsent after it.
+
+    Attributes
+    ----------
+    source_error
+        Error that ended the stream: the program could not be read.
+    """
 
     def __init__(self, firmware: Firmware) -> None:
         self._firmware = firmware
@@ -49,6 +56,7 @@ class Outbox:
         self._slow_path_end = 0  # lines up to this number need the slow path: slow moves, M105, resent lines
         self._queue: deque[bytes] = deque()
         self._source: Source | None = None
+        self.source_error: UnreadableFile | None = None
         self._source_next = self._source_stop = 0  # next line of the program to encode
         self._source_number = 1  # line number of the first streamed line
         self._source_start = 0  # index of that line in the program
@@ -121,6 +129,7 @@ class Outbox:
         """Stream lines `start` to `stop` of a program after the queued commands."""
         self._source, self._source_start, self._source_next, self._source_stop = source, start, start, stop
         self._source_number = self._base + len(self._frames) + len(self._queue)
+        self.source_error = None
 
     def halt(self) -> None:
         """Drop all unsent lines."""
@@ -192,7 +201,10 @@ class Outbox:
             self._queue.clear()
         elif self._source is not None:
             stop = min(self._source_next + _BLOCK_LINES, self._source_stop)
-            commands = self._source(self._source_next, stop)
+            try:
+                commands = self._source(self._source_next, stop)
+            except UnreadableFile as error:  # no line may be skipped
+                self._source, self.source_error = None, error
             self._source_next = stop
         self._frames += add_frames(first, commands)
         for number, command in enumerate(commands, first):

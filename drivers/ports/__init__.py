@@ -2,7 +2,7 @@
 
 from drivers.ports.port import NET_PREFIX, NetPort, Port, identify_device, open_port
 from drivers.ports.serial_port import Device, SerialPort, list_devices
-from drivers.ports.wire_record import RecordedLine, RecordedPort, WireRecord
+from drivers.ports.wire_record import RecordedLine, WireRecord
 
 __all__ = [
     "NET_PREFIX",
@@ -10,7 +10,6 @@ __all__ = [
     "NetPort",
     "Port",
     "RecordedLine",
-    "RecordedPort",
     "SerialPort",
     "WireRecord",
     "identify_device",

@@ -13,6 +13,7 @@ from typing import Protocol
 from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.ports.serial_port import DTR_PULSE_S, RemotePort, SerialPort, find_device
+from drivers.ports.wire_record import WireRecord
 
 NET_PREFIX = "rfc2217://"
 _READ_BYTES = 4096
@@ -56,6 +57,8 @@ class NetPort:
         ``rfc2217://HOST:PORT``.
     baud_rate
         Bits per second.
+    record
+        Record of the bytes that are read and written, if they are recorded.
 
     Raises
     ------
@@ -63,8 +66,9 @@ class NetPort:
         The host does not answer, or DTR cannot be set.
     """
 
-    def __init__(self, url: str, baud_rate: int) -> None:
+    def __init__(self, url: str, baud_rate: int, record: WireRecord | None = None) -> None:
         self._url = url
+        self._record = WireRecord(time.time) if record is None else record
         self._remote = RemotePort(url, baud_rate)
         self._local_end, self._remote_end = socket.socketpair()
         self._local_end.setblocking(False)
@@ -90,15 +94,18 @@ class NetPort:
             return b""
         if not data:
             raise PortError(f"{self._url}: was disconnected; check its host and the network")
+        self._record.record(False, data)
         return data
 
     def write(self, data: bytes) -> None:
         """Send bytes. Raises PortError if the port was disconnected."""
         if data:
+            self._record.record(True, data)
             self._remote.write(data)
 
     def write_now(self, data: bytes) -> None:
         """Discard the bytes still queued on the other host, and send these. Raises PortError."""
+        self._record.record(True, data)
         self._remote.write_now(data)
 
     @property
@@ -121,7 +128,7 @@ class NetPort:
         self._local_end.close()
 
 
-def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
+def open_port(url: str, folder: Path, clock: Clock, baud_rate: int, record: WireRecord | None = None) -> Port:
     """Open a port of `fleet.yaml`; start the emulator of a simulated port if none is running.
 
     Parameters
@@ -134,6 +141,8 @@ def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
         The farm's clock, for the emulator.
     baud_rate
         Bits per second.
+    record
+        Record of the bytes that are read and written, if they are recorded.
 
     Raises
     ------
@@ -141,8 +150,8 @@ def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
         The port does not exist, is in use, or cannot be used for a printer.
     """
     if url.startswith(NET_PREFIX):
-        return NetPort(url, baud_rate)
-    return SerialPort(find_device(url, folder, clock), baud_rate)
+        return NetPort(url, baud_rate, record)
+    return SerialPort(find_device(url, folder, clock), baud_rate, record)
 
 
 def identify_device(url: str) -> str | None:

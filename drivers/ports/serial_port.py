@@ -21,6 +21,7 @@ from serial.tools import list_ports
 from drivers.clock import Clock
 from drivers.emulator.launch import launch
 from drivers.errors import PortError
+from drivers.ports.wire_record import WireRecord
 
 DTR_PULSE_S = 0.1  # duration of a pulse that resets the board
 DRAIN_TIMEOUT_S = 1.0  # maximum time for unsent bytes to be transmitted
@@ -38,6 +39,8 @@ class SerialPort:
         A device, or the slave of a pseudo-terminal.
     baud_rate
         Bits per second.
+    record
+        Record of the bytes that are read and written, if they are recorded.
     is_shared
         True to open the port even if it is in use; for an emergency stop only.
 
@@ -47,8 +50,11 @@ class SerialPort:
         The port does not exist, or is in use.
     """
 
-    def __init__(self, path: Path, baud_rate: int, *, is_shared: bool = False) -> None:
+    def __init__(
+        self, path: Path, baud_rate: int, record: WireRecord | None = None, *, is_shared: bool = False
+    ) -> None:
         self.path, self._baud_rate = path, baud_rate
+        self._record = WireRecord(time.time) if record is None else record
         self._is_exclusive = not is_shared
         self._unsent_bytes = b""
         self._open_device()
@@ -97,6 +103,7 @@ class SerialPort:
             raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
         if not data:
             raise PortError(f"{self.path}: was disconnected; check its cable and power")
+        self._record.record(False, data)
         return data
 
     def write(self, data: bytes) -> None:
@@ -107,6 +114,7 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
+        self._record.record(True, data)
         if self._unsent_bytes:
             data = self._unsent_bytes + data
         try:
@@ -132,6 +140,7 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
+        self._record.record(True, data)
         deadline_s = time.monotonic() + DRAIN_TIMEOUT_S
         try:
             # On a pseudo-terminal, a flush also discards bytes that are on their way to the other end.
@@ -148,10 +157,10 @@ class SerialPort:
             raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
 
     def _replace_unsent_bytes(self, data: bytes, *, flush: bool) -> None:
-        self._unsent_bytes = b""
+        self._unsent_bytes = data
         if flush:
             termios.tcflush(self._fd, termios.TCOFLUSH)
-        self.write(data)
+        self.write(b"")
 
     def _count_queued_bytes(self) -> int:
         """Count the bytes that the kernel has not sent yet."""

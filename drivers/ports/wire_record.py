@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from drivers.ports.port import Port
-
 _MAX_CHUNKS = 400
 _MAX_LINES = 400  # a reply with 400 lines of any content stays below the size limit of a message
 _MAX_CHUNK_BYTES = 512
@@ -77,51 +75,3 @@ def _make_line(at_s: float, sent: bool, line: bytes) -> RecordedLine:
     text = line.rstrip(b"\r")[:_MAX_LINE_LENGTH].decode("ascii", "backslashreplace")
     printable = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[:_MAX_LINE_LENGTH])
     return RecordedLine(at_s, sent, printable)
-
-
-class RecordedPort:
-    """Port whose bytes are recorded.
-
-    Parameters
-    ----------
-    port
-        The port.
-    record
-        Record of the bytes that are read and written.
-    """
-
-    def __init__(self, port: Port, record: WireRecord) -> None:
-        self._port, self._record = port, record
-
-    def fileno(self) -> int:
-        """Return the descriptor on which to wait."""
-        return self._port.fileno()
-
-    def read(self) -> bytes:
-        """Read the bytes received so far. Raises PortError."""
-        data = self._port.read()
-        self._record.record(False, data)
-        return data
-
-    def write(self, data: bytes) -> None:
-        """Send bytes; those that the port does not accept yet are kept. Raises PortError."""
-        self._record.record(True, data)
-        self._port.write(data)
-
-    def write_now(self, data: bytes) -> None:
-        """Send bytes in place of all unsent ones. Raises PortError."""
-        self._record.record(True, data)
-        self._port.write_now(data)
-
-    @property
-    def has_unsent_bytes(self) -> bool:
-        """True while bytes wait to be written."""
-        return self._port.has_unsent_bytes
-
-    def reset(self) -> None:
-        """Reset the board. Raises PortError."""
-        self._port.reset()
-
-    def close(self) -> None:
-        """Close the port."""
-        self._port.close()

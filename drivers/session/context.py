@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 
 from drivers.clock import Clock
-from drivers.errors import Fault, UnreadableFile
+from drivers.errors import Fault
 from drivers.firmware import Firmware
 from drivers.gcode import Point, Program
 from drivers.link import BoardConnected, Link, Report
@@ -138,8 +138,6 @@ class SessionContext:
     is_pause_requested, pause_ends_s, is_nozzle_paused
         True if a person has requested a pause; the time at which the pause times out; True if the pause
         switched the nozzle off, whatever target the file has set.
-    read_error
-        Error that occurred when the file was last read, if any.
     """
 
     link: Link
@@ -178,7 +176,6 @@ class SessionContext:
     is_pause_requested: bool = field(default=False, init=False)
     pause_ends_s: float | None = field(default=None, init=False)
     is_nozzle_paused: bool = field(default=False, init=False)
-    read_error: UnreadableFile | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self.started_s = self.report_s = self.last_command_s = self.now_s

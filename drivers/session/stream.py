@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from drivers.errors import Fault, UnreadableFile
+from drivers.errors import Fault
 from drivers.gcode import HeatCommand, HeaterName, Program
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import (
@@ -73,28 +73,19 @@ def _stream_lines(context: SessionContext, program: Program, start: int, stop: i
     """Send lines `start` to `stop`, and pause when requested."""
     link = context.link
 
-    def read_lines(start: int, end: int) -> list[bytes]:
-        """Read lines for the link; return none after a read error, as no line may be skipped."""
-        if context.read_error is None:
-            try:
-                return program.read_lines(start, end)
-            except UnreadableFile as error:
-                context.read_error = error
-        return []
-
     def is_sent_or_paused() -> bool:
         can_begin_pause = context.is_pause_requested and can_pause(context)
-        return link.is_drained or context.read_error is not None or can_begin_pause
+        return link.is_drained or link.source_error is not None or can_begin_pause
 
     while start < stop:
         link.poll_interval_s = context.pace.printing_interval_s
-        link.stream(context.now_s, read_lines, start, stop)
+        link.stream(context.now_s, program.read_lines, start, stop)
         context.report_s = context.now_s
         while not (yield Wait(is_sent_or_paused, context.no_report_deadline_s)):
             if context.now_s >= context.no_report_deadline_s:
                 raise PrintEnded(Fault.NO_ANSWER, "the board is printing, but reports no temperatures")
-        if context.read_error is not None:
-            raise context.read_error
+        if link.source_error is not None:
+            raise link.source_error
         if link.is_drained:
             return
         link.halt()

@@ -26,6 +26,7 @@ from drivers.ports import SerialPort
 from drivers.printers import PROFILES
 from drivers.session import Pace, Session, SessionContext
 from printers.agent_with_emulator import wait_for_emulator
+from printers.link_bench import pass_to_link
 
 FOLDER = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # Python of the separate environment
@@ -82,7 +83,9 @@ def print_program(
             except PortError:
                 return link, [Fault.PORT_LOST]
             now_s = clock.now()
-            events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
+            line, events = pass_to_link(link, data, now_s)
+            port.write(line)
+            events = [*events, *link.tick(now_s)]
             faults += [event.fault for event in events if isinstance(event, LinkFault)]
             if not is_connected and link.phase is Phase.LIVE:
                 is_connected = True
@@ -173,7 +176,8 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
             wait_s = max(0.0, min(clock.to_wall_duration_s(due_s), 1.0))
             data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
             now_s = clock.now()
-            events = (link.receive(data, now_s) or ()) if data else ()
+            line, events = pass_to_link(link, data, now_s)
+            port.write(line)
             session.advance([*events, *link.tick(now_s)], now_s)
             assert not context.wants_reset, context.reason
             port.write(link.take())

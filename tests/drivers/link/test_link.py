@@ -270,7 +270,7 @@ def test_faults_of_the_firmware_stop_the_stream_at_once(message: bytes, fault: F
     stream_program(bench, make_lines(50))
     bench.run(until_s=0.1)
     bench.link.take()
-    bench.events += bench.link.receive(message, bench.now_s) or ()
+    bench.events += bench.link.receive(message, bench.now_s)
     assert bench.list_faults() == [fault]
     bench.link.receive(b"ok\n", bench.now_s)
     assert bench.link.take() == b""
@@ -349,11 +349,11 @@ def test_unexpected_last_line_is_accepted_when_reported_twice():
     assert 50 < bench.link.streamed_lines < 100
     bench.link.take()
     for resend in (5, 6, 6):
-        bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s) or ()
+        bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s)
     for last_line in (5, 6, 6):
         assert bench.link.phase is Phase.LIVE and bench.list_faults() == []
         message = b"Error:No Line Number with checksum, Last Line: %d\n" % last_line
-        bench.events += bench.link.receive(message, bench.now_s) or ()
+        bench.events += bench.link.receive(message, bench.now_s)
     assert bench.list_faults() == [Fault.REBOOT]
     assert bench.link.phase is Phase.DEAD
 
@@ -366,7 +366,7 @@ def test_link_gives_up_on_contradictory_last_lines():
     for last_line in range(20, 20 + MAX_ATTEMPTS + 1):
         assert bench.link.phase is Phase.LIVE
         message = b"Error:No Line Number with checksum, Last Line: %d\n" % last_line
-        bench.events += bench.link.receive(message, bench.now_s) or ()
+        bench.events += bench.link.receive(message, bench.now_s)
     assert bench.list_faults() == [Fault.NOISY_LINE]
 
 
@@ -374,7 +374,7 @@ def test_garbled_resend_of_an_old_line_is_ignored():
     program, bench = make_lines(120), Bench().boot()
     stream_program(bench, program)
     bench.run(until_s=0.8)
-    bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s) or ()
+    bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s)
     bench.run()
     assert [text for _, text in bench.firmware.executed_lines] == program
     assert bench.list_faults() == []

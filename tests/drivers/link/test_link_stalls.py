@@ -12,6 +12,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
 from drivers.link import Link, Phase
 from drivers.printers import PROFILES
+from printers.link_bench import pass_to_link
 
 MAX_MEDIAN_S, MAX_STALL_S = 1.0, 3.0  # simulated seconds
 FREQUENT_FAULT_COUNT = 200
@@ -55,15 +56,15 @@ def test_lost_ok_during_slow_moves_causes_no_resend(
         Link(ULTIMAKER2),
     )
     link.on_opened(0.0)
-    now_s, is_connected, answer_count = 0.0, False, 0
+    now_s, is_connected, answer_count, line = 0.0, False, 0, b""
     while not (is_connected and link.is_drained):
         assert link.phase is not Phase.DEAD
         now_s = max(now_s, min(firmware.compute_deadline_s(), link.deadline_s)) + 1e-3
-        answer = firmware.feed(link.take(), now_s)
+        answer = firmware.feed(line + link.take(), now_s)
         if answer == b"ok\n":
             answer_count += 1
             answer = b"" if answer_count in lost_answers else answer
-        link.receive(answer, now_s)
+        line, _ = pass_to_link(link, answer, now_s)
         link.tick(now_s)
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True

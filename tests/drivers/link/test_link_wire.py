@@ -17,6 +17,7 @@ from drivers.firmware import ULTIMAKER2
 from drivers.gcode import remove_frame
 from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
+from printers.link_bench import pass_to_link
 
 NAMED_FAULTS = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
 
@@ -77,7 +78,9 @@ def print_program(
         )
         now_s = max(now_s, min(due_s, now_s + 1000.0)) + 1e-4
         to_host.put(firmware.feed(to_board.take(now_s), now_s), now_s)
-        events = [*(link.receive(to_host.take(now_s), now_s) or ()), *link.tick(now_s)]
+        line, events = pass_to_link(link, to_host.take(now_s), now_s)
+        to_board.put(line, now_s)
+        events = [*events, *link.tick(now_s)]
         link_faults += [event.fault for event in events if isinstance(event, LinkFault)]
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True

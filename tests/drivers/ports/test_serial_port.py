@@ -8,6 +8,7 @@ import struct
 import termios
 import tty
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ import pytest
 from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
-from drivers.ports import SerialPort
+from drivers.ports import SerialPort, WireRecord
 from drivers.ports.serial_port import find_device
 from printers.agent_with_emulator import read_buffered_bytes
 
@@ -56,6 +57,28 @@ def test_bytes_pass_in_both_directions_and_an_empty_port_returns_no_bytes(pty_en
         )
     finally:
         port.close()
+
+
+def test_port_records_both_directions_with_their_times(pty_ends: tuple[int, Path]):
+    master, path = pty_ends
+    seconds = count()
+    record = WireRecord(lambda: float(next(seconds)))
+    port = SerialPort(path, ULTIMAKER2.baud_rate, record)
+    try:
+        port.write(b"N1 M105*38\n")
+        os.read(master, 100)
+        for piece in (b"o", b"k\n"):
+            os.write(master, piece)
+            assert port.read() == piece
+        assert port.read() == b""
+        port.write_now(b"M112\n")
+    finally:
+        port.close()
+    assert [(line.at_s, line.sent, line.text) for line in record.list_lines()] == [
+        (0.0, True, "N1 M105*38"),
+        (1.0, False, "ok"),
+        (3.0, True, "M112"),
+    ]
 
 
 def test_port_is_opened_by_one_process_only(pty_ends: tuple[int, Path]):

@@ -1,69 +1,21 @@
 """Record of the last bytes on a port."""
 
-from itertools import count, groupby
+from itertools import groupby
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.messages import Reply, WireLine
-from drivers.ports import RecordedPort, WireRecord
+from drivers.ports import WireRecord
 from drivers.ports.wire_record import split_lines
 
 
-class LoopedPort:
-    """Port that answers each write with an `ok` in two pieces."""
-
-    has_unsent_bytes = False
-
-    def __init__(self) -> None:
-        self.answers: list[bytes] = []
-
-    def fileno(self) -> int:
-        return 7
-
-    def read(self) -> bytes:
-        return self.answers.pop(0) if self.answers else b""
-
-    def write(self, data: bytes) -> None:
-        self.answers += [b"o", b"k\n"]
-
-    def write_now(self, data: bytes) -> None:
-        self.answers.clear()
-
-    def reset(self) -> None:
-        self.answers = [b"start\r\n"]
-
-    def close(self) -> None:
-        self.answers.clear()
-
-
-def make_recorded_port() -> tuple[RecordedPort, WireRecord]:
-    seconds = count()
-    record = WireRecord(lambda: float(next(seconds)))
-    return RecordedPort(LoopedPort(), record), record
-
-
-def test_lines_of_both_directions_are_in_order_with_their_times():
-    port, record = make_recorded_port()
-    port.write(b"N1 M105*38\n")
-    assert [port.read(), port.read(), port.read()] == [b"o", b"k\n", b""]
-    port.reset()
-    port.read()
-    port.write_now(b"M112\n")
-    assert [(line.at_s, line.sent, line.text) for line in record.list_lines()] == [
-        (0.0, True, "N1 M105*38"),
-        (1.0, False, "ok"),
-        (3.0, False, "start"),
-        (4.0, True, "M112"),
-    ]
-
-
 def test_record_is_bounded_in_number_and_length():
-    port, record = make_recorded_port()
+    record = WireRecord(lambda: 0.0)
     for _ in range(10_000):
-        port.write(b"x" * 5000 + b"\n")
-        port.read()
+        record.record(True, b"x" * 5000 + b"\n")
+        record.record(False, b"ok\n")
     assert len(record.list_lines()) <= 400
     assert max(len(line.text) for line in record.list_lines()) == 200
 
@@ -86,8 +38,8 @@ def test_long_reads_keep_all_lines():
 
 
 def test_bytes_that_are_not_text_are_shown_as_escapes():
-    port, record = make_recorded_port()
-    port.write(b"\x00\x1b[31m\xff<b>\n")
+    record = WireRecord(lambda: 0.0)
+    record.record(True, b"\x00\x1b[31m\xff<b>\n")
     assert [line.text for line in record.list_lines()] == ["\\x00\\x1b[31m\\xff<b>"]
 
 

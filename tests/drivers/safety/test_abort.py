@@ -49,7 +49,7 @@ def exchange_bytes(host: Host, link: Link, seconds: float) -> list[Event]:
         if not sent_bytes:
             host.now_s = min(max(host.now_s, host.firmware.compute_deadline_s()), link.deadline_s, end_s)
         answer = host.firmware.feed(sent_bytes, host.now_s)
-        events += link.receive(answer, host.now_s) or ()
+        events += link.receive(answer, host.now_s)
         events += link.tick(host.now_s)
         if host.now_s >= end_s:
             return events

@@ -9,7 +9,7 @@ from operator import xor
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import remove_frame
-from drivers.link import Link, LinkFault
+from drivers.link import Events, Link, LinkFault
 
 BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\necho:   M301 P10 I1 D70\n"
 
@@ -93,6 +93,12 @@ class Wire:
         return bytes(result)
 
 
+def pass_to_link(link: Link, data: bytes, now_s: float) -> tuple[bytes, Events]:
+    """Pass received bytes to a link, as the agent does; return the line to write at once, and the events."""
+    line = link.take_line_after_ok(data, now_s)
+    return (b"", link.receive(data, now_s)) if line is None else (line, ())
+
+
 class Bench:
     """A link and a board at the ends of a wire, with their own clock."""
 
@@ -102,10 +108,11 @@ class Bench:
         self.link = Link(ULTIMAKER2, min_timeout_s)
         self.now_s = 0.0
         self.events: list[object] = []
+        self.next_line = b""  # line to write at once
 
     def boot(self) -> "Bench":
         self.link.on_opened(self.now_s)
-        self.events += self.link.receive(BANNER, self.now_s) or ()
+        self.events += self.link.receive(BANNER, self.now_s)
         return self
 
     def run(self, until_s: float = 1e6) -> None:
@@ -113,10 +120,13 @@ class Bench:
         for _ in range(20_000):
             if self.now_s >= until_s:
                 return
-            if sent := self.link.take():
+            sent, self.next_line = self.next_line + self.link.take(), b""
+            if sent:
                 for received in self.wire.transmit(sent):
                     for answer in self.wire.transmit(self.firmware.feed(received)):
-                        self.events += self.link.receive(answer, self.now_s) or ()
+                        line, events = pass_to_link(self.link, answer, self.now_s)
+                        self.next_line += line
+                        self.events += events
                 self.now_s += 0.01
             elif self.link.deadline_s == math.inf:
                 return

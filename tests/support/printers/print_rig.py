@@ -13,6 +13,7 @@ from drivers.link import Link
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import PROFILES, Profile
 from drivers.session import Pace, Session, SessionContext
+from printers.link_bench import pass_to_link
 
 PLUS_PROFILE = PROFILES["ultimaker2_plus"]
 GCODE = """;FLAVOR:Marlin
@@ -79,7 +80,7 @@ class Rig:
         self.session.context.can_reset_board = not faults.no_reset
         self.is_plugged = True
         self.reconnect_at_s = math.inf  # time at which the cable is plugged in again
-        self.sent_bytes = b""
+        self.sent_bytes = self.next_line = b""
         self.phases = [self.session.context.phase]
 
     def step(self) -> None:
@@ -91,7 +92,7 @@ class Rig:
                 self.firmware.reset(self.now_s)
             link.on_opened(self.now_s)
             session.advance((), self.now_s)
-        sent = link.take()
+        sent = self.next_line + link.take()
         self.sent_bytes += sent
         if not sent:
             due_s = min(self.firmware.compute_deadline_s(), link.deadline_s, session.deadline_s)
@@ -101,7 +102,9 @@ class Rig:
         else:
             self.now_s += 0.005
         answer = self.firmware.feed(sent if self.is_plugged else b"", self.now_s)
-        events = (link.receive(answer, self.now_s) or ()) if answer and self.is_plugged else ()
+        self.next_line, events = b"", ()
+        if answer and self.is_plugged:
+            self.next_line, events = pass_to_link(link, answer, self.now_s)
         events = [*events, *link.tick(self.now_s)]
         session.advance(events, self.now_s)
         if session.context.phase is not self.phases[-1]:
