@@ -58,6 +58,21 @@ def _describe_failures(books: Books, job: Job) -> str:
     )
 
 
+def add_print(books: Books, event: ev.PlateAssigned | ev.PrintFound) -> Books:
+    """Add the new print of a plate, which a printer begins or has begun before a restore."""
+    plate = books.plates[event.plate]
+    attempt = Print(
+        id=event.print_id,
+        plate=plate.id,
+        job=plate.job,
+        printer=event.printer,
+        number=books.next_print_number,
+        assigned_s=event.at_s,
+        restored=isinstance(event, ev.PrintFound),
+    )
+    return put(books, replace_fields(plate, prints=(*plate.prints, attempt.id)), attempt)
+
+
 def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
     """Return an open print with a cancel reason, and the instruction to its agent."""
     cancelled_print = replace_fields(attempt, cancel_reason=attempt.cancel_reason or reason)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Key, Print, Printer
+from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Key, Printer
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.reels import mark_reel_uncertain
@@ -54,21 +54,6 @@ def _hold_job(job: Job) -> Job:
     if job.state in (JobState.QUEUED, JobState.PLANNING):
         return replace_fields(job, options=job.options.model_copy(update={"hold": True}), restored=True)
     return replace_fields(job, state=JobState.HELD, hold=RESTORE_HOLD, restored=True)
-
-
-def record_found_print(event: ev.PrintFound, books: Books) -> Books:
-    """Record a print that an agent found in its journal; the events of its progress follow."""
-    plate = books.plates[event.plate]
-    attempt = Print(
-        id=event.print_id,
-        plate=plate.id,
-        job=plate.job,
-        printer=event.printer,
-        number=books.next_print_number,
-        assigned_s=event.at_s,
-        restored=True,
-    )
-    return put(books, replace_fields(plate, prints=(*plate.prints, attempt.id)), attempt)
 
 
 def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from farm.model import JobState, Print, Verdict
+from farm.model import JobState, Verdict
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
-from farm.state.consequences import Result, cancel_plate, update_job_state
+from farm.state.consequences import Result, add_print, cancel_plate, update_job_state
 from farm.state.lifecycles import JOB_LIFECYCLE, InvalidTransition
 from farm.state.plate_state import find_successful_print
 from farm.state.transitions.rules import change
@@ -15,17 +15,7 @@ from farm.state.transitions.rules import change
 
 @change.register
 def _(event: ev.PlateAssigned, books: Books) -> Result:
-    plate = books.plates[event.plate]
-    attempt = Print(
-        id=event.print_id,
-        plate=plate.id,
-        job=plate.job,
-        printer=event.printer,
-        number=books.next_print_number,
-        assigned_s=event.at_s,
-    )
-    plate = replace_fields(plate, prints=(*plate.prints, attempt.id))
-    return put(books, plate, attempt), (ev.SendStart(print_id=attempt.id, printer=event.printer),)
+    return add_print(books, event), (ev.SendStart(print_id=event.print_id, printer=event.printer),)
 
 
 @change.register

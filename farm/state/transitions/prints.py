@@ -5,10 +5,10 @@ from __future__ import annotations
 from drivers.errors import Fault
 from farm.model import Plate, Print, PrintState, Verdict
 from farm.state import events as ev
-from farm.state import restore
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import (
     Result,
+    add_print,
     mark_bed_not_clear,
     mark_printer_lost,
     request_cancel,
@@ -82,7 +82,7 @@ def _(event: ev.StillKept, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintFound, books: Books) -> Result:
-    return restore.record_found_print(event, books), ()
+    return add_print(books, event), ()
 
 
 @change.register
