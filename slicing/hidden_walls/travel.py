@@ -68,15 +68,33 @@ def _list_gaps(path: Toolpath, first_share: Floats, last_share: Floats) -> Itera
     is_level = (path.end[:, 2] == path.start[:, 2]) & path.is_head_move
     is_gap = is_removed | (is_level & (path.extruded_mm == 0.0) & (path.layer >= 0))
     begin, end = np.where(is_removed, first_share, 0.0), np.where(is_removed, last_share, 1.0)
-    has_command = np.zeros(len(is_gap), np.bool_)
-    has_command[[command.next_move for command in path.commands if command.next_move < len(is_gap)]] = True
-    is_joined = is_gap[1:] & is_gap[:-1] & (end[:-1] == 1.0) & (begin[1:] == 0.0) & ~has_command[1:]
+    is_joined = is_gap[1:] & is_gap[:-1] & (end[:-1] == 1.0) & (begin[1:] == 0.0)
+    is_joined &= ~mark_moves_after_commands(path)[1:-1]
     is_joined &= path.end[1:, 2] == path.end[:-1, 2]
-    bounds = np.flatnonzero(np.diff(is_joined.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     removed_count = np.append(0, np.cumsum(is_removed))
+    for moves in list_runs(is_joined):
+        if removed_count[moves[-1] + 1] > removed_count[moves[0]]:
+            yield moves
+
+
+def mark_moves_after_commands(path: Toolpath) -> Bools:
+    """Mark the moves (n,) that follow another command, and the end of the file (1,)."""
+    is_after = np.zeros(len(path.start) + 1, np.bool_)
+    is_after[[command.next_move for command in path.commands]] = True
+    return is_after
+
+
+def list_runs(is_joined: Bools) -> Iterator[Indices]:
+    """Yield runs of at least two successive moves.
+
+    Parameters
+    ----------
+    is_joined
+        (n - 1,) bool, true if a move is in one run with the next one.
+    """
+    bounds = np.flatnonzero(np.diff(is_joined.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     for low, high in bounds.tolist():
-        if removed_count[high + 1] > removed_count[low]:
-            yield np.arange(low, high + 1)
+        yield np.arange(low, high + 1)
 
 
 def shorten_route(points_mm: Floats, area: shapely.Geometry) -> Floats:

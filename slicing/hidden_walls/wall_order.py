@@ -20,7 +20,7 @@ from slicing.checks.section import Floats
 from slicing.hidden_walls.inner_walls import removes_inner_walls
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
 from slicing.hidden_walls.sides import Indices, find_level_lines, measure_spare_times_s
-from slicing.hidden_walls.travel import OuterWalls, shorten_route
+from slicing.hidden_walls.travel import OuterWalls, list_runs, mark_moves_after_commands, shorten_route
 from slicing.settings import EngineSettings
 
 MIN_SAVED_MM = 2.0  # minimum travel that another order saves in a layer
@@ -168,18 +168,14 @@ def _list_chains(path: Toolpath) -> Iterator[_Chain]:
     begins_outer = np.append(is_line & path.is_feature("WALL-OUTER"), False)
     extruded_per_mm = measure_extrusion_per_mm(path)
     lengths_mm = np.hypot(*(path.end - path.start)[:, :2].T)
-    begins_after_command = np.zeros(len(is_wall) + 1, np.bool_)
-    begins_after_command[[command.next_move for command in path.commands]] = True
+    begins_after_command = mark_moves_after_commands(path)
     begins_outer &= ~begins_after_command
     is_linked = is_wall | is_travel
-    is_joined = is_linked[1:] & is_linked[:-1] & ~begins_after_command[1:-1]
-    bounds = np.flatnonzero(np.diff(is_joined.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    for low, high in bounds.tolist():
-        moves = np.arange(low, high + 1)
-        wall_moves = moves[is_wall[moves]]
-        if len(wall_moves) == 0 or not begins_outer[high + 1] or path.layer[wall_moves[0]] <= 0:
+    for moves in list_runs(is_linked[1:] & is_linked[:-1] & ~begins_after_command[1:-1]):
+        wall_moves, next_move = moves[is_wall[moves]], moves[-1] + 1
+        if len(wall_moves) == 0 or not begins_outer[next_move] or path.layer[wall_moves[0]] <= 0:
             continue
-        if len(np.unique(path.layer[[*wall_moves, high + 1]])) > 1:
+        if len(np.unique(path.layer[[*wall_moves, next_move]])) > 1:
             continue
         pieces = [
             _Piece(
