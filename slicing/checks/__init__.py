@@ -6,10 +6,9 @@ from slicing.checks.feature_times import (
     estimate_move_seconds,
     measure_feature_times,
 )
-from slicing.checks.layer_times import change_times, remove_reset_times
 from slicing.checks.outline import UnprintedWall, check_outline
 from slicing.checks.output import GcodeFacts
-from slicing.checks.timeline import add_times
+from slicing.checks.time_comments import add_times, change_times, remove_reset_times
 from slicing.checks.toolpath import Toolpath, read_toolpath
 from slicing.checks.walls import WallLayout, read_wall_layout
 
