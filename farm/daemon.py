@@ -57,7 +57,7 @@ from farm.planning.replanning import ReplanWorker
 from farm.planning.tasks import warm_up_planning
 from farm.state.storage import NightlyBackup, open_books
 from farm.upkeep.upkeep import Upkeep
-from slicing.cache import trim_cache
+from slicing.cache_limit import trim_cache
 from slicing.settings import OWN_MATERIALS_VARIABLE
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Store of slices by content, in which equal plates share a slice. `slicing.cache` trims its folder."""
+"""Store of slices by content, in which equal plates share a slice. `slicing.cache_limit` trims its folder."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class StoredSlice:
             )
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        with contextlib.suppress(OSError):  # `slicing.cache` reads the file's time as its last use
+        with contextlib.suppress(OSError):  # `slicing.cache_limit` reads the file's time as its last use
             os.utime(self.folder / f"{self.key}.json")
         return checked_slice
 

@@ -22,7 +22,7 @@ from farm.planning.parts.search_rounds import SearchRounds
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
 from farm.planning.slice_batch import slice_batch
 from farm.planning.tasks import plan_gcode, rebalance_parts
-from slicing.cache import trim_cache
+from slicing.cache_limit import trim_cache
 
 if TYPE_CHECKING:
     from slicing.plate import PlateResult

@@ -44,7 +44,7 @@ from farm.state.storage import (
 from farm.state.transitions import apply
 from farm.text import format_count
 from farm.upkeep.disk_use import measure_disk
-from slicing.cache import trim_cache
+from slicing.cache_limit import trim_cache
 
 log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from farm.compute.cluster.installation import Installation
 from farm.compute.cluster.relocation import Relocation, run_relocated
 from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 from farm.compute.pool import Pool
-from slicing.cache import trim_cache
+from slicing.cache_limit import trim_cache
 
 log = logging.getLogger(__name__)
 

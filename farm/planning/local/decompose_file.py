@@ -37,7 +37,7 @@ from farm.planning.local.sliced_parts import PartSlicer, rebalance_by_slices, wr
 from farm.planning.parts.bed_places import Bed
 from farm.planning.parts.pricing import build_print_time_settings, select_connectors
 from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
-from slicing.cache import trim_cache
+from slicing.cache_limit import trim_cache
 from slicing.settings import (
     DEFAULT_QUALITY,
     FARM_QUALITIES,

@@ -22,7 +22,7 @@ from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import resolve_slice_settings, slice_part
 from farm.planning.plate_times import compute_plate_seconds
 from farm.planning.printer_settings import build_slicing_printer
-from slicing.cache import trim_cache
+from slicing.cache_limit import trim_cache
 from slicing.errors import suggest_names
 from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings

@@ -13,7 +13,7 @@ from drivers.clock import Clock
 from farm.errors import FarmError
 from farm.paths import StateFolder
 from farm.state.storage.store import DamagedBooks, Store, StoreError, copy_books
-from slicing.cache import trim_cache
+from slicing.cache_limit import trim_cache
 
 log = logging.getLogger(__name__)
 

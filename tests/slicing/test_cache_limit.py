@@ -5,7 +5,7 @@ import os
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slicing.cache import CacheEntry, find_least_recently_used_entries, trim_cache
+from slicing.cache_limit import CacheEntry, find_least_recently_used_entries, trim_cache
 
 ENTRIES = st.lists(
     st.builds(CacheEntry, st.text(min_size=1), st.integers(0, 1000), st.floats(0, 1e9)),
