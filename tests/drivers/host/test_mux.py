@@ -5,8 +5,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import MessageError
-from drivers.host.frames import MAX_PAYLOAD_BYTES, Frame, FrameKind, FrameReader
-from drivers.host.mux import FRAME_BYTES, WINDOW_BYTES, DataReceived, Message, Mux, StreamClosed, StreamOpened
+from drivers.host.mux import (
+    FRAME_BYTES,
+    MAX_PAYLOAD_BYTES,
+    WINDOW_BYTES,
+    DataReceived,
+    Frame,
+    FrameKind,
+    FrameReader,
+    Message,
+    Mux,
+    StreamClosed,
+    StreamOpened,
+)
 
 FRAMES = st.builds(
     Frame, st.sampled_from(FrameKind), st.integers(0, 2**32 - 1), st.binary(max_size=300)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.emulator.firmware.receiver import RING_BYTES
+from drivers.emulator.firmware.listener import RING_BYTES
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode.frame import MAX_FRAME_BYTES
 from drivers.link import Link, Phase

@@ -12,7 +12,7 @@ import pytest
 from drivers.agent.board import Board
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware.receiver import RING_BYTES
+from drivers.emulator.firmware.listener import RING_BYTES
 from drivers.firmware import MARLIN2, ULTIMAKER2
 from drivers.link import BoardConnected, Event, Link
 from drivers.ports import Port, SerialPort
