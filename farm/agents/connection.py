@@ -35,7 +35,7 @@ from farm.agents.protocol_adapter import (
     to_agent_clock,
     to_farm_lines,
     to_farm_print,
-    to_trusted_snapshot,
+    to_farm_snapshot,
 )
 from farm.agents.remote import load_route
 from farm.config import PrinterSection
@@ -241,7 +241,7 @@ class AgentConnection:
         """Convert a snapshot to the farm's record, without fields that the agent cannot measure."""
         is_simulated = self._section is not None and self._section.is_simulated
         is_cleared = _CLEARED_KEY in self._pending_requests
-        return to_trusted_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
+        return to_farm_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
     def _check_port(self, report: m.Snapshot) -> bool:
         """Return whether to use the agent's reports; end an idle agent that has another model or port."""

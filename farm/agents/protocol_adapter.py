@@ -100,33 +100,12 @@ def to_agent_clock(request: m.Request, clock_offset_s: float, latest_start_s: fl
     return request.model_copy(update=times_s)
 
 
-def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
-    """Convert an agent's snapshot to the farm's record, with times on the farm's clock."""
-    return AgentSnapshot(
-        **report.dump_readings(),
-        printer=report.printer,
-        link=Link(report.link),
-        agent_pid=report.agent_pid,
-        reason=_flatten_reason(report.reason),
-        nozzle_c=report.nozzle.now_c if report.nozzle else None,
-        bed_c=report.bed.now_c if report.bed else None,
-        nozzle_target_c=report.nozzle.target_c if report.nozzle else None,
-        bed_target_c=report.bed.target_c if report.bed else None,
-        filament=FilamentState(report.filament),
-        bed_clear=report.bed_clear,
-        bed_unknown_reason=_flatten_reason(report.bed_unknown_reason),
-        alarm=_flatten_reason(report.alarm),
-        reset_verified=report.reset_verified,
-        print=None
-        if report.print is None
-        else to_farm_print(report.print, compute_clock_offset_s(report, clock)),
-    )
-
-
-def to_trusted_snapshot(
+def to_farm_snapshot(
     report: m.Snapshot, clock: Clock, printer: str, is_simulated: bool, is_bed_cleared: bool
 ) -> AgentSnapshot:
-    """Convert an agent's snapshot to the farm's record, without fields that the agent cannot measure.
+    """Convert an agent's snapshot to the farm's record, with times on the farm's clock.
+
+    Fields that the agent cannot measure are left out.
 
     Parameters
     ----------
@@ -142,21 +121,27 @@ def to_trusted_snapshot(
         True if a person has cleared the bed and the agent has not confirmed it yet: its alarm and
         its report of an unknown bed are out of date.
     """
-    snapshot = to_farm_snapshot(report, clock)
     is_outdated = report.protocol < m.StartPrint.min_protocol and report.print is None
     is_stale = report.protocol < m.Snapshot.filament_protocol and report.bed_unknown_reason is not None
     return AgentSnapshot(
-        **{
-            **dict(snapshot),
-            "printer": printer,
-            "bed_clear": snapshot.bed_clear if is_simulated else None,
-            "filament": FilamentState.UNKNOWN if is_stale else snapshot.filament,
-            "bed_unknown_reason": None if is_bed_cleared else snapshot.bed_unknown_reason,
-            "alarm": None if is_bed_cleared else snapshot.alarm,
-            "link": Link.FAULT if is_outdated else snapshot.link,
-            "reason": _OUTDATED_REASON.format(printer) if is_outdated else snapshot.reason,
-            "outdated": is_outdated,
-        }
+        **report.dump_readings(),
+        printer=printer,
+        link=Link.FAULT if is_outdated else Link(report.link),
+        agent_pid=report.agent_pid,
+        reason=_OUTDATED_REASON.format(printer) if is_outdated else _flatten_reason(report.reason),
+        nozzle_c=report.nozzle.now_c if report.nozzle else None,
+        bed_c=report.bed.now_c if report.bed else None,
+        nozzle_target_c=report.nozzle.target_c if report.nozzle else None,
+        bed_target_c=report.bed.target_c if report.bed else None,
+        filament=FilamentState.UNKNOWN if is_stale else FilamentState(report.filament),
+        bed_clear=report.bed_clear if is_simulated else None,
+        bed_unknown_reason=None if is_bed_cleared else _flatten_reason(report.bed_unknown_reason),
+        alarm=None if is_bed_cleared else _flatten_reason(report.alarm),
+        reset_verified=report.reset_verified,
+        outdated=is_outdated,
+        print=None
+        if report.print is None
+        else to_farm_print(report.print, compute_clock_offset_s(report, clock)),
     )
 
 

@@ -120,7 +120,7 @@ def test_any_snapshot_can_be_recorded_shown_and_read(snapshot_values, tmp_path_f
     farm = make_busy_farm(folder)
     other_print = farm.controller.books.prints["theirs"]
     for snapshot in read_snapshots(snapshot_values):
-        farm.controller.on_snapshot(to_farm_snapshot(snapshot, Clock()))
+        farm.controller.on_snapshot(to_farm_snapshot(snapshot, Clock(), snapshot.printer, True, False))
         render_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other_print
     with Store(folder / "farm.db") as store:
@@ -143,7 +143,9 @@ def test_any_journal_since_the_backup_can_be_recorded(last_record, reported_prin
             )
         ]
         farm_prints = [to_farm_print(item, compute_clock_offset_s(snapshot, Clock())) for item in print_views]
-        farm.controller.on_journal(to_farm_snapshot(snapshot, Clock()), farm_prints)
+        farm.controller.on_journal(
+            to_farm_snapshot(snapshot, Clock(), snapshot.printer, True, False), farm_prints
+        )
         assert farm.controller.find_unreported_since_s("a") is None
         render_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other_print

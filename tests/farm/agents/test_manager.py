@@ -135,7 +135,7 @@ def test_times_of_an_agent_with_another_clock_are_corrected(clock_offset_s: floa
     clock = Clock()
     started_s = clock.now() + clock_offset_s
     snapshot = make_printing_snapshot(started_s)
-    received_print = to_farm_snapshot(snapshot, clock).print
+    received_print = to_farm_snapshot(snapshot, clock, "a", True, False).print
     assert received_print is not None
     assert received_print.started_s == pytest.approx(started_s + correction_s, abs=30.0)
     assert compute_clock_offset_s(snapshot, clock) == pytest.approx(correction_s, abs=30.0)
@@ -151,7 +151,7 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(
     agent_clock = Clock(host_shift_s=step_s if is_agent_started_later else 0.0)
     started_s = agent_clock.now()
     snapshot = make_printing_snapshot(started_s)
-    received_print = to_farm_snapshot(snapshot, daemon_clock).print
+    received_print = to_farm_snapshot(snapshot, daemon_clock, "a", True, False).print
     assert received_print is not None and received_print.started_s is not None
     # A difference of less than a minute may be caused by the transfer alone.
     tolerance_s = 30.0 if is_agent_started_later and abs(step_s) < 60.0 else 5.0

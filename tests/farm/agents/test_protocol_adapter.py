@@ -7,7 +7,7 @@ import pytest
 
 from drivers import messages as m
 from drivers.clock import Clock
-from farm.agents.protocol_adapter import to_farm_lines, to_trusted_snapshot
+from farm.agents.protocol_adapter import to_farm_lines, to_farm_snapshot
 from farm.config import Fleet
 from farm.model import FilamentState, Link
 from farm.paths import StateFolder
@@ -26,7 +26,7 @@ def make_snapshot(**fields):
 
 
 def convert_snapshot(snapshot, is_simulated=False, is_bed_cleared=False):
-    return to_trusted_snapshot(snapshot, CLOCK, "a", is_simulated, is_bed_cleared)
+    return to_farm_snapshot(snapshot, CLOCK, "a", is_simulated, is_bed_cleared)
 
 
 @pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
