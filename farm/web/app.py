@@ -40,7 +40,6 @@ from farm.web.actions import (
 from farm.web.address_limit import find_client_network
 from farm.web.callers import CallerFinder, KeyHolder, Visitor
 from farm.web.cookies import SessionCookie
-from farm.web.guard import Refusal, check_head, check_host, check_origin, check_session_origin
 from farm.web.live import LivePages, make_live_routes
 from farm.web.metrics import CONTENT_TYPE, format_metrics
 from farm.web.notes import Notes
@@ -52,14 +51,16 @@ from farm.web.pages import (
     load_page_files,
     make_all_job_routes,
     make_history_routes,
+    make_home_routes,
     make_login_routes,
-    make_page_routes,
     make_printer_page_routes,
+    make_static_routes,
     make_submit_routes,
     make_timeline_routes,
     render_api_page,
     render_message,
 )
+from farm.web.request_checks import Refusal, check_head, check_host, check_origin, check_session_origin
 from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload, make_text_response
 
 _GZIP_LEVEL = 5
@@ -141,7 +142,8 @@ def _add_page_routes(app: FastAPI, services: Services, dry_runs: DryRuns) -> Non
     jobs = JobCommands(services.controller, printers)
     live = LivePages(services.page_streams)
     pages = PageContext(services, notes, live)
-    app.include_router(make_page_routes(pages))
+    app.include_router(make_home_routes(pages))
+    app.include_router(make_static_routes())
     app.include_router(make_live_routes(live, services.page_streams))
     app.include_router(make_timeline_routes(pages))
     app.include_router(make_history_routes(pages))

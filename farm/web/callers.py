@@ -13,7 +13,7 @@ from farm.errors import FarmError, RefusedError
 from farm.http import Services
 from farm.model import Key, KeyKind, Role
 from farm.web.cookies import SessionCookie
-from farm.web.guard import Refusal, WrongKeys
+from farm.web.request_checks import Refusal, WrongKeys
 
 log = logging.getLogger(__name__)
 

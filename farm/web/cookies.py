@@ -15,8 +15,9 @@ from farm.control import MAX_SESSION_S
 class SessionCookie:
     """Cookie that scripts cannot read, and that browsers do not send with a form from another site.
 
-    `SameSite` is `Lax`, so that a link in a message opens the farm's pages; `farm.web.guard` checks requests
-    that change the farm. With HTTPS, the prefix `__Host-` keeps other hosts of the domain from setting it.
+    `SameSite` is `Lax`, so that a link in a message opens the farm's pages; `farm.web.request_checks`
+    checks requests that change the farm. With HTTPS, the prefix `__Host-` keeps other hosts of the domain
+    from setting it.
 
     Attributes
     ----------

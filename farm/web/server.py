@@ -17,7 +17,7 @@ from farm.config import WebSection
 from farm.http import NetworkState, PeerProtocol
 from farm.state import Books
 from farm.web.address_limit import AddressLimitedServer
-from farm.web.guard import MAX_HEAD_BYTES
+from farm.web.request_checks import MAX_HEAD_BYTES
 
 log = logging.getLogger(__name__)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from farm.web.live.fragments import publish_page
-from farm.web.live.live_pages import LivePages
-from farm.web.live.live_route import make_live_routes
+from farm.web.live.live_pages import LivePages, make_live_routes
 
 __all__ = ["LivePages", "make_live_routes", "publish_page"]

@@ -1,4 +1,4 @@
-"""Live pages. A page is rendered once for all its viewers of a role, who receive the changes.
+"""Live pages, and the route of their changes. A page is rendered once for all its viewers of a role.
 
 Pages without viewers are not rendered.
 """
@@ -13,10 +13,15 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
 from functools import partial
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import StreamingResponse
 
 from farm.errors import FarmError, NotFoundError
-from farm.http import StreamLimit
+from farm.http import StreamLimit, StreamResponse
 from farm.model import Role
+from farm.web.callers import find_holder
 from farm.web.live.fragments import MAIN_ID, find_changes, split_page
 from farm.web.notes import Reader
 
@@ -30,6 +35,7 @@ _MAX_RENDERING_SHARE = 0.05  # share of the time that rendering may take
 _HEARTBEAT_S = 5.0
 _RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser reconnects
 _HEARTBEAT = b"event: beat\ndata:\n\n"
+_MAX_QUERY_LENGTH = 300
 
 
 class _Topic:
@@ -197,3 +203,23 @@ class LivePages:
 def format_changes(changes: dict[str, str], version: str) -> bytes:
     """Format changes as one server-sent event, whose id is the new version."""
     return f"id: {version}\ndata: {json.dumps(changes, ensure_ascii=False)}\n\n".encode()
+
+
+def make_live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
+    """Return the route of the stream of changes."""
+    router = APIRouter(include_in_schema=False)
+
+    @router.get("/live", response_class=StreamingResponse)
+    async def send_changes(
+        request: Request,
+        page: Annotated[str, Query(max_length=_MAX_QUERY_LENGTH)] = "/",
+        version: Annotated[str, Query(max_length=_MAX_QUERY_LENGTH)] = "",
+    ) -> StreamingResponse:
+        """Send the changed elements of a page as JSON by their ids, and heartbeats between changes."""
+        holder = find_holder(request)
+        streams.check_caller(holder.name)
+        await pages.find_topic(page, holder.role)  # raises an error before the stream begins
+        changes = pages.follow(page, holder.role, version, request.state.is_allowed)
+        return StreamResponse(changes, streams.count_stream(holder.name))
+
+    return router

@@ -1,4 +1,4 @@
-"""Home page with tasks for people, printers in the order in which their prints end, and jobs. Pure."""
+"""Home page with tasks for people, printers in the order in which their prints end, and jobs; its route."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+from fastapi import APIRouter, Request, Response
+
 from farm import api
+from farm.http import describe_farm
 from farm.model import HoldCode, JobState, Link, PrintState, TextTime
 from farm.text import format_count, format_mass
 from farm.web.notes import Note, Reader
+from farm.web.pages.page_context import PageContext
 from farm.web.pages.rendering import render_page
 from farm.web.pages.sentences import Sentence
 from farm.wording import format_planning, group_holds, shorten_names
@@ -273,3 +277,19 @@ def describe_night(night: api.NightView | None) -> str | None:
     waste = f", {format_mass(night.wasted_grams)} of it wasted" if night.wasted_grams >= 0.5 else ""
     plates = f"{night.printed} of {format_count(night.plates, 'plate')} printed{other_counts}"
     return f"{plates}; {format_mass(night.grams)} of filament{waste}"
+
+
+def make_home_routes(pages: PageContext) -> APIRouter:
+    """Return the route of the home page."""
+    router = APIRouter(include_in_schema=False)
+
+    async def render(reader: Reader, note: Note | None = None) -> str:
+        return render_home(describe_farm(pages.services), reader, note)
+
+    pages.live_pages.add("/", lambda reader, _variable, _query: render(reader))
+
+    @router.get("/")
+    async def show_home(request: Request) -> Response:
+        return await pages.answer(request, render)
+
+    return router

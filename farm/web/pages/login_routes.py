@@ -11,8 +11,8 @@ from farm.http import Services
 from farm.web.callers import CallerFinder, find_holder
 from farm.web.cookies import SessionCookie
 from farm.web.forms import BadForm, read_fields
-from farm.web.guard import Refusal
 from farm.web.pages.rendering import render_login, render_message
+from farm.web.request_checks import Refusal
 
 _SEE_OTHER = 303
 

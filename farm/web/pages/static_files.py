@@ -1,4 +1,4 @@
-"""Files that pages load, such as scripts, each with a URL that changes with its contents."""
+"""Files that pages load, such as scripts, and their route; the URL of a file changes with its contents."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
+from fastapi import APIRouter, Request, Response
+
+from farm.errors import NotFoundError
+
 _MEDIA_TYPES = {
     ".css": "text/css; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
@@ -18,6 +22,7 @@ _MEDIA_TYPES = {
 _FOLDERS = (("farm.web.pages", "static"), ("farm.web.pages", "built"), ("farm.views.charts", "static"))
 """Packages and folders of static files; `make install` builds the files in `built`, which may be missing."""
 _VERSION_DIGITS = 12
+_CACHE_CONTROL = "public, max-age=31536000, immutable"  # the URL changes with the contents
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,3 +57,23 @@ def make_static_url(name: str) -> str:
     """Return the URL of a file with its version, so that browsers can cache it; empty if it is missing."""
     file = load_static_files().get(name)
     return "" if file is None else f"/static/{name}?v={file.version}"
+
+
+def make_static_routes() -> APIRouter:
+    """Return the route of the files."""
+    router = APIRouter(include_in_schema=False)
+
+    @router.get("/static/{name}")
+    async def send_static_file(name: str, request: Request) -> Response:
+        file = load_static_files().get(name)
+        if file is None:
+            raise NotFoundError(f"there is nothing at /static/{name}")
+        headers = {"vary": "accept-encoding"}
+        if request.query_params.get("v") == file.version:
+            headers["cache-control"] = _CACHE_CONTROL
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            headers["content-encoding"] = "gzip"
+            return Response(file.compressed_content, media_type=file.media_type, headers=headers)
+        return Response(file.content, media_type=file.media_type, headers=headers)
+
+    return router

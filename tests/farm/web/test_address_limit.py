@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from farm.http import PeerProtocol
 from farm.web import address_limit
 from farm.web.address_limit import AddressLimitedServer, find_client_network
-from farm.web.guard import MAX_HEAD_BYTES, check_head
+from farm.web.request_checks import MAX_HEAD_BYTES, check_head
 
 INCOMPLETE_REQUEST = b"GET / HTTP/1.1\r\nHost: farm\r\n"
 COMPLETE_REQUEST = INCOMPLETE_REQUEST + b"Connection: close\r\n\r\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from farm.web.pages.submit.routes import make_submit_routes
-from farm.web.pages.submit.submit_page import SUBMIT_PATH
+from farm.web.pages.submit.submit_page import SUBMIT_PATH, make_submit_routes
 
 __all__ = ["SUBMIT_PATH", "make_submit_routes"]

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.web.guard import (
+from farm.web.request_checks import (
     MAX_WRONG_KEYS,
     WRONG_KEY_WAIT_S,
     Refusal,

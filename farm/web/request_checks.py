@@ -1,4 +1,4 @@
-"""Checks of requests from the network, before any route handles them. Pure.
+"""Checks of requests from the network: host, origin, size and wrong keys; `app.Guard` applies them. Pure.
 
 Another site may make a browser send requests to the farm (cross-site request forgery), or may resolve its
 own name to this host (DNS rebinding). Requests that could result from either are refused.
