@@ -25,7 +25,7 @@ from farm.compute import DeferredFunction, Limit, Pool, TaskFiles, WorkerPool
 from farm.compute.cluster import ClusterPool, Place, cluster_pool, connect_cluster
 from farm.compute.cluster.remote_task import RemoteTask
 from farm.config import Fleet
-from farm.http.cluster_view import describe_cluster
+from farm.http.routes.status import describe_cluster
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
 from farm.planning.inspection.inspect_submission import inspect_model

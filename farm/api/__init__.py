@@ -11,9 +11,6 @@ from farm.api.base import NETWORK_PREFIX as NETWORK_PREFIX
 from farm.api.base import SCHEMA as SCHEMA
 from farm.api.base import Line as Line
 from farm.api.base import View
-from farm.api.cluster import ClusterTaskView as ClusterTaskView
-from farm.api.cluster import ClusterView as ClusterView
-from farm.api.cluster import ClusterWorkerView as ClusterWorkerView
 from farm.api.events import EventView as EventView
 from farm.api.events import JobRow as JobRow
 from farm.api.events import Jobs as Jobs
@@ -61,6 +58,9 @@ from farm.api.requests import QueueEntry as QueueEntry
 from farm.api.requests import QueueMove as QueueMove
 from farm.api.requests import QueuePlace as QueuePlace
 from farm.api.requests import Reason as Reason
+from farm.api.status import ClusterTaskView as ClusterTaskView
+from farm.api.status import ClusterView as ClusterView
+from farm.api.status import ClusterWorkerView as ClusterWorkerView
 from farm.api.status import DaemonView as DaemonView
 from farm.api.status import FarmFigures as FarmFigures
 from farm.api.status import FleetView as FleetView

@@ -1,4 +1,4 @@
-"""Status of the whole farm: printers, tasks for people, last night, jobs."""
+"""Status of the whole farm: printers, tasks for people, last night, jobs, cluster."""
 
 from __future__ import annotations
 
@@ -6,10 +6,37 @@ from pydantic import ConfigDict, Field
 
 from drivers.messages import PrinterReadings, PrintReadings
 from farm.api.base import SCHEMA, View
-from farm.api.cluster import ClusterView
 from farm.api.jobs import JobSummary, JobView
 from farm.api.prints import FeatureFactorsView
 from farm.model import Bed, FilamentState, Hold, PrintState, TextTime, Verdict
+
+
+class ClusterWorkerView(View):
+    """Worker of the cluster."""
+
+    name: str
+    slots: int  # number of tasks that it runs at the same time
+    refused: str | None  # reason why it gets no tasks
+
+
+class ClusterTaskView(View):
+    """Task that was sent to the cluster."""
+
+    what: str
+    group: str | None  # its job, or the plate that is replanned
+    worker: str | None  # null until it starts
+
+
+class ClusterView(View):
+    """State of the cluster."""
+
+    scheduler: str
+    place: str  # where new work runs: cluster, waiting or here
+    text: str
+    workers: list[ClusterWorkerView]
+    tasks: list[ClusterTaskView]
+    waiting: int  # number of tasks that wait for a worker
+    here: int  # number of tasks that this computer runs
 
 
 class Targets(View):

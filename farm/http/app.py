@@ -13,13 +13,12 @@ from farm.control import DryRuns, JobCommands, KeyCommands, PartCommands, Printe
 from farm.errors import ErrorCode, ExitCode, FarmError, NotFoundError, RefusedError
 from farm.http.body_limit import MAX_BODY_BYTES, TOO_LARGE_STATUS, BodyLimit
 from farm.http.callers import identify_caller
-from farm.http.routes.cameras import make_camera_routes
 from farm.http.routes.events import make_event_routes
 from farm.http.routes.files import make_file_routes
 from farm.http.routes.hosts import make_host_routes
 from farm.http.routes.jobs import make_job_routes, make_part_routes, make_queue_routes
 from farm.http.routes.keys import make_key_routes, make_session_routes
-from farm.http.routes.printers import make_printer_routes
+from farm.http.routes.printers import make_camera_routes, make_printer_routes
 from farm.http.routes.status import make_list_routes, make_status_routes
 from farm.http.routes.uploads import make_upload_routes
 from farm.http.services import Services

@@ -7,8 +7,12 @@ from pydantic import Field
 from farm.errors import ErrorCode
 from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Reel, Still, Verdict
 from farm.model.event import Event as Event
-from farm.model.host_events import HostConnected as HostConnected
-from farm.model.host_events import HostLost as HostLost
+from farm.model.event import HostConnected as HostConnected
+from farm.model.event import HostLost as HostLost
+from farm.model.event import KeyAdded as KeyAdded
+from farm.model.event import KeyRevoked as KeyRevoked
+from farm.model.event import SessionExtended as SessionExtended
+from farm.model.event import SessionOpened as SessionOpened
 from farm.model.instruction import AnyInstruction as AnyInstruction
 from farm.model.instruction import Instruction as Instruction
 from farm.model.instruction import LinkFiles as LinkFiles
@@ -19,10 +23,6 @@ from farm.model.instruction import SendForget as SendForget
 from farm.model.instruction import SendPause as SendPause
 from farm.model.instruction import SendStart as SendStart
 from farm.model.instruction import StopPlanning as StopPlanning
-from farm.model.key_events import KeyAdded as KeyAdded
-from farm.model.key_events import KeyRevoked as KeyRevoked
-from farm.model.key_events import SessionExtended as SessionExtended
-from farm.model.key_events import SessionOpened as SessionOpened
 
 UNKNOWN_CALLER = "a person"  # name for an unknown caller of a command
 

@@ -11,7 +11,6 @@ from farm.views.events import describe_event
 from farm.views.history import describe_night, list_history, list_jobs, list_prints, select_shown_jobs
 from farm.views.job_cache import JobCache
 from farm.views.jobs import describe_job, describe_jobs, describe_timeline, group_waits, summarise_jobs
-from farm.views.keys import list_keys
 from farm.views.notices import Notice, list_due_notices
 from farm.views.printers import describe_printer, list_speeds
 from farm.views.tasks import list_tasks
@@ -31,7 +30,6 @@ __all__ = [
     "list_due_notices",
     "list_history",
     "list_jobs",
-    "list_keys",
     "list_prints",
     "list_speeds",
     "list_tasks",

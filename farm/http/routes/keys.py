@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Depends
@@ -12,7 +13,7 @@ from farm.control import LINK_LIFETIME_S, KeyCommands
 from farm.errors import RefusedError
 from farm.http.callers import Caller, OperatorName, find_session_role, identify_caller
 from farm.http.services import Services
-from farm.views import list_keys
+from farm.views import ViewContext
 
 
 def make_key_routes(services: Services, keys: KeyCommands) -> APIRouter:
@@ -77,3 +78,30 @@ def make_session_routes(services: Services) -> APIRouter:
         return services.sessions.end_all_sessions(operator_name)
 
     return router
+
+
+def list_keys(context: ViewContext, last_uses_s: Mapping[str, float]) -> list[api.KeyView]:
+    """List all keys and sessions, the newest last.
+
+    Parameters
+    ----------
+    context
+        The farm.
+    last_uses_s
+        Time of the last use of each key since the daemon started, by the key's id.
+    """
+    return [
+        api.KeyView(
+            id=key.id,
+            kind=key.kind,
+            name=key.name,
+            role=key.role,
+            valid=key.is_valid(context.now_s),
+            by=key.by,
+            created=context.format_time(key.created_s) or "",
+            used=context.format_time(last_uses_s.get(key.id)),
+            expires=context.format_time(key.expires_s),
+            revoked=context.format_time(key.revoked_s),
+        )
+        for key in sorted(context.books.keys.values(), key=lambda key: key.created_s)
+    ]

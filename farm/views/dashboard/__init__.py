@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from farm.views.dashboard.export import write_csv
 from farm.views.dashboard.fleet_timeline import TimelineView, describe_fleet_timeline
-from farm.views.dashboard.history import HistoryFilter, HistoryView, describe_history, select_prints
+from farm.views.dashboard.history import (
+    HistoryFilter,
+    HistoryView,
+    describe_history,
+    select_prints,
+    write_csv,
+)
 from farm.views.dashboard.printer import PrinterPage, describe_printer_page
 from farm.views.dashboard.what_if import Change
 

@@ -1,11 +1,15 @@
-"""View of the history page: ended prints of a period, their figures, and jobs. Pure."""
+"""View of the history page: ended prints of a period, their figures, jobs, and the prints as CSV. Pure."""
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Iterable
 from dataclasses import dataclass
+from io import StringIO
 
 from farm import api
 from farm.model import Job, JobState, Print
+from farm.text import flatten_text
 from farm.views.context import ViewContext
 from farm.views.dashboard.figures import Figures, group_figures, name_month, sum_figures
 from farm.views.history import make_history_row
@@ -13,6 +17,12 @@ from farm.views.jobs import measure_times
 from farm.wording import describe_material
 
 _DAY_S = 86400.0
+_FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheets
+_COLUMNS = (
+    *("job", "name", "part", "printer", "state", "verdict", "fault", "reason", "why"),
+    *("started", "ended", "took_s", "expected_s", "grams", "wasted", "submitted_by", "note"),
+    *("assembled", "assembly_s"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,3 +168,28 @@ def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
         assembly_expected_s=job.assembly_s,
         assembly_s=job.gluing_s,
     )
+
+
+def write_csv(rows: Iterable[api.HistoryRow]) -> str:
+    """Write prints as CSV (RFC 4180) with a line of headings; durations in seconds.
+
+    Text that a spreadsheet would take for a formula is prefixed with an apostrophe, because any user
+    chooses the names of models and notes.
+    """
+    text = StringIO()
+    writer = csv.writer(text)
+    writer.writerow(_COLUMNS)
+    for row in rows:
+        writer.writerow([_format_cell(getattr(row, column)) for column in _COLUMNS])
+    return text.getvalue()
+
+
+def _format_cell(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return f"{value:.10g}"
+    text = flatten_text(str(value))
+    return f"'{text}" if text.lstrip().startswith(_FORMULA_PREFIXES) else text

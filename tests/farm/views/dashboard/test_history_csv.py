@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from farm import api
 from farm.model import PrintState
 from farm.text import flatten_text
-from farm.views.dashboard.export import write_csv
+from farm.views.dashboard.history import write_csv
 
 TEXT = st.text(max_size=20) | st.sampled_from(
     ["=1+1", "+A1", "-2+3", "@SUM(A1)", "\t=1", " =1", '"=1', "a,b\n=c"]

@@ -1,7 +1,7 @@
 """Description of a cluster: where its tasks run, and what they wait for."""
 
 from farm.compute.cluster import ClusterState, ClusterWorker, Place, RunningTask
-from farm.http.cluster_view import describe_cluster
+from farm.http.routes.status import describe_cluster
 
 WORKERS = (
     ClusterWorker("pc-b", "tls://b:1", 4),
