@@ -1,1 +1,1 @@
-"""Tasks of workers on one model or part: decompose, slice, move cuts; and the usable volumes of printers."""
+"""Parts of a job: tasks of workers (decompose, slice, move cuts, draw), and their division among workers."""
