@@ -14,7 +14,7 @@ from scipy.ndimage import label
 
 from decompose.arrays import Floats
 from decompose.errors import ModelNotSolid
-from decompose.geometry.rays import Rays, compute_unit_normals, find_bounds, find_crossings
+from decompose.geometry.rays import compute_unit_normals, find_bounds, find_crossings, place_rays
 from decompose.geometry.solid import Solid
 
 RAY_COUNT = 40_000  # approximate number of rays over the area of a solid seen from above
@@ -66,11 +66,9 @@ def find_overlaps(solid: Solid) -> Overlaps:
     step_mm = max(
         math.sqrt(width_mm * depth_mm / RAY_COUNT), max(width_mm, depth_mm) / RAY_COUNT
     )  # the second term for a narrow solid
-    shape = math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)
-    # The rays are offset by irregular shares of a step: a ray through an edge of the mesh could count twice.
-    origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
-    normals = compute_unit_normals(triangles)
-    crossings = find_crossings(triangles, normals, Rays(origin_mm, step_mm, shape))
+    rays, normals = place_rays(lo, hi, step_mm), compute_unit_normals(triangles)
+    origin_mm, _, shape = rays
+    crossings = find_crossings(triangles, normals, rays)
     ray = np.repeat(np.arange(len(crossings.start) - 1), np.diff(crossings.start))
     counts = np.concatenate([[0], np.cumsum(np.where(normals[crossings.face, 2] < 0.0, 1, -1))])
     winding = counts[1:] - counts[crossings.start[ray]]

@@ -1,7 +1,8 @@
-"""Kernels of vertical rays through a mesh: the heights at which they cross its faces."""
+"""Vertical rays through a mesh: the heights at which they cross its faces, and the solid between these."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +45,23 @@ class Crossings(NamedTuple):
     start: Ints
     z_mm: Floats
     face: Ints
+
+
+def place_rays(lo_mm: Floats, hi_mm: Floats, step_mm: float) -> Rays:
+    """Place rays over a rectangle, at an irregular offset from its corner.
+
+    The offset avoids rays through edges of a mesh, which could count twice or not at all.
+
+    Parameters
+    ----------
+    lo_mm, hi_mm
+        Corners of the rectangle; only x and y are used.
+    step_mm
+        Distance between rays.
+    """
+    width_mm, depth_mm = (hi_mm - lo_mm)[:2].tolist()
+    origin_mm = lo_mm[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
+    return Rays(origin_mm, step_mm, (math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)))
 
 
 @jit
@@ -149,6 +167,37 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
                     _insert_crossing(crossings, column, fill_counts[column], min(max(z, lowest), highest), t)
                     fill_counts[column] += 1
     return crossings
+
+
+@jit_inline
+def find_stretch(crossings: Crossings, normals: Floats, first: int, end: int) -> tuple[int, int]:
+    """Find the first stretch of a ray within the solid.
+
+    Parameters
+    ----------
+    crossings
+        Crossings of all rays.
+    normals
+        (m, 3) float64 unit normals of the faces.
+    first, end
+        Half-open range of the crossings that are searched; the ray is outside the solid before the first.
+
+    Returns
+    -------
+    tuple
+        Indices of the crossings at which the ray enters and leaves; `end` instead of one that does not exist.
+    """
+    depth, entry = 0, end
+    for k in range(first, end):
+        if normals[crossings.face[k], 2] < 0.0:
+            depth += 1
+            if depth == 1:
+                entry = k
+        else:
+            depth -= 1
+            if depth == 0:
+                return entry, k
+    return entry, end
 
 
 @jit

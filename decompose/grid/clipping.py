@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Floats, Ints
+from decompose.geometry.rays import compute_unit_normals
 from decompose.jit import jit, jit_inline
 
 # Columns of `Grid.sums`, each a sum over a cell. The pose indices are those of `print_time.pose_prices`.
@@ -56,29 +57,6 @@ def _allocate_contents(shape: tuple[int, int, int]) -> CellContents:
     extents = np.full((*shape, 6), np.inf)
     extents[:, :, :, 3:] = -np.inf
     return CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUM_COUNT)), extents)
-
-
-@jit
-def _compute_unit_normal(triangle: Floats, normal: Floats) -> bool:
-    """Compute the unit normal of a triangle; return False if it has no area.
-
-    Parameters
-    ----------
-    triangle
-        (3, 3) float64 corners in mm.
-    normal
-        (3,) float64, filled in.
-    """
-    e1 = triangle[1] - triangle[0]
-    e2 = triangle[2] - triangle[0]
-    normal[0] = e1[1] * e2[2] - e1[2] * e2[1]
-    normal[1] = e1[2] * e2[0] - e1[0] * e2[2]
-    normal[2] = e1[0] * e2[1] - e1[1] * e2[0]
-    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    if length == 0.0:
-        return False
-    normal /= length
-    return True
 
 
 @jit
@@ -264,9 +242,10 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     polygons = np.zeros((4, 12, 3))  # the triangle after clipping along 0, 1, 2, 3 axes
     half_polygon = np.zeros((12, 3))
     count, last, cell = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
-    normal = np.zeros(3)
+    normals = compute_unit_normals(triangles)
     for t in range(len(triangles)):
-        if not _compute_unit_normal(triangles[t], normal):
+        normal = normals[t]
+        if not normal.any():  # a triangle without area
             continue
         polygons[0, :3] = triangles[t]
         count[0] = 3

@@ -12,7 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_bounds, find_crossings
+from decompose.geometry.rays import (
+    Crossings,
+    compute_unit_normals,
+    find_bounds,
+    find_crossings,
+    find_stretch,
+    place_rays,
+)
 from decompose.jit import jit
 
 RAY_COUNT = 4_000  # approximate number of rays parallel to each axis
@@ -113,9 +120,8 @@ def _send_rays(mesh: _Mesh, count: int) -> tuple[Crossings, float]:
     """Send rays along the last axis; return the crossings, and the area in mm2 that a ray stands for."""
     width_mm, depth_mm = (mesh.hi - mesh.lo)[:2].tolist()
     step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
-    origin_mm = mesh.lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
-    rays = Rays(origin_mm, step_mm, (math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)))
-    return find_crossings(mesh.triangles, mesh.normals, rays), step_mm**2
+    crossings = find_crossings(mesh.triangles, mesh.normals, place_rays(mesh.lo, mesh.hi, step_mm))
+    return crossings, step_mm**2
 
 
 @jit
@@ -142,18 +148,14 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright_axis: int, wi
     """
     sums = np.zeros(3)
     for ray in range(len(crossings.start) - 1):
-        depth, entry = 0, 0
-        for k in range(crossings.start[ray], crossings.start[ray + 1]):
-            if normals[crossings.face[k], 2] < 0.0:
-                depth += 1
-                if depth == 1:
-                    entry = k
+        k, end = crossings.start[ray], crossings.start[ray + 1]
+        while k < end:
+            bottom, top = find_stretch(crossings, normals, k, end)
+            k = top + 1
+            if top == end:
                 continue
-            depth -= 1
-            if depth != 0:
-                continue
-            chord_mm = crossings.z_mm[k] - crossings.z_mm[entry]
-            for crossing in (entry, k):
+            chord_mm = crossings.z_mm[top] - crossings.z_mm[bottom]
+            for crossing in (bottom, top):
                 face = crossings.face[crossing]
                 along, across = abs(normals[face, 2]), abs(normals[face, 1 - upright_axis])
                 if along < across:
@@ -206,16 +208,14 @@ def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: SheetLimits) 
     skins_mm, layer_height_mm, skin_cos = sheets
     overlap_mm = 0.0
     for ray in range(len(crossings.start) - 1):
-        depth, bottom_mm, is_flat = 0, 0.0, False
-        for k in range(crossings.start[ray], crossings.start[ray + 1]):
-            z, up = crossings.z_mm[k], normals[crossings.face[k], 2]
-            if up < 0.0:
-                depth += 1
-                if depth == 1:
-                    bottom_mm, is_flat = z, -up > skin_cos
+        k, end = crossings.start[ray], crossings.start[ray + 1]
+        while k < end:
+            bottom, top = find_stretch(crossings, normals, k, end)
+            k = top + 1
+            if top == end:
                 continue
-            depth -= 1
-            if depth == 0 and is_flat and up > skin_cos:
-                layers = np.floor((z - bottom_mm) / layer_height_mm + 0.5)
+            if -normals[crossings.face[bottom], 2] > skin_cos and normals[crossings.face[top], 2] > skin_cos:
+                height_mm = crossings.z_mm[top] - crossings.z_mm[bottom]
+                layers = np.floor(height_mm / layer_height_mm + 0.5)
                 overlap_mm += max(0.0, skins_mm - layer_height_mm * layers)
     return overlap_mm

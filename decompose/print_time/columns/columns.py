@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.geometry.rays import Rays, find_bounds
+from decompose.geometry.rays import find_bounds, place_rays
 from decompose.print_time.columns.brim import count_brim_columns
 from decompose.print_time.columns.sweep import MIN_STEP_MM, sum_steps_mm, sweep_columns
 
@@ -98,12 +98,8 @@ def measure_columns(
     lo, hi = find_bounds(triangles)
     width_mm, depth_mm, height_mm = (hi - lo).tolist()
     step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
-    shape = math.ceil(width_mm / step_mm), math.ceil(depth_mm / step_mm)
-    # An irregular offset avoids rays through edges of the mesh, which could count twice or not at all.
-    origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
-    sums = sweep_columns(
-        triangles, is_marked.astype(np.float64), Rays(origin_mm, step_mm, shape), height_mm, overhang_cos
-    )
+    rays = place_rays(lo, hi, step_mm)
+    sums = sweep_columns(triangles, is_marked.astype(np.float64), rays, height_mm, overhang_cos)
     mass = np.maximum(sums.level_moments[:, 3:], 1e-12)
     area_mm2 = step_mm**2
     return Columns(
@@ -118,7 +114,7 @@ def measure_columns(
         first_layer=sums.is_standing | sums.is_bed_support,
         step_mm=step_mm,
         bed_support_mm2=float(sums.is_bed_support.sum() * area_mm2),
-        bed_support_border_mm=origin_mm + step_mm * _find_row_ends(sums.is_bed_support),
+        bed_support_border_mm=rays.origin_mm + step_mm * _find_row_ends(sums.is_bed_support),
         touched_mm2=float(sums.touched_count * area_mm2),
         volumes_mm3=sums.level_moments[:, 3] * area_mm2,
         centres_mm=sums.level_moments[:, :3] / mass,

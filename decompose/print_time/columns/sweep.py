@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_crossings
+from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_crossings, find_stretch
 from decompose.jit import jit, jit_inline
 from decompose.print_time.columns.islands import Runs, sum_islands_mm
 
@@ -132,29 +132,27 @@ def _follow_ray(
     first = crossings.start[ray]
     count, support_mm, touched_count, is_bed_support = 0, 0.0, 0.0, False
     support_start_mm, mark_at_start = 0.0, 0.0  # start of a possible support, and mark of the face there
-    depth, bottom_mm, air_mm, run_support_mm, lean_tan = 0, 0.0, 0.0, 0.0, 0.0
-    for k in range(first, crossings.start[ray + 1]):
-        z, t = crossings.z_mm[k], crossings.face[k]
-        up = normals[t, 2]
-        if up < 0.0:
-            depth += 1
-            if depth != 1:
-                continue
-            bottom_mm, air_mm, run_support_mm = z, z - support_start_mm, 0.0
-            lean_tan = min(MAX_LEAN_TAN, np.sqrt(1.0 - up * up) / -up)
-            if -up > overhang_cos and air_mm > MIN_GAP_MM:
-                support_mm += air_mm
-                air_mm, run_support_mm = 0.0, air_mm
-                touched_count += is_marked[t] + mark_at_start
-                is_bed_support = is_bed_support or support_start_mm == 0.0
+    k, end = first, crossings.start[ray + 1]
+    while k < end:
+        bottom, top = find_stretch(crossings, normals, k, end)
+        k = top + 1
+        if bottom == end:
             continue
-        depth -= 1
-        if depth != 0:
+        bottom_mm, lower_face = crossings.z_mm[bottom], crossings.face[bottom]
+        up = normals[lower_face, 2]
+        air_mm, run_support_mm = bottom_mm - support_start_mm, 0.0
+        if -up > overhang_cos and air_mm > MIN_GAP_MM:
+            support_mm += air_mm
+            air_mm, run_support_mm = 0.0, air_mm
+            touched_count += is_marked[lower_face] + mark_at_start
+            is_bed_support = is_bed_support or support_start_mm == 0.0
+        if top == end:
             continue
-        support_start_mm, mark_at_start = z, is_marked[t]
+        support_start_mm, mark_at_start = crossings.z_mm[top], is_marked[crossings.face[top]]
         run = first + count
-        ends[run, 0], ends[run, 1] = bottom_mm, z
-        ends[run, 2], ends[run, 3], ends[run, 4] = air_mm, run_support_mm, lean_tan
+        ends[run, 0], ends[run, 1] = bottom_mm, support_start_mm
+        ends[run, 2], ends[run, 3] = air_mm, run_support_mm
+        ends[run, 4] = min(MAX_LEAN_TAN, np.sqrt(1.0 - up * up) / -up)
         count += 1
     return count, support_mm, touched_count, is_bed_support
 
