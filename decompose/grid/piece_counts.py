@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Ints
-from decompose.geometry.shells import label_components
+from decompose.geometry import label_components
 from decompose.grid.box_index import index_interval
 from decompose.grid.threads import SHARE_COUNT, run_shares
 from decompose.jit import jit

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 
 from drivers.errors import Fault
-from drivers.link.replies import LinkFault, Report
+from drivers.link import LinkFault, Report
 
 SD_PRINT_REASON = "it is printing from its SD card"
 MOVED_REASON = "somebody moved it at the printer"

@@ -7,7 +7,7 @@ tested on a real printer.
 
 from __future__ import annotations
 
-from drivers.firmware.marlin2 import MARLIN2
+from drivers.firmware import MARLIN2
 from drivers.printers.profile import HeaterModel, Profile, Rect
 
 ENDER3 = Profile(

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 from farm.model import Job
 from farm.scheduling import Situation, WaitingPlate, describe_plates
-from farm.state import Books, PlateState
+from farm.state import Books, PlateState, put, replace_fields
 from farm.state import events as ev
-from farm.state.books import put, replace_fields
 from farm.state.transitions import apply
 from farm.views.context import ViewContext
 from farm.views.dashboard.fleet_plan import FleetPlan, build_fleet_plan
