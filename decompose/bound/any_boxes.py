@@ -154,7 +154,7 @@ def _build_grid(triangles: Floats) -> Grid:
     lo_mm, hi_mm = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     edge_mm = float(np.prod(hi_mm - lo_mm) ** (1.0 / 3.0)) / CELLS_PER_SIDE
     px, py, pz = (
-        place_planes(lo, hi, max(1, round((hi - lo) / edge_mm)), np.zeros(0))
+        place_planes(lo, hi, max(1, round((hi - lo) / edge_mm)))
         for lo, hi in zip(lo_mm.tolist(), hi_mm.tolist(), strict=True)
     )
     return fill_grid(triangles, (px, py, pz), GridRules(0.0, True, UNREACHABLE_COS, UNREACHABLE_COS))

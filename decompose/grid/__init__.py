@@ -16,7 +16,6 @@ from decompose.grid.boxes import BoxTables, price_boxes
 from decompose.grid.clipping import OVERHANG, VOLUME
 from decompose.grid.grid import (
     GRANULARITIES,
-    PLANE_CLEARANCE_MM,
     Cell,
     Grid,
     GridRules,
@@ -24,10 +23,14 @@ from decompose.grid.grid import (
     choose_cell_counts,
     count_cuts,
     fill_grid,
-    find_flat_coordinates,
-    place_planes,
 )
 from decompose.grid.needed_cells import SAME_PLANE_MM, NeededCells, refine_cells
+from decompose.grid.planes import (
+    PLANE_CLEARANCE_MM,
+    FlatFaces,
+    find_flat_faces,
+    place_planes,
+)
 from decompose.grid.threads import SHARE_COUNT, run_shares
 
 __all__ = [
@@ -40,6 +43,7 @@ __all__ = [
     "Box",
     "BoxTables",
     "Cell",
+    "FlatFaces",
     "Grid",
     "GridRules",
     "NeededCells",
@@ -50,7 +54,7 @@ __all__ = [
     "count_cuts",
     "fill_grid",
     "find_box",
-    "find_flat_coordinates",
+    "find_flat_faces",
     "find_interval_ends",
     "index_box",
     "index_interval",

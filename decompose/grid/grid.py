@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +18,7 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Floats
 from decompose.grid.clipping import VOLUME, clip_into_cells
 from decompose.grid.piece_counts import NO_BODIES, CellBodies, find_bodies
+from decompose.grid.planes import find_flat_faces, place_planes
 
 GRANULARITIES = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
@@ -29,9 +29,6 @@ MAX_FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to thos
 MIN_CELL_MM = 4.0  # minimum side of a cell
 CELL_DIVISION = 3  # number of fine cells along each side of a cell, by which its bodies are separated
 MAX_FINE_CELLS = 500_000  # maximum number of fine cells; the cells of a larger grid are divided less
-PLANE_CLEARANCE_MM = 2.0
-"""Distance of grid planes from flat faces, if possible, so that cuts leave no slivers and no face counts as a
-cut."""
 
 
 class Cell(IntEnum):
@@ -115,64 +112,6 @@ class Grid:
         return lo, hi
 
 
-def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
-    """Find the coordinates at which a mesh has faces perpendicular to an axis.
-
-    Parameters
-    ----------
-    triangles
-        (m, 3, 3) in mm.
-    axis
-        Axis from 0 to 2.
-
-    Returns
-    -------
-    ndarray
-        (k,) ascending coordinates in mm.
-    """
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    length = np.linalg.norm(cross, axis=1)
-    is_flat = (np.abs(cross[:, axis]) > (1.0 - 1e-9) * length) & (length > 0.0)
-    return np.unique(np.round(triangles[is_flat, 0, axis], 6))
-
-
-def place_planes(lo_mm: float, hi_mm: float, count: int, flats_mm: npt.NDArray[Any]) -> Floats:
-    """Place planes: the first and the last one outside the model, the others clear of flat faces.
-
-    A plane that would be within `PLANE_CLEARANCE_MM` of a flat face is moved to the nearest clear position.
-    If there is none within 0.4 of a cell, the plane is moved to the position furthest from all flat faces.
-
-    Parameters
-    ----------
-    lo_mm, hi_mm
-        Ends of the model along the axis.
-    count
-        Number of cells; there is one plane more.
-    flats_mm
-        (k,) coordinates of flat faces in mm.
-
-    Returns
-    -------
-    ndarray
-        (count + 1,) ascending coordinates in mm.
-    """
-    pad_mm = 0.01 * (hi_mm - lo_mm) / count + 1e-3
-    step_mm = (hi_mm - lo_mm) / count
-    planes: Floats = lo_mm + step_mm * np.arange(count + 1, dtype=np.float64)
-    planes[0], planes[-1] = lo_mm - pad_mm, hi_mm + pad_mm
-    if not len(flats_mm):
-        return planes
-    clearance_mm = min(PLANE_CLEARANCE_MM, 0.2 * step_mm)
-    offsets_mm = np.linspace(-0.4, 0.4, 161) * step_mm
-    offsets_mm = offsets_mm[np.argsort(np.abs(offsets_mm), kind="stable")]
-    for i in range(1, count):
-        distances_mm = np.abs((planes[i] + offsets_mm)[:, None] - flats_mm[None, :]).min(axis=1)
-        candidates = np.flatnonzero(distances_mm >= clearance_mm)
-        best = candidates[0] if len(candidates) else int(np.argmax(distances_mm))
-        planes[i] += offsets_mm[best]
-    return planes
-
-
 def count_cuts(shape: tuple[int, int, int]) -> int:
     """Count the cuts of all boxes of a grid with a shape in cells; the search computes a sum for each."""
     spans = [n * (n + 1) // 2 for n in shape]
@@ -227,8 +166,7 @@ def build_grid(
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     counts = choose_cell_counts(hi - lo, granularity)
     px, py, pz = (
-        place_planes(float(lo[a]), float(hi[a]), counts[a], find_flat_coordinates(triangles, a))
-        for a in range(3)
+        place_planes(float(lo[a]), float(hi[a]), counts[a], find_flat_faces(triangles, a)) for a in range(3)
     )
     planes = (px, py, pz)
     if target_plane is not None and counts[target_plane[0]] > 1:

@@ -9,7 +9,7 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.geometry import Solid
-from decompose.grid import PLANE_CLEARANCE_MM, Cell, Grid, find_flat_coordinates
+from decompose.grid import PLANE_CLEARANCE_MM, Cell, FlatFaces, Grid, find_flat_faces
 from decompose.pieces import list_box_planes
 
 Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
@@ -242,9 +242,9 @@ def move_planes_to_cube(
     inwards_mm = min(2.0 * PLANE_CLEARANCE_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
     planes, cells = [], []
     for axis, sides in enumerate(cube_mm.T.tolist()):
-        positions_mm, flats_mm = grid.planes[axis].copy(), find_flat_coordinates(vertices[faces], axis)
+        positions_mm, flat_faces = grid.planes[axis].copy(), find_flat_faces(vertices[faces], axis)
         low_mm, high_mm = (
-            _find_clear_position_mm(flats_mm, side_mm, reach_mm)
+            _find_clear_position_mm(flat_faces, side_mm, reach_mm)
             for side_mm, reach_mm in zip(sides, (inwards_mm, -inwards_mm), strict=True)
         )
         first = 1 + int(np.abs(positions_mm[1:-2] - low_mm).argmin())
@@ -256,11 +256,11 @@ def move_planes_to_cube(
     return (planes[0], planes[1], planes[2]), (x0, y0, z0, x1, y1, z1)
 
 
-def _find_clear_position_mm(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
-    """Find the nearest position within reach that is clear of flat faces (k,), or else the clearest one."""
+def _find_clear_position_mm(flat_faces: FlatFaces, at_mm: float, reach_mm: float) -> float:
+    """Find the nearest position within reach that is clear of flat faces, or else the clearest one."""
     places_mm = np.linspace(at_mm, at_mm + reach_mm, 41)
-    gaps_mm = np.abs(places_mm[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
-    clear_places = np.flatnonzero(gaps_mm >= PLANE_CLEARANCE_MM)
+    gaps_mm = flat_faces.measure_gaps_mm(places_mm)
+    clear_places = np.flatnonzero(gaps_mm >= 0.0)
     return float(places_mm[clear_places[0] if len(clear_places) else int(gaps_mm.argmax())])
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.grid import SAME_PLANE_MM, Box, Grid, NeededCells, refine_cells
+from decompose.grid import SAME_PLANE_MM, Box, FlatFaces, Grid, NeededCells, refine_cells
 from decompose.options import Interior
 from decompose.problem import Problem
 
@@ -242,9 +242,7 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
     return is_free
 
 
-def find_clear_position_mm(
-    flats_mm: Floats, position_mm: float, target_mm: float, clearance_mm: float
-) -> float:
+def find_clear_position_mm(flat_faces: FlatFaces, position_mm: float, target_mm: float) -> float:
     """Find the position closest to a plane's target that is clear of all flat faces.
 
     It lies between the current and the target position. The current position is returned if no other one is
@@ -252,19 +250,18 @@ def find_clear_position_mm(
 
     Parameters
     ----------
-    flats_mm
-        (k,) coordinates of flat faces along the axis.
+    flat_faces
+        Flat faces of the model along the axis.
     position_mm, target_mm
         Current and target position of the plane.
-    clearance_mm
-        Distance to keep from flat faces.
     """
     low_mm, high_mm = sorted((position_mm, target_mm))
-    positions_mm = [target_mm, *(flats_mm - clearance_mm), *(flats_mm + clearance_mm)]
+    flats_mm, clearances_mm = flat_faces
+    positions_mm = [target_mm, *(flats_mm - clearances_mm), *(flats_mm + clearances_mm)]
     for clear_mm in sorted(
         (p for p in positions_mm if low_mm <= p <= high_mm), key=lambda p: abs(p - target_mm)
     ):
-        if np.abs(flats_mm - clear_mm).min(initial=np.inf) >= clearance_mm - SAME_PLANE_MM:
+        if flat_faces.measure_gaps_mm(clear_mm) >= -SAME_PLANE_MM:
             return float(clear_mm)
     return position_mm
 

@@ -35,7 +35,7 @@ from decompose.engines.guillotine.plane_moves import (
     solve_plane_shifts,
     update_slopes,
 )
-from decompose.grid import PLANE_CLEARANCE_MM, Box, Cell, Grid, NeededCells, find_flat_coordinates
+from decompose.grid import Box, Cell, Grid, NeededCells, find_flat_faces
 from decompose.pieces import SLIVER_MM, Piece, find_faults
 from decompose.printers import TargetPrinter
 from decompose.problem import WORK_NS, Problem, Work
@@ -47,13 +47,14 @@ FIRST_STEP_SHARE = 0.5  # length of the first step, as a share of `MAX_MOVE_SHAR
 TRIAL_MM = 0.4  # length of the trial move that a group must be free to make
 MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
 STEP_REDUCTION = 0.6  # ratio of the next step to a step without a gain
-MIN_GAIN = 0.0015  # minimum gain that a step has to promise, as a share of the makespan
+MIN_GAIN = 0.0025  # minimum gain that a step has to promise, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one starts from its result
 PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 MAX_JUMP = 0.005  # maximum error of a linear time, as a share of the makespan; more is a jump of the time
 MAX_REDUCTIONS = 12  # maximum number of times that the steps of one solution are reduced
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
+SAFE_SHARES = (0.5, 0.25, 0.1)  # shares of a move that are tried if a face cannot make all of it
 MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a part, for slopes and after moves
 
 
@@ -153,11 +154,13 @@ class _PlaneShift:
         ]
         self.groups = group_faces(self.start_boxes_mm)
         self.is_free = find_free_directions(self.start_boxes_mm, self.groups, self.cells, TRIAL_MM)
+        # Least and greatest coordinate of each group, beyond which a part would break or take too long.
+        self.limits_mm = np.full((len(self.is_free), 2), (-math.inf, math.inf))
         self.axes = np.zeros(len(self.is_free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
         self.reach_mm = (MAX_MOVE_SHARE * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
-        self.flats_mm = [find_flat_coordinates(vertices[faces], axis) for axis in range(3)]
+        self.flat_faces = [find_flat_faces(vertices[faces], axis) for axis in range(3)]
         self.cutter = PartCutter(problem, self.start_parts, cell_mm)
 
     def pose_start_parts(self) -> list[BoxPart]:
@@ -181,7 +184,7 @@ class _PlaneShift:
             if sort_times_s(new_parts) >= sort_times_s(best_parts):
                 limit_s = find_longest_time_s(best_parts)
                 slow_numbers = [i for i, part in enumerate(new_parts) if part.seconds >= limit_s]
-                if not self._stop_faces(best_parts, new_parts, slow_numbers):
+                if not self._limit_faces(best_parts, new_parts, slow_numbers, 0.0):
                     break
             elif self._has_faults(new_parts):
                 self.reach_mm = self.reach_mm / 2.0
@@ -215,14 +218,18 @@ class _PlaneShift:
                 update_slopes(slopes[i], move_mm, part.seconds - old.seconds)
             if sort_times_s(new_parts) < sort_times_s(parts):
                 parts = new_parts
-            elif not self._stop_faces(parts, new_parts, jumps):
+            elif not self._limit_faces(parts, new_parts, jumps, SAFE_SHARES[0]):
                 step_mm *= STEP_REDUCTION
         return parts
 
-    def _stop_faces(
-        self, parts: Sequence[BoxPart], new_parts: Sequence[BoxPart], numbers: Sequence[int]
+    def _limit_faces(
+        self,
+        parts: Sequence[BoxPart],
+        new_parts: Sequence[BoxPart],
+        numbers: Sequence[int],
+        joint_share: float,
     ) -> bool:
-        """Stop faces whose moves make parts break, exceed a build volume, or take too long.
+        """Limit faces whose moves make parts break, exceed a build volume, or take too long.
 
         When supports begin to touch a cut face, or the brim becomes too narrow, another pose becomes the best
         one, and it may be much slower. When a face begins to overhang too far, the part gets a support.
@@ -233,25 +240,42 @@ class _PlaneShift:
             Parts before and after the moves.
         numbers
             Numbers of the parts with too long a time.
+        joint_share
+            Share of its move that each face of a part may make if none is the cause alone.
 
         Returns
         -------
         bool
-            Whether any of these faces was free; if so, the next step differs.
+            Whether the limits have changed; if so, the next step differs.
         """
-        was_free = self.is_free.copy()
-        limit_s = find_longest_time_s(parts)
+        old_limits_mm = self.limits_mm.copy()
+        max_s = find_longest_time_s(parts)
         for i in numbers:
             move_mm = new_parts[i].box_mm - parts[i].box_mm
             faces = [face for face in np.ndindex(2, 3) if move_mm[face] != 0.0]
-            for face in self._find_slow_faces(i, parts[i], faces, move_mm, limit_s) or faces:
-                self.is_free[self.groups[(i, *face)], int(move_mm[face] > 0.0)] = False
-        return bool((self.is_free != was_free).any())
+            safe_shares = self._find_safe_shares(i, parts[i], faces, move_mm, max_s)
+            for face, share in (safe_shares or dict.fromkeys(faces, joint_share)).items():
+                limit_mm, is_up = parts[i].box_mm[face] + share * move_mm[face], move_mm[face] > 0.0
+                group_limits_mm = self.limits_mm[self.groups[(i, *face)]]
+                group_limits_mm[int(is_up)] = (min if is_up else max)(group_limits_mm[int(is_up)], limit_mm)
+        return bool((self.limits_mm != old_limits_mm).any())
+
+    def _find_safe_shares(
+        self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float
+    ) -> dict[Face, float]:
+        """Find the shares of their moves that slow faces can make alone, 0 if not even the least one."""
+        slow_faces = self._find_slow_faces(i, part, faces, move_mm, max_s)
+        safe_shares = dict.fromkeys(slow_faces, 0.0)
+        for share in SAFE_SHARES:
+            faces_before = slow_faces
+            slow_faces = self._find_slow_faces(i, part, slow_faces, share * move_mm, max_s)
+            safe_shares |= dict.fromkeys((face for face in faces_before if face not in slow_faces), share)
+        return safe_shares
 
     def _find_slow_faces(
-        self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, limit_s: float
+        self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float
     ) -> list[Face]:
-        """Find the faces that break a part, or make it take as long as a limit, even if they move alone."""
+        """Find the faces that break a part, or make it take a maximum time, even if they move alone."""
         self.cutter.record_effort([i] * len(faces))
         boxes_mm = [part.box_mm.copy() for _ in faces]
         for box_mm, face in zip(boxes_mm, faces, strict=True):
@@ -261,7 +285,7 @@ class _PlaneShift:
         slow_faces = []
         for face, (new_part, poses) in zip(faces, cut_parts, strict=True):
             known_poses = [pose for pose in poses if pose is not None]
-            if len(known_poses) < len(part.pieces) or new_part.with_poses(known_poses).seconds >= limit_s:
+            if len(known_poses) < len(part.pieces) or new_part.with_poses(known_poses).seconds >= max_s:
                 slow_faces.append(face)
         return slow_faces
 
@@ -301,12 +325,14 @@ class _PlaneShift:
         start_boxes_mm = np.array([part.box_mm for part in parts])
         positions_mm = self._find_positions_mm(start_boxes_mm)
         shift_mm = positions_mm - self._find_positions_mm(self.start_boxes_mm)
-        min_shift_mm = np.minimum(
-            np.where(self.is_free[:, 0], np.maximum(-step_mm, -self.reach_mm - shift_mm), 0.0), 0.0
+        low_mm = np.maximum(
+            -step_mm, np.maximum(-self.reach_mm - shift_mm, self.limits_mm[:, 0] - positions_mm)
         )
-        max_shift_mm = np.maximum(
-            np.where(self.is_free[:, 1], np.minimum(step_mm, self.reach_mm - shift_mm), 0.0), 0.0
+        high_mm = np.minimum(
+            step_mm, np.minimum(self.reach_mm - shift_mm, self.limits_mm[:, 1] - positions_mm)
         )
+        min_shift_mm = np.where(self.is_free[:, 0], np.minimum(low_mm, 0.0), 0.0)
+        max_shift_mm = np.where(self.is_free[:, 1], np.maximum(high_mm, 0.0), 0.0)
         max_growth_mm = np.array([find_spare_length_mm(p.size_mm, self._list_printers(p)) for p in parts])
         max_shrinkage_mm = np.maximum(0.0, start_boxes_mm[:, 1] - start_boxes_mm[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
@@ -338,7 +364,7 @@ class _PlaneShift:
             if abs(new_mm[group] - old_mm[group]) < MIN_MOVE_MM:
                 new_mm[group] = old_mm[group]
             new_mm[group] = find_clear_position_mm(
-                self.flats_mm[self.axes[group]], old_mm[group], new_mm[group], PLANE_CLEARANCE_MM
+                self.flat_faces[self.axes[group]], old_mm[group], new_mm[group]
             )
             if new_mm[group] != old_mm[group]:  # groups that move to one plane get the same coordinate
                 new_mm[group] = round(new_mm[group], PLANE_DIGITS)

@@ -23,7 +23,7 @@ from decompose.geometry import (
     find_rotation_to_axis,
     find_smallest_rectangle_angle_rad,
 )
-from decompose.grid import PLANE_CLEARANCE_MM, find_flat_coordinates
+from decompose.grid import find_flat_faces
 from decompose.print_time import POSE_ROTATIONS
 
 MAX_REMAINING_OVERHANG_SHARE = 0.95  # a model is rotated only if at most this share of its overhang remains
@@ -79,7 +79,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
         return AlignedModel(model, rotation, None)
     at_mm = mirror.offset_mm * float(np.sign(mirror.normal[axis]))
     vertices, faces = model.solid.arrays()
-    if (np.abs(find_flat_coordinates(vertices[faces], axis) - at_mm) < PLANE_CLEARANCE_MM).any():
+    if find_flat_faces(vertices[faces], axis).measure_gaps_mm(at_mm) < 0.0:
         return AlignedModel(model, rotation, None)
     return AlignedModel(model, rotation, (axis, at_mm))
 

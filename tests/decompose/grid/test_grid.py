@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from decompose.geometry import Solid
 from decompose.grid import (
-    PLANE_CLEARANCE_MM,
     VOLUME,
     BoxTables,
     Cell,
@@ -22,11 +21,11 @@ from decompose.grid import (
     build_grid,
     choose_cell_counts,
     count_cuts,
-    find_flat_coordinates,
+    find_flat_faces,
     index_box,
     price_boxes,
 )
-from decompose.grid.grid import place_planes
+from decompose.grid.planes import PLANE_CLEARANCE_MM, FlatFaces, place_planes
 from decompose.print_time import CostModel, PrintTimeSettings, price_axis_poses_s
 from decompose.printers import TargetPrinter
 
@@ -138,11 +137,12 @@ def test_hollow_cells_keep_their_distance_from_the_surface(min_wall_mm: float) -
 
 
 @given(
-    flats_mm=st.lists(st.floats(0.0, 100.0), max_size=12),
+    flats_mm=st.lists(st.floats(0.0, 100.0), max_size=12, unique=True).map(sorted),
     count=st.integers(1, 20),
 )
 def test_planes_ascend_and_avoid_flat_faces(flats_mm: list[float], count: int) -> None:
-    planes = place_planes(0.0, 100.0, count, np.array(flats_mm))
+    flat_faces = FlatFaces(np.array(flats_mm), np.full(len(flats_mm), PLANE_CLEARANCE_MM))
+    planes = place_planes(0.0, 100.0, count, flat_faces)
     assert (np.diff(planes) > 0.0).all()
     assert planes[0] < 0.0
     assert planes[-1] > 100.0
@@ -152,7 +152,19 @@ def test_planes_ascend_and_avoid_flat_faces(flats_mm: list[float], count: int) -
 
 def test_flat_faces_of_a_box_are_found() -> None:
     vertices, faces = Solid.box((1, 2, 3), (4, 5, 6)).arrays()
-    assert [find_flat_coordinates(vertices[faces], a).tolist() for a in range(3)] == [[1, 4], [2, 5], [3, 6]]
+    flat_faces = [find_flat_faces(100.0 * vertices[faces], axis) for axis in range(3)]
+    assert [f.coordinates_mm.tolist() for f in flat_faces] == [[100, 400], [200, 500], [300, 600]]
+    assert all((f.clearances_mm == PLANE_CLEARANCE_MM).all() for f in flat_faces)
+
+
+def test_plane_passes_a_small_flat_face() -> None:
+    """Check a rounded plate whose small tip is flat: only the large faces keep planes at a distance."""
+    plate = Solid.union([Solid.box((0, 0, 0), (40, 40, 20)), Solid.box((18, 18, 19), (22, 22, 25))])
+    vertices, faces = plate.arrays()
+    flat_faces = find_flat_faces(vertices[faces], 2)
+    assert dict(zip(*flat_faces, strict=True)) == {0.0: 2.0, 20.0: 2.0, 25.0: 0.05}
+    gaps_mm = flat_faces.measure_gaps_mm(np.array([19.0, 24.0, 25.0]))
+    assert gaps_mm == pytest.approx([-1.0, 0.95, -0.05])
 
 
 def test_cell_counts_follow_the_proportions_of_the_model() -> None:

@@ -26,7 +26,7 @@ from decompose.engines.baselines.hollow import (
 )
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, round_triangles
-from decompose.grid import PLANE_CLEARANCE_MM, Cell, GridRules, build_grid, fill_grid, find_flat_coordinates
+from decompose.grid import Cell, GridRules, build_grid, fill_grid, find_flat_faces
 from decompose.options import Engine, Interior, Options
 from decompose.pieces import Piece, list_box_planes
 from decompose.print_time import CostModel
@@ -153,8 +153,7 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
     sides_mm = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
     assert (sides_mm[0] >= cube_mm[0]).all() and (sides_mm[1] <= cube_mm[1]).all()
     for axis in range(3):
-        flats_mm = find_flat_coordinates(vertices[faces], axis)
-        assert np.abs(sides_mm[:, axis, None] - flats_mm).min(initial=np.inf) >= PLANE_CLEARANCE_MM - 1e-9
+        assert find_flat_faces(vertices[faces], axis).measure_gaps_mm(sides_mm[:, axis]).min() >= -1e-9
     old_bounds_mm = grid.find_bounds_mm(first_cube)
     assert np.prod(sides_mm[1] - sides_mm[0]) > 1.1 * np.prod(old_bounds_mm[1] - old_bounds_mm[0])
     grid = fill_grid(vertices[faces], planes, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))

@@ -19,7 +19,7 @@ from decompose.engines.guillotine.plane_moves import (
     move_groups,
     solve_plane_shifts,
 )
-from decompose.grid import Box, NeededCells
+from decompose.grid import Box, FlatFaces, NeededCells
 
 PLANES = tuple(np.arange(7) * 10.0 for _ in range(3))
 ROW = np.full((3, 2, 3), -1)  # three boxes in a row along x, with two planes between them
@@ -114,14 +114,18 @@ def test_overlapping_or_incomplete_boxes_are_not_a_partition() -> None:
 
 
 @given(
-    flats=st.lists(st.floats(0.0, 50.0), max_size=6), old_mm=st.floats(0.0, 50.0), new_mm=st.floats(0.0, 50.0)
+    flats=st.dictionaries(st.floats(0.0, 50.0), st.sampled_from((2.0, 0.05)), max_size=6),
+    old_mm=st.floats(0.0, 50.0),
+    new_mm=st.floats(0.0, 50.0),
 )
-def test_plane_stops_before_flat_faces(flats: list[float], old_mm: float, new_mm: float) -> None:
-    flats_mm = np.array(sorted(flats))
-    position_mm = find_clear_position_mm(flats_mm, old_mm, new_mm, 2.0)
+def test_plane_stops_before_flat_faces(flats: dict[float, float], old_mm: float, new_mm: float) -> None:
+    flat_faces = FlatFaces(np.array(sorted(flats)), np.array([flats[key] for key in sorted(flats)]))
+    position_mm = find_clear_position_mm(flat_faces, old_mm, new_mm)
     assert min(old_mm, new_mm) <= position_mm <= max(old_mm, new_mm)
-    assert position_mm == old_mm or np.abs(flats_mm - position_mm).min(initial=np.inf) >= 2.0 - 1e-6
-    if np.abs(flats_mm - new_mm).min(initial=np.inf) >= 2.0:
+    assert position_mm == old_mm or all(
+        abs(flat_mm - position_mm) >= clearance_mm - 1e-6 for flat_mm, clearance_mm in flats.items()
+    )
+    if all(abs(flat_mm - new_mm) >= clearance_mm for flat_mm, clearance_mm in flats.items()):
         assert position_mm == new_mm
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -16,7 +17,7 @@ from decompose.engines.guillotine.box_part import BoxPart, find_longest_time_s
 from decompose.engines.guillotine.part_cutter import PartCutter
 from decompose.engines.guillotine.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
-from decompose.grid import PLANE_CLEARANCE_MM, Box, NeededCells, find_flat_coordinates
+from decompose.grid import PLANE_CLEARANCE_MM, Box, NeededCells, find_flat_faces
 from decompose.options import Engine, Interior, Options
 from decompose.pieces import Piece, cut_box, cut_cells
 from decompose.print_time import CostModel, Pose
@@ -183,25 +184,26 @@ def test_fixed_longest_part_does_not_stop_other_faces(
     assert shifts == [2]
 
 
-def test_only_the_face_that_slows_a_part_is_stopped(cone: Solid, cost: CostModel) -> None:
+def test_only_the_face_that_slows_a_part_is_limited(cone: Solid, cost: CostModel) -> None:
     task = make_problem(cone, cost, 2, cells=2)
     search, parts = start_shift(task)
     (group,) = np.unique(search.groups[search.groups >= 0])
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower_part = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
-    assert search._stop_faces(parts, [slower_part, parts[1]], [0])
-    assert search.is_free.tolist() == [[True, False]] * (group + 1)
+    assert search._limit_faces(parts, [slower_part, parts[1]], [0], 0.5)
+    assert search.limits_mm.tolist() == [[-math.inf, parts[0].box_mm[1, 0]]] * (group + 1)
     assert task.effort.done_units[Work.FACE_MEASURED] > 0
-    assert not search._stop_faces(parts, [slower_part, parts[1]], [0])  # its face is already stopped
-    search.is_free[:] = True
-    assert not search._stop_faces(parts, [slower_part, parts[1]], [])
-    assert search.is_free.all()
+    assert not search._limit_faces(parts, [slower_part, parts[1]], [0], 0.5)  # its face is already limited
+    search.limits_mm[:] = -math.inf, math.inf
+    assert not search._limit_faces(parts, [slower_part, parts[1]], [], 0.5)
+    assert np.isinf(search.limits_mm).all()
 
 
-def test_time_that_jumps_stops_its_face_and_the_other_parts_still_improve(
-    monkeypatch: pytest.MonkeyPatch, cost: CostModel
+@pytest.mark.parametrize("free_mm", [0.0, 8.0])
+def test_time_that_jumps_limits_its_face_and_the_other_parts_still_improve(
+    free_mm: float, monkeypatch: pytest.MonkeyPatch, cost: CostModel
 ) -> None:
-    """Cut a bar for three printers, of which one part takes twice its time if a face moves at all."""
+    """Cut a bar for three printers, of which one part takes twice its time if a face moves too far."""
     bar = Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0))
     task = make_problem(bar, cost, 3, cells=6)
     grid = task.build_grid(task.model)
@@ -217,13 +219,13 @@ def test_time_that_jumps_stops_its_face_and_the_other_parts_still_improve(
 
     def cut_with_jump(self: PartCutter, i: int, part: BoxPart, box_mm: np.ndarray) -> Any:
         new_part, poses = cut(self, i, part, box_mm)
-        if i == 0 and box_mm[1, 0] != boxes_mm[0, 1, 0]:
+        if i == 0 and abs(box_mm[1, 0] - boxes_mm[0, 1, 0]) > free_mm:
             poses = [replace(pose, price_s=2.0 * pose.price_s) for pose in poses if pose is not None]
         return new_part, poses
 
     monkeypatch.setattr(PartCutter, "cut_in_old_poses", cut_with_jump)
     new_parts = search.improve_parts(parts)
-    assert (new_parts[0].box_mm == parts[0].box_mm).all()
+    assert 0.5 * free_mm <= new_parts[0].box_mm[1, 0] - parts[0].box_mm[1, 0] <= free_mm
     assert find_longest_time_s(new_parts) < 0.9 * find_longest_time_s(parts)
 
 
@@ -320,7 +322,7 @@ def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> N
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     old_pieces, new_pieces = shift_boxes(task, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
     vertices, faces = bar.arrays()
-    flats_mm = find_flat_coordinates(vertices[faces], 0)
+    flats_mm = find_flat_faces(vertices[faces], 0).coordinates_mm
     new_planes_mm = {float(piece.boxes_mm[0, 0, 0]) for piece in new_pieces} - {
         float(piece.boxes_mm[0, 0, 0]) for piece in old_pieces
     }
