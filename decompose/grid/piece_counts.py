@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Ints
+from decompose.disjoint_sets import join_sets
 from decompose.geometry import label_components
 from decompose.grid.box_index import index_interval
 from decompose.grid.threads import SHARE_COUNT, run_shares
@@ -94,32 +95,6 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], divisions: 
         [np.pad(body_pairs, ((0, max_links - len(body_pairs)), (0, 0))) for body_pairs in links]
     )
     return CellBodies(np.concatenate([[0], np.cumsum(counts)]), np.array(first_link), padded_links)
-
-
-@jit
-def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
-    """Join the groups of two bodies; return 1 if the groups were different, else 0.
-
-    Parameters
-    ----------
-    parent
-        (bodies,) int32 parents of the bodies in a forest, updated in place.
-    a, b
-        Numbers of the bodies.
-    """
-    while parent[a] != a:
-        parent[a] = parent[parent[a]]
-        a = parent[a]
-    while parent[b] != b:
-        parent[b] = parent[parent[b]]
-        b = parent[b]
-    if a == b:
-        return 0
-    if a < b:
-        parent[b] = a
-    else:
-        parent[a] = b
-    return 1
 
 
 class _Order(NamedTuple):
@@ -209,7 +184,7 @@ def _add_layer(
                     continue
                 axis = order.axes[k]
                 for i in range(first_link[axis, cell], first_link[axis, cell + 1]):
-                    change -= _join_groups(parent, links[axis, i, 0], links[axis, i, 1])
+                    change -= join_sets(parent, links[axis, i, 0], links[axis, i, 1])
     return change
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from decompose.arrays import Bools, Floats, Ints
+from decompose.disjoint_sets import DisjointSets
 from decompose.grid import SAME_PLANE_MM, Box, FlatFaces, Grid, NeededCells, refine_cells
 from decompose.options import Interior
 from decompose.problem import Problem
@@ -110,7 +111,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
         (n, 2, 3) int64 number of the group of each face; -1 if it is fixed.
     """
     count = len(boxes_mm)
-    groups = _DisjointSets(count * 6)
+    groups = DisjointSets(count * 6)
     lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
     overlap_mm = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])  # (n, n, 3)
     is_shared = np.zeros(count * 6, dtype=np.bool_)
@@ -164,32 +165,6 @@ def _number_face(box: int, side: int, axis: int) -> int:
 def _find_facing_face(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
     """Find the face of a box that lies on the plane at which another box begins."""
     return _number_face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other, 0, axis]), axis)
-
-
-class _DisjointSets:
-    """Union-find over members 0 to n - 1, with the size of each set."""
-
-    def __init__(self, count: int) -> None:
-        self._parent = list(range(count))
-        self._size = [1] * count
-
-    def find(self, member: int) -> int:
-        """Find the root of a member's set."""
-        while self._parent[member] != member:
-            self._parent[member] = self._parent[self._parent[member]]
-            member = self._parent[member]
-        return member
-
-    def join(self, a: int, b: int) -> None:
-        """Join the sets of two members."""
-        a, b = sorted((self.find(a), self.find(b)))
-        if a != b:
-            self._parent[b] = a
-            self._size[a] += self._size[b]
-
-    def compute_joined_size(self, *members: int) -> int:
-        """Compute the size of the set that would result if the sets of these members were joined."""
-        return sum(self._size[root] for root in {self.find(member) for member in members})
 
 
 def move_groups(boxes_mm: Floats, groups: Ints, shifts_mm: Floats) -> Floats:

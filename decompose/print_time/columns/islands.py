@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Bytes, Floats, Ints
+from decompose.disjoint_sets import join_sets
 from decompose.jit import jit
 
 ISLAND_LEVEL_COUNT = 16  # number of heights at which islands are counted
@@ -187,11 +188,9 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tup
                 u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
                 if u < 0 or v < 0 or v >= row_length or kind[u * row_length + v] != kind[index]:
                     continue
-                a, b = _find_root(parent, index), _find_root(parent, u * row_length + v)
-                if a != b:
-                    parent[a] = b
-                    island_count -= 1
-                    body_count -= solid_count
+                joined_count = join_sets(parent, index, u * row_length + v)
+                island_count -= joined_count
+                body_count -= solid_count * joined_count
     return island_count, body_count, cell_count
 
 
@@ -224,20 +223,3 @@ def _compute_euler_number(kind: Bytes, rows: int, row_length: int) -> int:
             elif filled_count == 2 and a == d:
                 quads -= 2
     return quads // 4
-
-
-@jit
-def _find_root(parent: Ints, element: int) -> int:
-    """Find the root of an element in a forest, and shorten the path to it.
-
-    Parameters
-    ----------
-    parent
-        (elements,) int64 parent of each element; a root is its own parent. Updated in place.
-    element
-        Index of the element.
-    """
-    while parent[element] != element:
-        parent[element] = parent[parent[element]]
-        element = parent[element]
-    return element
