@@ -13,8 +13,8 @@ from drivers.agent.recorder import Recorder
 from drivers.agent.requests import RequestHandler
 from drivers.agent.server import Server
 from drivers.agent.sleep_inhibitor import Inhibitor
+from drivers.agent.snapshots import describe_link, list_prints, make_snapshot
 from drivers.agent.spool import Spool
-from drivers.agent.status import describe_link, list_prints, make_snapshot
 from drivers.clock import read_wall_s
 from drivers.errors import DriverError, TooLate
 from drivers.log_file import rotate_log

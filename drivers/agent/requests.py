@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from drivers.agent.recorder import Recorder
+from drivers.agent.snapshots import describe_link
 from drivers.agent.spool import Spool
-from drivers.agent.status import describe_link
 from drivers.clock import Clock
 from drivers.errors import AgentError, BadGcode, Fault, TooLate
 from drivers.messages import (
