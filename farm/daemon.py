@@ -103,7 +103,7 @@ class Daemon:
         controller = self._controller = Controller(fleet, self._store, self._clock, list_bed_boxes)
         self._agents = AgentManager(fleet, self._state, self._clock, controller)
         self._planner = JobPlanner(
-            self._state, self._workers, compute.budget_s, controller.on_plan, controller.on_plan_progress
+            self._state, self._workers, compute.budget_s, controller.on_plan, controller.planning.on_progress
         )
         self._replan_worker = ReplanWorker(self._state, self._workers, controller.on_replan)
         self._effects = FarmEffects(

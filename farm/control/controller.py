@@ -22,7 +22,7 @@ from farm.control.situations import Situations
 from farm.control.telemetry import Telemetry, compare_snapshot, list_unconfirmed_instructions
 from farm.errors import FarmError
 from farm.log_format import PrinterLog
-from farm.model import AgentPrint, AgentSnapshot, Bed, JobState, PlanProgress, PrintState
+from farm.model import AgentPrint, AgentSnapshot, Bed, JobState, PrintState
 from farm.paths import StateFolder
 from farm.planning import Plan
 from farm.planning.replanning import ReplanCoordinator, ReplannedPlate
@@ -237,10 +237,6 @@ class Controller:
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Record the prints that an agent has made since the backup."""
         self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
-
-    def on_plan_progress(self, number: int, progress: PlanProgress) -> None:
-        """Store the progress of a job's plan."""
-        self.planning.on_progress(number, progress)
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
         """Record the plan of a job, or the error that prevents it."""

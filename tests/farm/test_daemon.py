@@ -109,14 +109,14 @@ def test_farm_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_
     daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     controller, waits = daemon._controller, []
     controller.books = Books.from_entities([make_planned_job(1)])
-    controller.on_plan_progress(1, PlanProgress(step=PlanStep.SLICING))
+    controller.planning.on_progress(1, PlanProgress(step=PlanStep.SLICING))
     daemon._inspections[tmp_path] = "bunny.stl"
 
     async def record_wait(_):
         waits.append(list(daemon._inspections.values()))
         daemon._inspections.clear()
         if len(waits) == 2:
-            controller.on_plan_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
+            controller.planning.on_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
 
     async def shut_down_agents():
         pass

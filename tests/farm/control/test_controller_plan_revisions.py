@@ -96,7 +96,7 @@ def test_plan_stays_if_the_new_one_fails(farm):
 def test_job_does_not_wait_long_for_its_new_plan(farm, reason):
     clear_other_beds_at_once(farm)
     if reason == "the disk is full":
-        farm.controller.on_plan_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
+        farm.controller.planning.on_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
         farm.controller.handle()
     else:
         for _ in range(2):  # first the start-up ends, then the delay

@@ -267,7 +267,7 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
     def record_progress(number, progress):
         reports.append(progress.step)
         farm = Farm(tmp_path / "farm")
-        farm.controller.on_plan_progress(number, progress)
+        farm.controller.planning.on_progress(number, progress)
         task_texts.append(
             [item.text for item in list_tasks(farm.build_view_context(state)) if item.code == "farm"]
         )
