@@ -18,14 +18,13 @@ from slicing.hidden_walls.sides import (
     HiddenSide,
     Indices,
     find_bed_points,
+    find_hidden_seams,
     find_level_lines,
     find_long_layers,
     list_side_runs,
     list_wall_lines,
 )
 from slicing.settings import EngineSettings
-
-MIN_LINE_MM = 2.0 * TRANSITION_MM  # shorter lines keep their speed
 
 
 def speed_up_hidden_walls(
@@ -98,14 +97,19 @@ def _find_fast_share(
 ) -> Floats:
     """Compute the share (k,) of each move, from its start, that is printed faster along a side.
 
-    The parameters are those of `list_side_runs`.
+    Lines are fast up to a seam in a notch, after which no visible wall begins. The parameters are those of
+    `list_side_runs`.
     """
     share = np.zeros(len(wall_moves))
     lengths_mm = np.hypot(*(ends_mm[1] - ends_mm[0]).T)
-    for line in list_side_runs(wall_moves, ends_mm, side, wall_depth_mm):
+    lines = list(list_side_runs(wall_moves, ends_mm, side, wall_depth_mm))
+    seams = find_hidden_seams(wall_moves, ends_mm, side, wall_depth_mm, lines)
+    for number, line in enumerate(lines):
+        transition_mm = 0.0 if number in seams.lines_before else TRANSITION_MM
         to_end_mm = np.cumsum(lengths_mm[line][::-1])[::-1]  # from the start of each move
-        if to_end_mm[0] >= MIN_LINE_MM:
-            share[line] = np.clip((to_end_mm - TRANSITION_MM) / lengths_mm[line], 0.0, 1.0)
+        if to_end_mm[0] >= 2.0 * transition_mm:  # shorter lines keep their speed
+            share[line] = np.clip((to_end_mm - transition_mm) / lengths_mm[line], 0.0, 1.0)
+    share[seams.notch_moves] = 1.0
     return share
 
 

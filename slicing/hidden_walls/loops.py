@@ -12,6 +12,7 @@ import numpy.typing as npt
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
 from slicing.hidden_walls.sides import (
+    CLOSURE_TOLERANCE_MM,
     MAX_NOTCH_LENGTH_MM,
     Bools,
     HiddenSide,
@@ -19,9 +20,6 @@ from slicing.hidden_walls.sides import (
     find_notch_moves,
     list_side_runs,
 )
-
-_CLOSURE_TOLERANCE_MM = 0.02
-"""Maximum distance between the ends of a closed loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +39,7 @@ def list_loops(path: Toolpath, wall_moves: Indices, points_mm: tuple[Floats, Flo
     is_first = (np.diff(wall_moves) != 1) | (np.diff(path.layer[wall_moves]) != 0)
     loops = []
     for moves in np.split(wall_moves, np.flatnonzero(is_first) + 1):
-        is_closed = bool(np.hypot(*(ends_mm[moves[-1]] - starts_mm[moves[0]])) < _CLOSURE_TOLERANCE_MM)
+        is_closed = bool(np.hypot(*(ends_mm[moves[-1]] - starts_mm[moves[0]])) < CLOSURE_TOLERANCE_MM)
         if is_closed:
             longest = int(np.argmax(np.hypot(*(ends_mm[moves] - starts_mm[moves]).T)))
             moves = np.roll(moves, -longest)

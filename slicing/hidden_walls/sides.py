@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +29,8 @@ _NOTCH_EXCESS_SHARE = 0.5
 """Excess depth of a wall's line below the bottom of a notch, as a share of the wall's depth: 1 / sin(42 deg)
 - 1 in a gutter."""
 _LINE_TOLERANCE_MM = 0.05
+CLOSURE_TOLERANCE_MM = 0.02
+"""Maximum distance between the ends of a closed loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +159,51 @@ def list_side_runs(
     is_joined &= interruptions[first] == interruptions[second]
     for run in np.split(on_side, np.flatnonzero(~is_joined) + 1):
         yield np.arange(run[0], run[-1] + 1)
+
+
+@dataclass(frozen=True, slots=True)
+class HiddenSeams:
+    """Seams in the notches of a side: the numbers of the runs that end there, and the moves in the notches.
+
+    Moves are indices of all moves of the wall.
+    """
+
+    lines_before: frozenset[int]
+    notch_moves: Indices
+
+
+def find_hidden_seams(
+    wall_moves: Indices,
+    ends_mm: tuple[Floats, Floats],
+    side: HiddenSide,
+    wall_depth_mm: float,
+    runs: Sequence[Indices],
+) -> HiddenSeams:
+    """Find the seams in notches between two runs along a side: points where a closed loop begins and ends.
+
+    Parameters
+    ----------
+    wall_moves, ends_mm, side, wall_depth_mm
+        As in `list_side_runs`.
+    runs
+        Runs of `list_side_runs`.
+    """
+    is_near = _find_groove_moves(ends_mm, side, wall_depth_mm)
+    is_near |= find_notch_moves(ends_mm, side, wall_depth_mm)
+    loop_starts = np.flatnonzero(np.diff(wall_moves, prepend=-2) != 1)
+    loops = np.searchsorted(loop_starts, [run[0] for run in runs], side="right") - 1
+    loop_ends = np.append(loop_starts, len(wall_moves))[loops + 1]
+    lines_before, notch_moves = set(), []
+    for first in np.flatnonzero(np.diff(loops, prepend=-1)).tolist():
+        last = int(np.searchsorted(loops, loops[first], side="right")) - 1
+        start, end = int(loop_starts[loops[first]]), int(loop_ends[first])
+        notch = np.append(np.arange(start, runs[first][0]), np.arange(runs[last][-1] + 1, end))
+        lengths_mm = np.hypot(*(ends_mm[1][notch] - ends_mm[0][notch]).T)
+        is_closed = np.hypot(*(ends_mm[1][end - 1] - ends_mm[0][start])) < CLOSURE_TOLERANCE_MM
+        if is_closed and last > first and is_near[notch].all() and lengths_mm.sum() < MAX_NOTCH_LENGTH_MM:
+            lines_before.add(last)
+            notch_moves.append(notch)
+    return HiddenSeams(frozenset(lines_before), np.concatenate([np.zeros(0, np.intp), *notch_moves]))
 
 
 def find_notch_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:
