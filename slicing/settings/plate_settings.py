@@ -41,6 +41,8 @@ _STREAMED_VALUES: Mapping[str, Any] = {
 }
 
 
+_COMBING = "retraction_combing"
+_SKIN_COMBING = "no_outer_surfaces"  # the head retracts before it travels over the uppermost skin
 _WALL_KEYS = {"wall_line_count", "wall_thickness"}  # if a user sets one, inner walls are kept on all sides
 
 
@@ -196,7 +198,7 @@ def _resolve_settings(
         has_single_hidden_walls=quality.has_single_hidden_walls and _WALL_KEYS.isdisjoint(user_keys),
         small_overhang_deg=_find_small_overhang_deg(settings, quality, user_keys),
     )
-    return _reduce_hidden_layers(settings, quality.hidden_layers, part)
+    return _reduce_hidden_layers(settings, quality.hidden_layers, part, user_keys)
 
 
 def _find_small_overhang_deg(settings: EngineSettings, quality: Quality, user_keys: Collection[str]) -> float:
@@ -206,11 +208,15 @@ def _find_small_overhang_deg(settings: EngineSettings, quality: Quality, user_ke
 
 
 def _reduce_hidden_layers(
-    settings: EngineSettings, hidden_layers: HiddenLayers | None, part: PartSettings
+    settings: EngineSettings,
+    hidden_layers: HiddenLayers | None,
+    part: PartSettings,
+    user_keys: Collection[str],
 ) -> EngineSettings:
-    """Reduce the number of solid layers at the hidden faces of a part.
+    """Reduce the number of solid layers at the hidden faces of a part, and retractions on hidden tops.
 
     CuraEngine takes `initial_bottom_layers` from the bed up; undersides above it keep `bottom_layers`.
+    Scratches do not matter on hidden tops, so the head may travel over them without a retraction.
     """
     if hidden_layers is None:
         return settings
@@ -223,6 +229,9 @@ def _reduce_hidden_layers(
         changes["initial_bottom_layers"] = str(reduced_layers.bed_layers)
     if part.tops_hidden:
         changes |= {"top_layers": str(reduced_layers.top_layers), "roofing_layer_count": "0"}
+        is_even = settings.extruder["skin_monotonic"] == "True"  # Cura's own formula is the same
+        if not is_even and settings.global_[_COMBING] == _SKIN_COMBING and _COMBING not in user_keys:
+            settings = replace(settings, global_={**settings.global_, _COMBING: "all"})
     return replace(settings, hidden_layers=reduced_layers, extruder={**settings.extruder, **changes})
 
 

@@ -20,9 +20,9 @@ _BRIM_SETTINGS = {
     ),
 }
 # Values of Cura's own profiles, below the changes of a quality and the user's settings.
-_CURA_WALL_SPEED, _CURA_SKIN_SPEED, _CURA_ROOF_SPEED = (
+_CURA_WALL_SPEED, _CURA_SKIN_SPEED, _CURA_ROOF_SPEED, _CURA_SKIN_ORDER = (
     f"extruderValueFromContainer(0, '{key}', {int(ProfileIndex.QUALITY)})"
-    for key in ("speed_wall_x", "speed_topbottom", "speed_roofing")
+    for key in ("speed_wall_x", "speed_topbottom", "speed_roofing", "skin_monotonic")
 )
 # Fewer and wider lines with the same plastic, at most 1.1 times as wide as the nozzle. The flow is that of
 # the infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of
@@ -137,6 +137,10 @@ _GLUE = Quality(
         ),
         "speed_roofing": Formula(f"min(speed_topbottom, {_CURA_ROOF_SPEED})"),
         "roofing_layer_count": Formula("1 if top_layers > 1 else 0"),
+        # Lines in the order of their positions look even, but need more travel where grooves divide them.
+        # Only the uppermost layer of a visible top keeps Cura's order.
+        "roofing_monotonic": Formula(_CURA_SKIN_ORDER),
+        "skin_monotonic": Formula(f"{_CURA_SKIN_ORDER} and roofing_layer_count == 0"),
     },
     fits_layers=True,
     compensates_shrinkage=True,
