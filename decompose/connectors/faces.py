@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,13 +10,15 @@ import shapely
 
 from decompose.arrays import Floats
 from decompose.connectors.records import RIM_MM, Tool
-from decompose.geometry import Solid
+from decompose.geometry import Solid, choose_plane_axes, compute_cross_product
 from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
 SLAB_DEPTH_MM = 8.0  # depth to which the gaps below a face are found and cached; few tools reach deeper
 SKIN_DEPTH_MM = 0.05  # depth at which the search for gaps begins: rounding leaves films at the face itself
 LEVEL_SIN = 0.5  # minimum sine of the angle between a level face and the vertical of the pose
+
+_SideKey = tuple[int, int]  # number of a part, and identity of one of its faces
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,12 +35,22 @@ class Blank:
         (3,) unit vector upwards from the bed in the part's pose, in the same frame.
     pin_fit_mm
         Clearance of its holes: width across the flats minus the diameter of the pin.
+    right_direction
+        (3,) unit vector along the X axis of the bed in the part's pose; None if it does not matter.
     """
 
     name: str
     solid: Solid
     up_direction: Floats
     pin_fit_mm: float = PIN_FIT_MM
+    right_direction: Floats | None = None
+
+    def flatten(self, points_mm: Floats) -> Floats:
+        """Compute the coordinates (n, 2) on the bed, from any origin, of points (n, 3)."""
+        if self.right_direction is None:
+            return points_mm @ choose_plane_axes(self.up_direction).T
+        forwards = compute_cross_product(self.up_direction, self.right_direction)
+        return points_mm @ np.stack([self.right_direction, forwards]).T
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,17 +110,59 @@ def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple
     return sides
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Footprint:
+    """Range of the heights of a tool below a face, in mm, and its outlines there by the margin around it."""
+
+    low_mm: float
+    high_mm: float
+    outlines: dict[float, shapely.Geometry]
+
+    def draw_outline(self, margin_mm: float) -> shapely.Geometry:
+        """Draw the outline with a margin."""
+        if margin_mm not in self.outlines:
+            self.outlines[margin_mm] = self.outlines[0.0].buffer(margin_mm)
+        return self.outlines[margin_mm]
+
+
 @dataclass(slots=True)
 class Workpieces:
-    """Parts, with the tools placed so far, and the remaining areas for other tools."""
+    """Parts, with the tools placed so far, and the remaining areas for other tools.
+
+    Areas are searched for a hundred times on each face, so those of earlier searches are kept, and only the
+    tools that were placed since then are subtracted from them.
+    """
 
     blanks: Sequence[Blank]
-    tools: list[Tool] = field(default_factory=list)
-    _gaps: dict[tuple[int, int], Solid] = field(default_factory=dict)
-    _solid_areas: dict[tuple[int, float, int], shapely.Geometry] = field(default_factory=dict)
+    _tools: list[list[Tool]] = field(init=False)
+    _footprints: dict[_SideKey, list[_Footprint]] = field(default_factory=dict)
+    _gaps: dict[_SideKey, Solid] = field(default_factory=dict)
+    _solid_areas: dict[tuple[_SideKey, float], shapely.Geometry] = field(default_factory=dict)
+    _free_areas: dict[tuple[_SideKey, float, float], tuple[int, shapely.Geometry]] = field(
+        default_factory=dict
+    )
 
-    def is_level(self, side: Side) -> bool:
-        """Check whether a face lies level in its pose: a groove in it prints as a ring, which is slow."""
+    def __post_init__(self) -> None:
+        self._tools = [[] for _ in self.blanks]
+
+    def add_tools(self, tools: Iterable[Tool]) -> None:
+        """Add tools, which later tools have to avoid."""
+        for tool in tools:
+            self._tools[tool.part].append(tool)
+
+    def remove_tools(self, tools: Iterable[Tool]) -> None:
+        """Remove tools from their parts."""
+        for tool in tools:
+            self._tools[tool.part].remove(tool)
+            self._footprints = {key: f for key, f in self._footprints.items() if key[0] != tool.part}
+            self._free_areas = {key: a for key, a in self._free_areas.items() if key[0][0] != tool.part}
+
+    def count_tools(self, part: int) -> int:
+        """Count the tools of a part."""
+        return len(self._tools[part])
+
+    def is_level(self, side: Side | Tool) -> bool:
+        """Check whether the face of a side or a tool lies level in its pose: grooves in it print slowly."""
         return abs(float(side.inward_normal @ self.blanks[side.part].up_direction)) > LEVEL_SIN
 
     def find_tool_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
@@ -136,19 +190,27 @@ class Workpieces:
         wall_mm
             Distance that the tool will keep from the border of the area; from other tools it keeps `RIM_MM`.
         """
-        area = self._find_solid_area(side, depth_mm)
-        for tool in self.tools:
-            if tool.part != side.part:
-                continue
-            heights_mm = tool.points_mm @ side.inward_normal - side.sign * side.face.offset_mm
-            if heights_mm.min() < depth_mm + RIM_MM - wall_mm and heights_mm.max() > -RIM_MM:
-                outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
-                area = area - (outline.buffer(RIM_MM - wall_mm) if wall_mm < RIM_MM else outline)
+        key = (_get_key(side), round(depth_mm, 3), wall_mm)
+        count, area = self._free_areas.get(key) or (0, self._find_solid_area(side, depth_mm))
+        footprints = self._list_footprints(side)
+        for footprint in footprints[count:]:
+            if footprint.low_mm < depth_mm + RIM_MM - wall_mm and footprint.high_mm > -RIM_MM:
+                area = area - footprint.draw_outline(max(0.0, RIM_MM - wall_mm))
+        self._free_areas[key] = len(footprints), area
         return area
+
+    def _list_footprints(self, side: Side) -> list[_Footprint]:
+        """List the footprints of the tools of a part on one of its faces."""
+        footprints = self._footprints.setdefault(_get_key(side), [])
+        for tool in self._tools[side.part][len(footprints) :]:
+            heights_mm = tool.points_mm @ side.inward_normal - side.sign * side.face.offset_mm
+            outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
+            footprints.append(_Footprint(float(heights_mm.min()), float(heights_mm.max()), {0.0: outline}))
+        return footprints
 
     def _find_solid_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area of a face below which a part without tools is solid to a depth; cached."""
-        key = (side.part, round(depth_mm, 3), id(side.face))
+        key = (_get_key(side), round(depth_mm, 3))
         if key not in self._solid_areas:
             outline = side.face.outline
             gaps = self._find_gaps(side, depth_mm)
@@ -166,10 +228,15 @@ class Workpieces:
         solid = self.blanks[side.part].solid
         if depth_mm > SLAB_DEPTH_MM:
             return _build_slab(side, depth_mm).subtract(solid)
-        key = (side.part, id(side.face))
+        key = _get_key(side)
         if key not in self._gaps:
             self._gaps[key] = _build_slab(side, SLAB_DEPTH_MM).subtract(solid)
         return self._gaps[key].keep_below(side.inward_normal, side.sign * side.face.offset_mm + depth_mm)
+
+
+def _get_key(side: Side) -> _SideKey:
+    """Get the key of a side; faces are compared by their identity, and outlive the workpieces."""
+    return side.part, id(side.face)
 
 
 def _build_slab(side: Side, depth_mm: float) -> Solid:

@@ -97,17 +97,12 @@ def place_pins(
         sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, is_sliding=True)
         glue_points_mm = sample_glue([side for side, _ in pairs])
         placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_points_mm, options.pin_mm)
-        new_pins = placer.place_connectors([*options.used_distances_mm, *_measure_pair_distances_mm(pins)])
+        pair_distances_mm = [measure_distance_mm(*pair) for pair in find_pairs(pins).values()]
+        new_pins = placer.place_connectors([*options.used_distances_mm, *pair_distances_mm])
         pins += new_pins
         if not new_pins:
-            reason = "too small for a pin" if sites else NO_SQUARE_FACE_REASON
-            unpinned_steps.append((number, reason))
+            unpinned_steps.append((number, "too small for a pin" if sites else NO_SQUARE_FACE_REASON))
     return pins, unpinned_steps
-
-
-def _measure_pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
-    """Measure the distance between the pins of each pair."""
-    return [measure_distance_mm(*pair) for pair in find_pairs(pins).values()]
 
 
 def _find_sites(
@@ -272,14 +267,14 @@ class _PinPlacer:
             deep_pin = self._make_pin(site, deep_mm, False, np.zeros(3))
             if deep_pin is None:
                 return []
-            self.workpieces.tools += deep_pin.holes
+            self.workpieces.add_tools(deep_pin.holes)
             shallow_pin = self._make_pin(
                 shallow_site, shallow_mm, True, self._compute_slot_mm(deep_mm, shallow_mm)
             )
             if shallow_pin is not None:
-                self.workpieces.tools += shallow_pin.holes
+                self.workpieces.add_tools(shallow_pin.holes)
                 return [deep_pin, shallow_pin]
-            del self.workpieces.tools[-2:]
+            self.workpieces.remove_tools(deep_pin.holes)
         return []
 
     def _compute_slot_mm(self, point_mm: Floats, end_mm: Floats) -> Floats:
@@ -340,7 +335,7 @@ class _PinPlacer:
                     number, self.sites[number].moved_side.lift(np.array(middle)), is_shallow, np.zeros(3)
                 )
                 if pin is not None:
-                    self.workpieces.tools += pin.holes
+                    self.workpieces.add_tools(pin.holes)
                     return [pin]
         return []
 
@@ -360,7 +355,7 @@ class _PinPlacer:
         for best in sort_places_by_gain(points, far_glue_points_mm):
             pin = self._make_pin(sites[best], points[best], True, np.zeros(3))
             if pin is not None:
-                self.workpieces.tools += pin.holes
+                self.workpieces.add_tools(pin.holes)
                 return pin
         return None
 

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 from decompose.arrays import Floats
 from decompose.connectors.records import Tool
-from decompose.geometry import choose_plane_axes
+from decompose.geometry import choose_plane_axes, compute_cross_product
 
 LIP_MM = 0.1  # distance by which a tool extends beyond its face, so that no film remains
 # Maximum sine of the angle between the ceiling of a hole and the vertical.
@@ -120,9 +120,9 @@ def make_groove(
     """
     along = ends_mm[1] - ends_mm[0]
     if not along.any():
-        along = np.cross(inward_normal, np.eye(3)[int(np.abs(inward_normal).argmin())])
+        along = compute_cross_product(inward_normal, np.eye(3)[int(np.abs(inward_normal).argmin())])
     first = along / np.linalg.norm(along)
-    second = np.cross(inward_normal, first)
+    second = compute_cross_product(inward_normal, first)
     rim = (
         first * np.cos(_CONE_ANGLES_RAD)[:, None] + width_ratio * second * np.sin(_CONE_ANGLES_RAD)[:, None]
     ) * (depth_mm + LIP_MM)
@@ -155,9 +155,9 @@ def _choose_cross_axes(inward_normal: Floats, up_direction: Floats) -> tuple[Flo
     """Choose two unit vectors (3,) across a hole: one as far upwards as possible, the other one level."""
     upwards = up_direction - (up_direction @ inward_normal) * inward_normal
     if np.linalg.norm(upwards) < 1e-6:
-        upwards = np.cross(np.eye(3)[int(np.abs(inward_normal).argmin())], inward_normal)
+        upwards = compute_cross_product(np.eye(3)[int(np.abs(inward_normal).argmin())], inward_normal)
     upwards = upwards / np.linalg.norm(upwards)
-    return upwards, np.cross(inward_normal, upwards)
+    return upwards, compute_cross_product(inward_normal, upwards)
 
 
 def _make_hexagon(upwards: Floats, across: Floats, inner_mm: float) -> Floats:

@@ -10,7 +10,7 @@ from decompose.geometry.convex import (
 )
 from decompose.geometry.model import Model, load_model
 from decompose.geometry.shells import label_components
-from decompose.geometry.solid import Solid, choose_plane_axes, triangulate
+from decompose.geometry.solid import Solid, triangulate
 from decompose.geometry.stl import round_triangles, separate_touching_surfaces, write_stl
 from decompose.geometry.symmetry import (
     Mirror,
@@ -20,12 +20,14 @@ from decompose.geometry.symmetry import (
     find_rotation_to_axis,
     find_smallest_rotation,
 )
+from decompose.geometry.vectors import choose_plane_axes, compute_cross_product
 
 __all__ = [
     "Mirror",
     "Model",
     "Solid",
     "choose_plane_axes",
+    "compute_cross_product",
     "draw_mirrors",
     "find_convex_outline",
     "find_good_mirrors",

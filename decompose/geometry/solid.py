@@ -299,13 +299,6 @@ class Solid:
         return self.intersect(other).volume_mm3 > 0.5 * other.volume_mm3
 
 
-def choose_plane_axes(normal: Floats) -> Floats:
-    """Choose two unit vectors (2, 3) that form a right-handed frame with a unit normal (3,)."""
-    side = np.cross(np.eye(3)[int(np.abs(normal).argmin())], normal)
-    axes: Floats = np.stack([side, np.cross(normal, side)]) / np.linalg.norm(side)
-    return axes
-
-
 def triangulate(polygons: list[Floats]) -> Ints:
     """Fill polygons of any shape with triangles, without adding or omitting a point.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
@@ -26,17 +27,14 @@ from decompose.errors import Rule
 from decompose.geometry import Solid, choose_plane_axes
 from decompose.pieces import Joint
 from decompose.results.overhangs import measure_ceiling_mm2
+from decompose.results.removed_material import EPS_MM3, find_other_changes, is_thick
 
-EPS_MM3 = 1e-3  # maximum rounding error of an operation on solids
 EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum area of a layer's ceiling in a hole, and where strokes cross
 RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of the search minus a margin
 FILM_MM = 0.06  # depth below a face that is not checked, because of rounding
 # Maximum angles of ceilings from the vertical; the slicer supports those of 50 degrees or more.
 MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0
 MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
-ENLARGEMENT_MM = 0.005  # enlargement of the tools in the check that nothing else was removed
-# Minimum thickness of a real difference; thinner ones are errors at nearly coincident faces.
-MIN_THICKNESS_MM = 0.05
 KEY_END_GAP_MM = 0.25  # gap at each end of a key
 KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
 ARC_SEGMENTS = 4  # number of sides of a polygon around a circle, for each quarter of it
@@ -98,28 +96,23 @@ class DrilledParts:
     def _check_part(self, part: int, groups: Sequence[_ToolGroup]) -> Iterator[tuple[Rule, str]]:
         """Check a part with its tools; yield the rules that are broken, and how."""
         undrilled_solid, drilled_solid = self.blanks[part].solid, self.drilled_solids[part]
-        tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
-        removed_solid = undrilled_solid.subtract(drilled_solid)
-        added_mm3 = drilled_solid.volume_mm3 - undrilled_solid.volume_mm3 + removed_solid.volume_mm3
-        if added_mm3 > EPS_MM3 and _is_thick(drilled_solid.subtract(undrilled_solid)):
-            yield Rule.ONLY_HOLES_REMOVED, "material was added"
-        if _is_thick(
-            removed_solid.subtract(Solid.union([_enlarge_tool(t) for group in groups for t in group.tools]))
+        for problem in find_other_changes(
+            undrilled_solid, drilled_solid, [tool for group in groups for tool in group.tools]
         ):
-            yield Rule.ONLY_HOLES_REMOVED, "more was removed than the holes and marks"
+            yield Rule.ONLY_HOLES_REMOVED, problem
         if len(drilled_solid.list_pieces()) != 1:
             yield Rule.ONLY_HOLES_REMOVED, "it is no longer one piece"
         sleeves = Solid.union([group.build_sleeve() for group in groups if not group.has_exit])
         if sleeves.subtract(undrilled_solid).volume_mm3 > EPS_MM3 or any(
-            _is_thick(self._subtract_parts(group.build_sleeve())) for group in groups if group.has_exit
+            is_thick(self._subtract_parts(group.build_sleeve())) for group in groups if group.has_exit
         ):
             yield Rule.PIN_WALLS, "the wall around a hole or mark is too thin"
         if any(not group.is_hidden(undrilled_solid) for group in groups):
             yield Rule.PIN_WALLS, "a hole or mark is not inside its joint"
         if any(
-            a.measure_gap_mm(b, RIM_MM) < RIM_MM - FILM_MM
-            for a, b in combinations(tools, 2)
-            if _is_near(a, b)
+            a.solid.measure_gap_mm(b.solid, RIM_MM) < RIM_MM - FILM_MM
+            for a, b in combinations(groups, 2)
+            if a.is_near(b)
         ):
             yield Rule.PIN_WALLS, "two holes or marks are too close to each other"
         for group in groups:
@@ -254,7 +247,7 @@ def _measure_play_mm(pin: Pin) -> float:
     return float(2.0 * inner_mm - pin.diameter_mm)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots, because of its cached properties
 class _ToolGroup:
     """Tools of one hole, groove, mark or gutter.
 
@@ -278,8 +271,25 @@ class _ToolGroup:
         """Maximum area of a layer's ceiling; where strokes cross, specks without support are allowed."""
         return SPECK_MM2 if self.kind == "mark" else EPS_MM2
 
-    def _draw_outline(self) -> shapely.Geometry:
-        """Draw the outline of the tools on their face, with the wall around them."""
+    @cached_property
+    def solid(self) -> Solid:
+        """Union of the tools."""
+        return Solid.union([Solid.hull(tool.points_mm) for tool in self.tools])
+
+    @cached_property
+    def bounds_mm(self) -> Floats:
+        """Least and greatest coordinates (2, 3) of the tools."""
+        points_mm = np.concatenate([tool.points_mm for tool in self.tools])
+        return np.stack([points_mm.min(axis=0), points_mm.max(axis=0)])
+
+    def is_near(self, other: _ToolGroup) -> bool:
+        """Check whether the bounding boxes of two groups are closer than the minimum wall."""
+        (a_low, a_high), (b_low, b_high) = self.bounds_mm, other.bounds_mm
+        return bool((np.maximum(a_low, b_low) - np.minimum(a_high, b_high)).max() < RIM_MM)
+
+    @cached_property
+    def _outline(self) -> shapely.Geometry:
+        """Outline of the tools on their face, with the wall around them."""
         across = choose_plane_axes(self.tools[0].inward_normal)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
         rim_radius_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # so that the arc is inside
@@ -297,12 +307,12 @@ class _ToolGroup:
             enlarged_points_mm = (first.points_mm[:, None] + self.rim_mm * _SPHERE_POINTS).reshape(-1, 3)
             end_mm = float((enlarged_points_mm @ first.inward_normal).max())
             below = _extrude_outline(
-                self._draw_outline(), first.inward_normal, first.face_offset_mm + FILM_MM, end_mm
+                self._outline, first.inward_normal, first.face_offset_mm + FILM_MM, end_mm
             )
             return Solid.hull(enlarged_points_mm).intersect(below)
         reach_mm = max(float((tool.points_mm @ first.inward_normal).max()) for tool in self.tools)
         return _extrude_outline(
-            self._draw_outline(), first.inward_normal, first.face_offset_mm + FILM_MM, reach_mm + RIM_MM
+            self._outline, first.inward_normal, first.face_offset_mm + FILM_MM, reach_mm + RIM_MM
         )
 
     @property
@@ -314,7 +324,7 @@ class _ToolGroup:
         """Check whether the mouths, with the rim that is inside the part, lie in a face of the joint."""
         inward_normal = self.tools[0].inward_normal
         across = choose_plane_axes(inward_normal)
-        outline = self._draw_outline()
+        outline = self._outline
         if self.has_exit:
             wall = self.build_sleeve().intersect(undrilled_solid)
             outline = build_polygons(wall.project(np.vstack([across, inward_normal])))
@@ -360,26 +370,6 @@ _SPHERE_POINTS = (
     _CORNERS[_CORNERS.any(axis=1)] / np.linalg.norm(_CORNERS[_CORNERS.any(axis=1)], axis=1)[:, None]
 )
 """Points (26, 3) on the unit sphere."""
-
-
-def _enlarge_tool(tool: Tool) -> Solid:
-    """Build a slightly larger tool, because operations on solids fail where faces coincide."""
-    offsets = tool.points_mm - tool.points_mm.mean(axis=0)
-    return Solid.hull(tool.points_mm + ENLARGEMENT_MM * offsets / np.linalg.norm(offsets, axis=1)[:, None])
-
-
-def _is_thick(solid: Solid) -> bool:
-    """Check whether a difference of two solids consists of more than films."""
-    return solid.volume_mm3 > EPS_MM3 and any(
-        piece.volume_mm3 > max(EPS_MM3, MIN_THICKNESS_MM * piece.area_mm2 / 2.0)
-        for piece in solid.list_pieces()
-    )
-
-
-def _is_near(a: Solid, b: Solid) -> bool:
-    """Check whether the bounding boxes of two solids are closer than the minimum wall."""
-    (a_low, a_high), (b_low, b_high) = a.bounds_mm, b.bounds_mm
-    return bool((np.maximum(a_low, b_low) - np.minimum(a_high, b_high)).max() < RIM_MM)
 
 
 def _extrude_outline(outline: shapely.Geometry, axis: Floats, start_mm: float, end_mm: float) -> Solid:

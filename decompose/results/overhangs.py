@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from decompose.arrays import Floats
 from decompose.geometry import Solid, choose_plane_axes
+
+Polygons = npt.NDArray[np.object_]
 
 LAYER_HEIGHT_MM = 0.2
 # Maximum overhang of a layer without support.
@@ -95,7 +99,7 @@ def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[
     other_layers = [
         n
         for run in runs
-        if any(ring.length < MIN_RING_MM for end in (run[0], run[-1]) for ring in outlines[end])
+        if any((shapely.length(outlines[end]) < MIN_RING_MM).any() for end in (run[0], run[-1]))
         for n in run
         if n not in outlines
     ]
@@ -132,20 +136,23 @@ def _build_air(
     return Solid.prism([ring], frame, face_offset_mm - AIR_MM, face_offset_mm)
 
 
-def _cut_outlines(hollow: Solid, frame: Floats, heights_mm: Floats) -> list[list[shapely.Polygon]]:
-    """Cut a hollow at heights (n,); return the outlines of each section."""
-    return [
-        [shapely.Polygon(ring) for ring in rings if len(ring) > 2]
-        for rings in hollow.cut_sections(frame, heights_mm)
-    ]
+def _cut_outlines(hollow: Solid, frame: Floats, heights_mm: Floats) -> list[Polygons]:
+    """Cut a hollow at heights (n,); return the outlines (k,) of each section as polygons."""
+    sections = [[ring for ring in rings if len(ring) > 2] for rings in hollow.cut_sections(frame, heights_mm)]
+    rings = [ring for section in sections for ring in section]
+    numbers = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    coordinates = np.concatenate([np.zeros((0, 2)), *rings])
+    outlines = shapely.polygons(shapely.linearrings(coordinates, indices=numbers))
+    ends = np.cumsum([0, *map(len, sections)]).tolist()
+    return [outlines[start:end] for start, end in pairwise(ends)]
 
 
-def _build_area(outlines: Sequence[shapely.Polygon]) -> shapely.Geometry:
+def _build_area(outlines: Polygons) -> shapely.Geometry:
     """Build the area of a layer without rings that are too short, as the slicer does."""
-    outlines = [outline for outline in outlines if outline.length >= MIN_RING_MM]
+    outlines = shapely.buffer(outlines[shapely.length(outlines) >= MIN_RING_MM], 0.0)
     if len(outlines) == 1:
-        return outlines[0].buffer(0.0)
+        return outlines[0]
     area: shapely.Geometry = shapely.Polygon()
-    for outline in sorted(outlines, key=lambda ring: -ring.area):
-        area = area.symmetric_difference(outline.buffer(0.0))
+    for outline in outlines[np.argsort(-shapely.area(outlines), kind="stable")]:
+        area = area.symmetric_difference(outline)
     return area

@@ -60,7 +60,7 @@ class KeyPlacer:
             * np.add.outer(self._weigh_places(long_places), self._weigh_places(short_places))
             / 2.0
         )
-        for index in np.argsort(-weighted_mm, axis=None, kind="stable")[:MAX_TRIED_PLACES].tolist():
+        for index in _find_largest(weighted_mm.ravel(), MAX_TRIED_PLACES):
             first, second = np.unravel_index(index, separations_mm.shape)
             if not separations_mm[first, second]:
                 return
@@ -134,7 +134,7 @@ class KeyPlacer:
     def _add_keys(self, *keys: Pin) -> None:
         """Add keys to the step, and their grooves to the workpieces."""
         self.pins += keys
-        self.maker.workpieces.tools += [groove for key in keys for groove in key.holes]
+        self.maker.workpieces.add_tools(groove for key in keys for groove in key.holes)
 
     def _list_places(self, length_mm: float) -> list[KeyPlace]:
         """List the places for a length that are not near a key or pin of the step."""
@@ -144,26 +144,27 @@ class KeyPlacer:
 
     def _list_free_places(self, places: Sequence[KeyPlace]) -> list[KeyPlace]:
         """List the places that are not near a key or pin of the step."""
-        return [
-            place
-            for place in places
-            if all(np.linalg.norm(place.middle_mm - pin.position_mm) > MIN_SEPARATION_MM for pin in self.pins)
-        ]
+        if not self.pins:
+            return list(places)
+        distances_mm = cdist(_list_middles(places), [pin.position_mm for pin in self.pins])
+        is_free = (distances_mm > MIN_SEPARATION_MM).all(axis=1)
+        return [places[number] for number in np.flatnonzero(is_free).tolist()]
 
     def _weigh_places(self, places: Sequence[KeyPlace]) -> Floats:
         """Compute the weights (n,) of places by their print time, with lower ones for level faces."""
         is_level = self.maker.workpieces.is_level
-        sites = [place.site for place in places]
-        return 1.0 - LEVEL_PENALTY * np.array(
-            [is_level(site.moved_side) + is_level(site.fixed_side) for site in sites]
-        )
+        sites = {id(place.site): place.site for place in places}
+        level_counts = {
+            key: is_level(site.moved_side) + is_level(site.fixed_side) for key, site in sites.items()
+        }
+        return 1.0 - LEVEL_PENALTY * np.array([level_counts[id(place.site)] for place in places])
 
     def _differs_from_used_distances(self, separations_mm: Floats) -> Bools:
         """Check for each distance whether it differs enough from `used_distances_mm`."""
-        is_different = np.ones(separations_mm.shape, dtype=np.bool_)
-        for known_mm in self.used_distances_mm:
-            is_different &= np.abs(separations_mm - known_mm) > self.min_difference_mm
-        return is_different
+        used_mm = np.concatenate([[-np.inf], np.sort(self.used_distances_mm), [np.inf]])
+        above = np.searchsorted(used_mm, separations_mm).clip(1)  # index of the least used distance above
+        gaps_mm = np.minimum(separations_mm - used_mm[above - 1], used_mm[above] - separations_mm)
+        return np.asarray(gaps_mm > self.min_difference_mm)
 
     def _project_places(self, places: Sequence[KeyPlace]) -> Floats:
         """Project the middles of places along the direction of the step."""
@@ -173,6 +174,14 @@ class KeyPlacer:
         """Project points (n, 3) along the direction of the step."""
         direction = self.maker.direction
         return points_mm - np.outer(points_mm @ direction, direction)
+
+
+def _find_largest(values: Floats, count: int) -> list[int]:
+    """Find the numbers of the largest values (n,), sorted as by a stable sort of all."""
+    least = np.partition(values, -count)[-count] if count < len(values) else -np.inf
+    candidates = np.flatnonzero(values >= least)
+    order = np.argsort(-values[candidates], kind="stable")
+    return [int(number) for number in candidates[order[:count]]]
 
 
 def _list_middles(places: Sequence[KeyPlace]) -> Floats:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +30,7 @@ from decompose.connectors.tools import (
     cut_groove_at_exit,
     make_groove,
 )
+from decompose.geometry import compute_cross_product
 from decompose.pieces import list_polygons
 
 SHORT_KEY_MM = 5.0  # length of the shorter key of a pair, and of additional keys
@@ -117,6 +118,7 @@ class KeyMaker:
     step_number: int
     direction: Floats
     key_mm: float
+    _bottom_areas: dict[int, tuple[int, shapely.Geometry]] = field(default_factory=dict)
 
     @property
     def lengths_mm(self) -> tuple[float, float]:
@@ -208,14 +210,8 @@ class KeyMaker:
 
     def _find_places_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
         """Yield the places on a site between two points on the rim of the area for groove bottoms."""
-        area = shapely.intersection_all(
-            [
-                self._find_bottom_area(side, self._compute_depth_mm(site))
-                for side in (site.moved_side, site.fixed_side)
-            ]
-        )
         bottom_mm = self._compute_bottom_mm(site, length_mm)
-        for polygon in list_polygons(area):
+        for polygon in list_polygons(self._find_common_area(site)):
             points, pitch_mm = _sample_rim(polygon)
             distances_mm = np.triu(cdist(points, points))
             first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < min(pitch_mm, PLACE_PITCH_MM) / 2.0)
@@ -232,12 +228,7 @@ class KeyMaker:
 
     def _find_sliding_middles(self, site: Site, length_mm: float) -> Floats:
         """Find the middles (n, 3) of keys along the direction of the step that leave sufficient walls."""
-        area = shapely.intersection_all(
-            [
-                self._find_bottom_area(side, self._compute_depth_mm(site))
-                for side in (site.moved_side, site.fixed_side)
-            ]
-        )
+        area = self._find_common_area(site)
         middles = site.moved_side.flatten(sample_points(site.moved_side, area, PLACE_PITCH_MM))
         half_mm = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved_side.flatten(self.direction)
         lines = shapely.linestrings(np.stack([middles - half_mm, middles + half_mm], axis=1))
@@ -252,7 +243,7 @@ class KeyMaker:
         half_width_mm = self._compute_depth_mm(slide.site) + KEY_RIM_MM + ROUNDING_MARGIN_MM
         area = self.workpieces.find_solid_area(side, half_width_mm, KEY_RIM_MM)
         shapely.prepare(area)
-        across = half_width_mm * np.cross(side.inward_normal, direction)
+        across = half_width_mm * compute_cross_product(side.inward_normal, direction)
         for end in ends:
             end_mm = float(end.face.offset_mm * end.face.normal @ direction)
             for middle_mm in middles_mm:
@@ -271,6 +262,17 @@ class KeyMaker:
                     _build_hull(end.flatten(np.concatenate(lower_corners)))
                 ) and area.covers(_build_hull(side.flatten(path))):
                     yield KeyPlace(slide.site, middle_mm, direction, side.part, exit_distance_mm)
+
+    def _find_common_area(self, site: Site) -> shapely.Geometry:
+        """Find the area of a site for the bottoms of both grooves; kept until its parts get tools."""
+        sides = (site.moved_side, site.fixed_side)
+        tool_count = sum(self.workpieces.count_tools(side.part) for side in sides)
+        kept_count, area = self._bottom_areas.get(id(site), (-1, shapely.Polygon()))
+        if kept_count != tool_count:
+            depth_mm = self._compute_depth_mm(site)
+            area = shapely.intersection_all([self._find_bottom_area(side, depth_mm) for side in sides])
+            self._bottom_areas[id(site)] = tool_count, area
+        return area
 
     def _find_bottom_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area for the bottom of a groove.
