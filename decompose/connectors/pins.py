@@ -20,6 +20,7 @@ from decompose.connectors.coverage import Site, find_far_glue, sample_glue, samp
 from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
 from decompose.connectors.keys import KeyMaker, KeyPlacer
 from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs, measure_distance_mm
+from decompose.connectors.spare_pins import find_spare_pins
 from decompose.connectors.tools import make_hole
 from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
 from decompose.pieces import Joint, list_polygons
@@ -89,6 +90,7 @@ def place_pins(
     """
     pins: list[Pin] = []
     unpinned_steps: list[tuple[int, str]] = []
+    glue_points_by_step_mm: list[Floats] = []
     if options.pin_mm is None:
         return pins, unpinned_steps
     for number, step in enumerate(assembly.steps):
@@ -96,13 +98,16 @@ def place_pins(
         pairs = [pair for j in held_joints for pair in find_sides(workpieces.blanks, j, joints[j])]
         sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, is_sliding=True)
         glue_points_mm = sample_glue([side for side, _ in pairs])
+        glue_points_by_step_mm.append(glue_points_mm)
         placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_points_mm, options.pin_mm)
         pair_distances_mm = [measure_distance_mm(*pair) for pair in find_pairs(pins).values()]
         new_pins = placer.place_connectors([*options.used_distances_mm, *pair_distances_mm])
         pins += new_pins
         if not new_pins:
             unpinned_steps.append((number, "too small for a pin" if sites else NO_SQUARE_FACE_REASON))
-    return pins, unpinned_steps
+    spare_pins = find_spare_pins(workpieces, glue_points_by_step_mm, pins)
+    workpieces.remove_tools(hole for pin in spare_pins for hole in pin.holes)
+    return [pin for pin in pins if pin not in spare_pins], unpinned_steps
 
 
 def _find_sites(

@@ -1,0 +1,71 @@
+"""Pins that are spare because enough of the glue of all steps together is near other pins.
+
+Each step gets pins until its own glue is near them. Some reach only a corner of a face, but take as long to
+print as others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from decompose.arrays import Bools, Floats
+from decompose.connectors.coverage import REACH_MM
+from decompose.connectors.faces import Workpieces
+from decompose.connectors.records import Pin, find_pairs
+
+MIN_TOTAL_SHARE = 0.96  # minimum share of the glue of all steps that is near a pin
+MIN_STEP_SHARE = 0.8  # the same for each step
+LEVEL_COST = 4.0  # print time of a groove on a level face, as a multiple of that on an upright face
+
+
+def find_spare_pins(
+    workpieces: Workpieces, glue_points_mm: Sequence[Floats], pins: Sequence[Pin]
+) -> list[Pin]:
+    """Find the pins that can be left out, first those that reach little glue for their print time.
+
+    The pair of a step is never among them.
+
+    Parameters
+    ----------
+    workpieces
+        Parts with their poses.
+    glue_points_mm
+        For each step, (n, 3) points from `sample_glue`, each of which represents the same area.
+    pins
+        Pins and keys of all steps.
+    """
+    costs = [sum(LEVEL_COST if workpieces.is_level(hole) else 1.0 for hole in pin.holes) for pin in pins]
+    numbers = [[n for n, pin in enumerate(pins) if pin.step == step] for step in range(len(glue_points_mm))]
+    reached = [
+        cdist([pins[n].position_mm for n in step_numbers] or np.zeros((0, 3)), points_mm) < REACH_MM
+        for step_numbers, points_mm in zip(numbers, glue_points_mm, strict=True)
+    ]
+    pairs = find_pairs(pins)
+    total = sum(map(len, glue_points_mm))
+    spare_pins: list[Pin] = []
+    while True:
+        counts = [_count_reached(rows) for rows in reached]
+        best: tuple[float, int, int] | None = None
+        for step, (first, second) in pairs.items():
+            for row, n in enumerate(numbers[step]):
+                if pins[n] is first or pins[n] is second:
+                    continue
+                left = _count_reached(np.delete(reached[step], row, axis=0))
+                lost = counts[step] - left
+                is_enough = left >= min(counts[step], MIN_STEP_SHARE * reached[step].shape[1])
+                if is_enough and sum(counts) - lost >= min(sum(counts), MIN_TOTAL_SHARE * total):
+                    candidate = (lost / costs[n], step, row)
+                    best = candidate if best is None else min(best, candidate)
+        if best is None:
+            return spare_pins
+        _, step, row = best
+        spare_pins.append(pins[numbers[step].pop(row)])
+        reached[step] = np.delete(reached[step], row, axis=0)
+
+
+def _count_reached(rows: Bools) -> int:
+    """Count the points (n,) that at least one pin (k, n) reaches."""
+    return int(np.count_nonzero(rows.any(axis=0)))
