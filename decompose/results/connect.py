@@ -35,7 +35,13 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     if options.connectors.is_empty or len(decomposition.parts) < 2:
         return decomposition
     blanks = [
-        Blank(find_part_number(p.id), p.solid, p.rotation[2], options.connectors.find_fit_mm(p.printer))
+        Blank(
+            name=find_part_number(p.id),
+            solid=p.solid,
+            up_direction=p.rotation[2],
+            pin_fit_mm=options.connectors.find_fit_mm(p.printer),
+            right_direction=p.rotation[0],
+        )
         for p in decomposition.parts
     ]
     try:
