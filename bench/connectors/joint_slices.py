@@ -13,7 +13,7 @@ import shapely
 from bench.prices.parts import ENDLESS_BED
 from decompose.arrays import Bools, Floats
 from decompose.connectors import Mark
-from decompose.connectors.strokes import ADVANCE, GRID_WIDTH, LETTERS, draw_strokes, measure_text_width
+from decompose.connectors.strokes import LETTERS, draw_strokes, list_letter_middles
 from decompose.geometry import Solid, write_stl
 from decompose.results import Part
 from drivers.printers import SLICING_PROFILES
@@ -104,9 +104,9 @@ class SlicedPart:
         to_face = np.linalg.lstsq(stroke_points, mark.lines_mm[: len(strokes)].reshape(-1, 3), rcond=None)[0]
         scale = float(np.linalg.norm(to_face[1]))
         half_width = round(max(0.3, (depth_mm - READ_DEPTH_MM) / scale), 3)
-        for n in range(len(code)):
-            middle = np.array([ADVANCE * n + GRID_WIDTH / 2.0 - measure_text_width(code) / 2.0, 0.0])
-            points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ to_face
+        for middle in list_letter_middles(code):
+            grid = _LETTER_GRID + np.array([middle, 0.0])
+            points_mm = np.column_stack([grid, np.ones(len(grid))]) @ to_face
             is_missing = ~self.is_printed(points_mm + READ_DEPTH_MM * mark.grooves[0].inward_normal)
             yield max(
                 _READABLE_LETTERS, key=lambda letter: _correlate_letters(letter, half_width, is_missing)

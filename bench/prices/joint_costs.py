@@ -1,9 +1,10 @@
 """Print time of grooves, holes, marks and gutters, fitted to slices of parts with only one of these kinds.
 
 Models are cut by the engine `guillotine` and drilled. The first parts are sliced without connectors, and
-again with only their keys, pins, marks or gutters. The time that a kind adds is fitted as a price per piece,
-or per mm of gutter, separately for faces that are upright, on top, and towards the bed. Errors are relative
-to the print time of the bare part, and all models have the same weight. Parts that get support are ignored.
+again with only their keys, pins or gutters. Marks are sliced together with the gutters, which attract the
+seams, and compared with the gutters alone. The time that a kind adds is fitted as a price per piece, or per
+mm of gutter, separately for faces that are upright, on top, and towards the bed. Errors are relative to the
+print time of the bare part, and all models have the same weight. Parts that get support are ignored.
 --fit fits the samples of several runs with --json together. The fitted prices are stored in
 `decompose.results.connector_prices`.
 
@@ -51,29 +52,35 @@ class Sample:
 
 
 def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
-    """Slice the first parts of a drilled result with each kind of connector alone."""
+    """Slice the first parts of a drilled result with each kind of connector."""
     blanks = [Blank(find_part_number(p.id), p.solid, p.rotation[2]) for p in result.parts]
     connectors = result.connectors
     kinds = [
         Connectors(pins=tuple(pin for pin in connectors.pins if pin.key_direction is not None)),
         Connectors(pins=tuple(pin for pin in connectors.pins if pin.key_direction is None)),
-        Connectors(marks=connectors.marks),
         Connectors(gutters=connectors.gutters),
+        Connectors(marks=connectors.marks, gutters=connectors.gutters),
     ]
     solids_by_kind = [drill_parts(blanks, kind) for kind in kinds]
     for number, part in enumerate(result.parts[:count]):
         with tempfile.TemporaryDirectory() as folder:
-            bare_slice = slice_part(part, part.solid, Path(folder))
+            base_slice = bare_slice = slice_part(part, part.solid, Path(folder))
             for kind, solids in zip(kinds, solids_by_kind, strict=True):
-                amounts = count_tools(kind, number, blanks[number].up_direction)
+                amounts = count_tools(
+                    replace(kind, gutters=() if kind.marks else kind.gutters),
+                    number,
+                    blanks[number].up_direction,
+                )
                 if amounts:
                     drilled_slice = slice_part(part, solids[number], Path(folder))
                     if (
                         abs(drilled_slice.support_filament_mm - bare_slice.support_filament_mm)
                         < MAX_ADDED_SUPPORT_MM
                     ):
-                        added_s = drilled_slice.sliced_s - bare_slice.sliced_s
+                        added_s = drilled_slice.sliced_s - base_slice.sliced_s
                         yield Sample(part.id, bare_slice.sliced_s, added_s, dict(amounts))
+                    if kind.gutters:
+                        base_slice = drilled_slice
 
 
 def fit_prices(samples: list[Sample]) -> dict[str, float]:

@@ -1,11 +1,12 @@
 """Places of marks: on both faces of each joint, the number of the other part and an upward arrow.
 
-On faces that are printed upright, the part's own number precedes the other number.
+On one face of each part its own number precedes the other number, on a face that is printed upright if it has
+one: each digit takes print time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ import shapely
 from decompose.arrays import Floats
 from decompose.assembly import Assembly
 from decompose.connectors.faces import Side, Workpieces, find_sides
+from decompose.connectors.gutters import GUTTER_DEPTH_MM
 from decompose.connectors.records import RIM_MM, Mark
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, measure_text_width
 from decompose.connectors.tools import (
@@ -28,7 +30,7 @@ from decompose.pieces import Joint, list_polygons
 
 LETTER_SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # heights of letters, with the depth of their grooves
 ARROW = "^"
-ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
+ARROW_CELL = 6.0  # width of the arrow's cell on the grid of the letters
 MAX_DOTS = 3  # maximum number of dots of a mark
 DOT_PITCH = 4.0  # distance between two dots, on the grid of the letters
 DEPTH_STEP_MM = 0.002  # difference in depth of strokes: operations on solids fail where faces coincide
@@ -69,25 +71,29 @@ def place_marks(
     """
     steps = {joint: number for number, step in enumerate(assembly.steps) for joint in step.joints}
     marks: list[Mark] = []
+    numbered_parts: set[int] = set()
     unmarked_joints = []
     for number, joint in enumerate(joints):
         pairs = sorted(find_sides(workpieces.blanks, number, joint), key=lambda pair: -pair[0].face.area_mm2)
-        new_marks = _mark_joint(workpieces, pairs, 1 + steps.get(number, 0) % MAX_DOTS)
+        new_marks = _mark_joint(workpieces, pairs, numbered_parts, 1 + steps.get(number, 0) % MAX_DOTS)
         marks += new_marks
+        numbered_parts |= {mark.part for mark in new_marks if mark.text[0] not in "-."}
         if len(new_marks) < 2:
             needs_support = any(_needs_support(workpieces, side) for pair in pairs[:1] for side in pair)
             unmarked_joints.append(
                 (number, "a face overhangs in its part's pose" if needs_support else "too small")
             )
-    return marks + _number_parts(workpieces, joints, marks), unmarked_joints
+    return marks + _number_parts(workpieces, joints, numbered_parts), unmarked_joints
 
 
-def _mark_joint(workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], dot_count: int) -> list[Mark]:
+def _mark_joint(
+    workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], numbered_parts: Set[int], dot_count: int
+) -> list[Mark]:
     """Mark the largest face on both sides, or else the sides that have space; if no side has, draw dots."""
     best_marks: list[Mark] = []
     for pair in pairs:
         marks = [
-            _place_text(workpieces, side, _list_texts(workpieces, side, workpieces.blanks[other.part].name))
+            _place_text(workpieces, side, _list_texts(workpieces, side, other, side.part in numbered_parts))
             for side, other in (pair, pair[::-1])
         ]
         placed_marks = [mark for mark in marks if mark is not None]
@@ -99,15 +105,12 @@ def _mark_joint(workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], dot_
         dot_marks = [_place_text(workpieces, side, [_draw_dots(dot_count)]) for side in pairs[0]]
         best_marks = [mark for mark in dot_marks if mark is not None]
     for mark in best_marks:
-        workpieces.tools += mark.grooves
+        workpieces.add_tools(mark.grooves)
     return best_marks
 
 
-def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
+def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], numbered_parts: Set[int]) -> list[Mark]:
     """Mark each part with its own number if no other mark on it shows that number."""
-    numbered_parts = {
-        mark.part for mark in marks if mark.text.startswith(f"{workpieces.blanks[mark.part].name}-")
-    }
     new_marks = []
     for part, blank in enumerate(workpieces.blanks):
         if part in numbered_parts:
@@ -124,16 +127,17 @@ def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], marks: Sequen
         for side in sorted(sides, key=lambda side: (workpieces.is_level(side), -side.face.area_mm2)):
             mark = _place_text(workpieces, side, texts[-1:] if workpieces.is_level(side) else texts)
             if mark is not None:
-                workpieces.tools += mark.grooves
+                workpieces.add_tools(mark.grooves)
                 new_marks.append(mark)
                 break
     return new_marks
 
 
-def _list_texts(workpieces: Workpieces, side: Side, neighbour: str) -> list[_TextLayout]:
-    """List the texts for a side, the most legible first."""
+def _list_texts(workpieces: Workpieces, side: Side, other: Side, is_numbered: bool) -> list[_TextLayout]:
+    """List the texts for a side, the most legible first; a numbered part shows its number already."""
     is_level = workpieces.is_level(side)
-    numbers = f"-{neighbour}" if is_level else f"{workpieces.blanks[side.part].name}-{neighbour}"
+    own = "" if is_level or is_numbered else workpieces.blanks[side.part].name
+    numbers = f"{own}-{workpieces.blanks[other.part].name}"
     sizes = LETTER_SIZES_MM[-1:] if is_level else LETTER_SIZES_MM
     return [*(_lay_out_text(numbers, size, ARROW) for size in sizes), _lay_out_text(numbers, sizes[-1], "")]
 
@@ -175,7 +179,8 @@ def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_TextLayout]
     """Place the first text that fits on a side of a joint, horizontally or rotated by 90 degrees."""
     if _needs_support(workpieces, side):
         return None
-    depth_mm = max(text.depth_mm for text in texts)
+    # The area is that for gutters, which is kept: finding it takes longer than placing a text.
+    depth_mm = max(GUTTER_DEPTH_MM, *(text.depth_mm for text in texts))
     free_area = workpieces.find_tool_area(side, depth_mm)
     up_direction = _find_up_direction(side)
     for text in texts:

@@ -1,4 +1,7 @@
-"""Letters of straight strokes for grooves, on a grid 4 units wide and 6 units high."""
+"""Letters of straight strokes for grooves, on a grid 6 units high.
+
+Each stroke is a groove to print and to check, so digits have few strokes, without rounded corners.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +10,23 @@ import numpy as np
 from decompose.arrays import Floats
 
 GRID_HEIGHT = 6.0
-GRID_WIDTH = 4.0
-ADVANCE = 5.6  # distance between the left sides of two letters
+GAP = 1.6  # distance between two letters
 
 # Each letter consists of polylines, whose points x, y are pairs of digits.
 LETTERS = {
-    "0": "10 30 41 45 36 16 05 01 10",
-    "1": "15 26 20",
-    "2": "05 16 36 45 44 00 40",
-    "3": "05 16 36 45 44 33 13|33 42 41 30 10 01",
-    "4": "30 36 02 42",
-    "5": "46 06 03 33 42 41 30 00",
-    "6": "46 16 05 01 10 30 41 42 33 03",
-    "7": "06 46 10",
-    "8": "13 04 05 16 36 45 44 33 13 02 01 10 30 41 42 33",
-    "9": "00 30 41 45 36 16 05 04 13 43",
-    "-": "13 33",
-    "^": "20 26|04 26 44",
-    ".": "20",
+    "0": "00 06 36 30 00",
+    "1": "05 16 10",
+    "2": "06 36 33 03 00 30",
+    "3": "06 36 30 00|03 33",
+    "4": "20 26 02 32",
+    "5": "36 06 03 33 30 00",
+    "6": "36 06 00 30 33 03",
+    "7": "06 36 10",
+    "8": "00 06 36 30 00|03 33",
+    "9": "33 03 06 36 30 00",
+    "-": "03 23",
+    "^": "02 24 42",
+    ".": "00",
     "A": "00 26 40|12 32",
     "B": "03 33 44 45 36 06 00 30 41 42 33",
     "C": "45 36 16 05 01 10 30 41",
@@ -56,7 +58,16 @@ LETTERS = {
 
 def measure_text_width(text: str) -> float:
     """Measure the width of a text in units of the grid."""
-    return ADVANCE * (len(text) - 1) + GRID_WIDTH
+    return float(sum(map(_measure_letter_width, text.upper())) + GAP * (len(text) - 1))
+
+
+def list_letter_middles(text: str) -> list[float]:
+    """List the horizontal positions of the middles of the letters, from the middle of the text."""
+    middles, left = [], -measure_text_width(text) / 2.0
+    for letter in text.upper():
+        middles.append(left + _measure_letter_width(letter) / 2.0)
+        left += _measure_letter_width(letter) + GAP
+    return middles
 
 
 def draw_strokes(text: str) -> Floats:
@@ -74,9 +85,14 @@ def draw_strokes(text: str) -> Floats:
         length.
     """
     strokes: list[list[list[float]]] = []
-    for number, letter in enumerate(text.upper()):
+    for middle, letter in zip(list_letter_middles(text), text.upper(), strict=True):
+        left, bottom = middle - _measure_letter_width(letter) / 2.0, -GRID_HEIGHT / 2.0
         for line in filter(None, LETTERS.get(letter, "").split("|")):
-            points = [[float(point[0]) + ADVANCE * number, float(point[1])] for point in line.split()]
+            points = [[left + float(point[0]), bottom + float(point[1])] for point in line.split()]
             strokes += [list(pair) for pair in zip(points, points[1:] or points, strict=False)]
-    middle = np.array([measure_text_width(text) / 2.0, GRID_HEIGHT / 2.0])
-    return np.asarray(np.array(strokes).reshape(-1, 2, 2) - middle)
+    return np.array(strokes).reshape(-1, 2, 2)
+
+
+def _measure_letter_width(letter: str) -> int:
+    """Measure the width of a letter in units of the grid; that of a gap is 4."""
+    return max((int(point[0]) for point in LETTERS.get(letter, "40").replace("|", " ").split()), default=0)

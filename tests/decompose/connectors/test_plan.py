@@ -89,9 +89,10 @@ def test_marks_are_readable_from_outside_and_their_arrows_agree():
         right_direction = np.cross(UPRIGHT_AXIS, [outward, 0.0, 0.0])
         ends = mark.lines_mm @ right_direction
         assert ends[0].max() < ends[-1].min()  # the first digit is left of the arrow
-        shaft, *wings = mark.lines_mm[-3:]
-        tip = max(shaft, key=lambda end: end[2])
-        assert all(np.linalg.norm(wing_mm - tip, axis=1).min() < 1e-9 for wing_mm in wings)
+        wings_mm = mark.lines_mm[-2:]
+        tip_mm = max(wings_mm[0], key=lambda end: end[2])
+        assert all(np.linalg.norm(wing_mm - tip_mm, axis=1).min() < 1e-9 for wing_mm in wings_mm)
+        assert wings_mm[..., 2].max() == pytest.approx(tip_mm[2])
 
 
 def test_only_upright_faces_have_a_gutter_inside_their_rim():
@@ -108,11 +109,11 @@ def test_arrow_of_a_turned_text_still_points_up():
     narrow_boxes = make_boxes(((0, 0, 0), (30, 14, 70)), ((30, 0, 0), (60, 14, 70)))
     connectors, _ = plan_and_drill(narrow_boxes, options=ConnectorOptions(marks=True))
     mark = connectors.marks[0]
-    assert np.ptp(mark.lines_mm[..., 2]) > 15.0  # the text runs upwards
-    shaft, first_line, second_line = mark.lines_mm[-3:]
-    assert shaft[:, 1] == pytest.approx(shaft[0, 1]) and np.ptp(shaft[:, 2]) > 3.0
-    tip = shaft[shaft[:, 2].argmax()]
-    assert all(np.linalg.norm(wing_mm - tip, axis=1).min() < 1e-9 for wing_mm in (first_line, second_line))
+    assert np.ptp(mark.lines_mm[..., 2]) > 10.0  # the text runs upwards
+    wings_mm = mark.lines_mm[-2:]
+    tip_mm = wings_mm[0][wings_mm[0][:, 2].argmax()]
+    assert all(np.linalg.norm(wing_mm - tip_mm, axis=1).min() < 1e-9 for wing_mm in wings_mm)
+    assert np.ptp(wings_mm[..., 1]) == pytest.approx(2.0 * np.ptp(wings_mm[..., 2]))
 
 
 def test_missing_pins_and_digits_of_a_thin_joint_are_reported():
