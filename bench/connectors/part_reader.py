@@ -16,7 +16,7 @@ import shapely
 import trimesh
 
 from decompose.arrays import Floats, Ints
-from decompose.connectors.marks import LETTER_SIZES_MM
+from decompose.connectors.marks import LETTER_DEPTH_MM, LETTER_HEIGHT_MM
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes, measure_text_width
 from decompose.geometry import choose_plane_axes
 
@@ -191,38 +191,37 @@ def _read_codes(
     codes: dict[str, Floats | None] = {}
     depths_mm = offset_mm - vertices @ normal
     is_inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
-    for height_mm, groove_mm in LETTER_SIZES_MM:
-        bottom_points = np.unique(
-            (vertices @ axes.T)[
-                is_inside & (np.abs(depths_mm - groove_mm + BOTTOM_RISE_MM) < BOTTOM_RISE_MM + 0.02)
-            ],
-            axis=0,
+    bottom_points = np.unique(
+        (vertices @ axes.T)[
+            is_inside & (np.abs(depths_mm - LETTER_DEPTH_MM + BOTTOM_RISE_MM) < BOTTOM_RISE_MM + 0.02)
+        ],
+        axis=0,
+    )
+    arrows = [(frame, middle) for frame, middle in _find_text("^", LETTER_HEIGHT_MM, bottom_points)]
+    on_arrow = np.zeros(len(bottom_points), dtype=np.bool_)
+    for frame, middle in arrows:
+        on_arrow |= (
+            _measure_distances_mm(bottom_points, _draw_text("^", LETTER_HEIGHT_MM) @ frame + middle)
+            < STROKE_TOLERANCE_MM
         )
-        arrows = [(frame, middle) for frame, middle in _find_text("^", height_mm, bottom_points)]
-        on_arrow = np.zeros(len(bottom_points), dtype=np.bool_)
-        for frame, middle in arrows:
-            on_arrow |= (
-                _measure_distances_mm(bottom_points, _draw_text("^", height_mm) @ frame + middle)
-                < STROKE_TOLERANCE_MM
+    letter_points = bottom_points[~on_arrow]
+    for text in texts:
+        for frame, middle in _find_text(text, LETTER_HEIGHT_MM, letter_points):
+            strokes = _draw_text(text, LETTER_HEIGHT_MM)
+            local_mm = (letter_points - middle) @ frame.T
+            half_size_mm = (
+                np.array([measure_text_width(text), GRID_HEIGHT]) * LETTER_HEIGHT_MM / GRID_HEIGHT / 2.0
+                + CLEARANCE_SHARE * LETTER_HEIGHT_MM
             )
-        letter_points = bottom_points[~on_arrow]
-        for text in texts:
-            for frame, middle in _find_text(text, height_mm, letter_points):
-                strokes = _draw_text(text, height_mm)
-                local_mm = (letter_points - middle) @ frame.T
-                half_size_mm = (
-                    np.array([measure_text_width(text), GRID_HEIGHT]) * height_mm / GRID_HEIGHT / 2.0
-                    + CLEARANCE_SHARE * height_mm
-                )
-                is_near = (np.abs(local_mm) < half_size_mm).all(axis=1)
-                if (_measure_distances_mm(local_mm[is_near], strokes) > STROKE_TOLERANCE_MM).any():
-                    continue  # part of a longer code
-                arrow_pose = _find_nearest(arrows, middle)
-                is_own_arrow = (
-                    arrow_pose is not None
-                    and np.linalg.norm(arrow_pose[1] - middle) < half_size_mm[0] + height_mm
-                )
-                codes[text] = arrow_pose[0][1] @ axes if arrow_pose is not None and is_own_arrow else None
+            is_near = (np.abs(local_mm) < half_size_mm).all(axis=1)
+            if (_measure_distances_mm(local_mm[is_near], strokes) > STROKE_TOLERANCE_MM).any():
+                continue  # part of a longer code
+            arrow_pose = _find_nearest(arrows, middle)
+            is_own_arrow = (
+                arrow_pose is not None
+                and np.linalg.norm(arrow_pose[1] - middle) < half_size_mm[0] + LETTER_HEIGHT_MM
+            )
+            codes[text] = arrow_pose[0][1] @ axes if arrow_pose is not None and is_own_arrow else None
     return codes
 
 

@@ -28,7 +28,8 @@ from decompose.connectors.tools import (
 )
 from decompose.pieces import Joint, list_polygons
 
-LETTER_SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # heights of letters, with the depth of their grooves
+LETTER_HEIGHT_MM = 4.0  # on upright faces each layer through a letter takes time
+LETTER_DEPTH_MM = 0.35  # depth of the grooves of letters; at 0.3 mm, some cannot be read back from slices
 ARROW = "^"
 ARROW_CELL = 6.0  # width of the arrow's cell on the grid of the letters
 MAX_DOTS = 3  # maximum number of dots of a mark
@@ -123,9 +124,9 @@ def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], numbered_part
             for side in pair
             if side.part == part
         ]
-        texts = [_lay_out_text(blank.name, size, "") for size in LETTER_SIZES_MM]
+        text = _lay_out_text(blank.name, "")
         for side in sorted(sides, key=lambda side: (workpieces.is_level(side), -side.face.area_mm2)):
-            mark = _place_text(workpieces, side, texts[-1:] if workpieces.is_level(side) else texts)
+            mark = _place_text(workpieces, side, [text])
             if mark is not None:
                 workpieces.add_tools(mark.grooves)
                 new_marks.append(mark)
@@ -135,35 +136,31 @@ def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], numbered_part
 
 def _list_texts(workpieces: Workpieces, side: Side, other: Side, is_numbered: bool) -> list[_TextLayout]:
     """List the texts for a side, the most legible first; a numbered part shows its number already."""
-    is_level = workpieces.is_level(side)
-    own = "" if is_level or is_numbered else workpieces.blanks[side.part].name
+    own = "" if workpieces.is_level(side) or is_numbered else workpieces.blanks[side.part].name
     numbers = f"{own}-{workpieces.blanks[other.part].name}"
-    sizes = LETTER_SIZES_MM[-1:] if is_level else LETTER_SIZES_MM
-    return [*(_lay_out_text(numbers, size, ARROW) for size in sizes), _lay_out_text(numbers, sizes[-1], "")]
+    return [_lay_out_text(numbers, ARROW), _lay_out_text(numbers, "")]
 
 
-def _lay_out_text(numbers: str, size_mm: tuple[float, float], arrow: str) -> _TextLayout:
-    """Lay out part numbers, and an arrow if any, in letters of a height with grooves of a depth."""
-    height_mm, depth_mm = size_mm
+def _lay_out_text(numbers: str, arrow: str) -> _TextLayout:
+    """Lay out part numbers, and an arrow if any."""
     strokes, width = draw_strokes(numbers), measure_text_width(numbers)
     if arrow:
         left, right = np.array([[ARROW_CELL / 2.0, 0.0], [width / 2.0, 0.0]])
         strokes = np.concatenate([strokes - left, draw_strokes(arrow) + right])
         width += ARROW_CELL
-    scale = height_mm / GRID_HEIGHT
+    scale = LETTER_HEIGHT_MM / GRID_HEIGHT
     half_extents_mm = np.array([width, GRID_HEIGHT]) * scale / 2.0
-    return _TextLayout(numbers + arrow, height_mm, depth_mm, strokes * scale, half_extents_mm)
+    return _TextLayout(numbers + arrow, LETTER_HEIGHT_MM, LETTER_DEPTH_MM, strokes * scale, half_extents_mm)
 
 
 def _draw_dots(count: int) -> _TextLayout:
     """Draw a row of dots."""
-    height_mm, depth_mm = LETTER_SIZES_MM[-1]
-    pitch_mm = DOT_PITCH * height_mm / GRID_HEIGHT
+    pitch_mm = DOT_PITCH * LETTER_HEIGHT_MM / GRID_HEIGHT
     centres_mm = np.zeros((count, 2, 2))
     centres_mm[:, :, 0] = ((np.arange(count) - (count - 1) / 2.0) * pitch_mm)[:, None]
     centres_mm[:, :, 0] += [-HALF_RIDGE_MM, HALF_RIDGE_MM]
     half_extents_mm = np.array([(count - 1) * pitch_mm / 2.0 + HALF_RIDGE_MM, 0.0])
-    return _TextLayout("." * count, 2.0 * depth_mm, depth_mm, centres_mm, half_extents_mm)
+    return _TextLayout("." * count, 2.0 * LETTER_DEPTH_MM, LETTER_DEPTH_MM, centres_mm, half_extents_mm)
 
 
 def _needs_support(workpieces: Workpieces, side: Side) -> bool:

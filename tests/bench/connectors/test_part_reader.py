@@ -10,7 +10,7 @@ import shapely
 import trimesh
 
 from bench.connectors.part_reader import _read_codes, read_part
-from decompose.connectors.marks import LETTER_SIZES_MM
+from decompose.connectors.marks import LETTER_DEPTH_MM, LETTER_HEIGHT_MM
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes
 from decompose.connectors.tools import make_groove
 from decompose.geometry import Solid
@@ -46,10 +46,10 @@ def test_groove_is_read_with_half_the_length_of_its_key(tmp_path: Path) -> None:
 
 
 def test_corner_between_groove_sides_is_not_read_as_the_end_of_a_stroke() -> None:
-    strokes = draw_strokes("-18") * (LETTER_SIZES_MM[1][0] / GRID_HEIGHT)
+    strokes = draw_strokes("-18") * (LETTER_HEIGHT_MM / GRID_HEIGHT)
     ends = np.unique(strokes.reshape(-1, 2), axis=0)
-    bottom = np.column_stack([ends, np.full(len(ends), -LETTER_SIZES_MM[1][1])])
-    corner = [*(ends[0] - [0.125, 0.0]), -LETTER_SIZES_MM[1][1] + 0.11]
+    bottom = np.column_stack([ends, np.full(len(ends), -LETTER_DEPTH_MM)])
+    corner = [*(ends[0] - [0.125, 0.0]), -LETTER_DEPTH_MM + 0.11]
     face = shapely.box(-30.0, -30.0, 30.0, 30.0)
     axes, normal = np.eye(3)[:2], np.eye(3)[2]
     assert _read_codes(np.vstack([bottom, corner]), face, axes, normal, 0.0, ["-18"]) == {"-18": None}
