@@ -98,7 +98,7 @@ class Mark:
     part, joint
         Numbers of the part that carries it, and of the joint.
     text
-        Numbers of the part and its neighbour (`10-14`, or `-14` on a face that is printed level), and `^`,
+        Number of the neighbour (`-14`; on one face of the part after its own number, `10-14`), and `^`,
         which points to the top of the model (on level faces, to its back); or the part's number alone. If
         no digits fit, the text consists of full stops, printed as dots: as many on one face of the joint as
         on the other.
