@@ -26,7 +26,8 @@ def find_spare_pins(
 ) -> list[Pin]:
     """Find the pins that can be left out, first those that reach little glue for their print time.
 
-    The pair of a step is never among them.
+    Print time counts more in parts with many pins, because the job ends with the slowest part. The pair of a
+    step is never among them.
 
     Parameters
     ----------
@@ -37,7 +38,10 @@ def find_spare_pins(
     pins
         Pins and keys of all steps.
     """
-    costs = [sum(LEVEL_COST if workpieces.is_level(hole) else 1.0 for hole in pin.holes) for pin in pins]
+    costs = [[LEVEL_COST if workpieces.is_level(hole) else 1.0 for hole in pin.holes] for pin in pins]
+    loads = np.zeros(len(workpieces.blanks))  # sum of the costs in each part
+    for pin, hole_costs in zip(pins, costs, strict=True):
+        loads[[hole.part for hole in pin.holes]] += hole_costs
     numbers = [[n for n, pin in enumerate(pins) if pin.step == step] for step in range(len(glue_points_mm))]
     reached = [
         cdist([pins[n].position_mm for n in step_numbers] or np.zeros((0, 3)), points_mm) < REACH_MM
@@ -57,12 +61,15 @@ def find_spare_pins(
                 lost = counts[step] - left
                 is_enough = left >= min(counts[step], MIN_STEP_SHARE * reached[step].shape[1])
                 if is_enough and sum(counts) - lost >= min(sum(counts), MIN_TOTAL_SHARE * total):
-                    candidate = (lost / costs[n], step, row)
+                    cost = float(loads[[hole.part for hole in pins[n].holes]] @ costs[n])
+                    candidate = (lost / cost, step, row)
                     best = candidate if best is None else min(best, candidate)
         if best is None:
             return spare_pins
         _, step, row = best
-        spare_pins.append(pins[numbers[step].pop(row)])
+        n = numbers[step].pop(row)
+        spare_pins.append(pins[n])
+        loads[[hole.part for hole in pins[n].holes]] -= costs[n]
         reached[step] = np.delete(reached[step], row, axis=0)
 
 
