@@ -31,7 +31,7 @@ from decompose.pieces import Joint, list_polygons
 LETTER_HEIGHT_MM = 4.0  # on upright faces each layer through a letter takes time
 LETTER_DEPTH_MM = 0.35  # depth of the grooves of letters; at 0.3 mm, some cannot be read back from slices
 ARROW = "^"
-ARROW_CELL = 6.0  # width of the arrow's cell on the grid of the letters
+ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
 MAX_DOTS = 3  # maximum number of dots of a mark
 DOT_PITCH = 4.0  # distance between two dots, on the grid of the letters
 DEPTH_STEP_MM = 0.002  # difference in depth of strokes: operations on solids fail where faces coincide
