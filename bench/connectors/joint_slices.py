@@ -13,7 +13,13 @@ import shapely
 from bench.prices.parts import ENDLESS_BED
 from decompose.arrays import Bools, Floats
 from decompose.connectors import Mark
-from decompose.connectors.strokes import LETTERS, draw_strokes, list_letter_middles
+from decompose.connectors.strokes import (
+    GAP,
+    LETTERS,
+    draw_strokes,
+    list_letter_middles,
+    measure_text_width,
+)
 from decompose.geometry import Solid, write_stl
 from decompose.results import Part
 from drivers.printers import SLICING_PROFILES
@@ -104,12 +110,15 @@ class SlicedPart:
         to_face = np.linalg.lstsq(stroke_points, mark.lines_mm[: len(strokes)].reshape(-1, 3), rcond=None)[0]
         scale = float(np.linalg.norm(to_face[1]))
         half_width = round(max(0.3, (depth_mm - READ_DEPTH_MM) / scale), 3)
-        for middle in list_letter_middles(code):
-            grid = _LETTER_GRID + np.array([middle, 0.0])
+        for own_letter, middle in zip(code, list_letter_middles(code), strict=True):
+            # Farther points are in the strokes of the next letter, because letters have different widths.
+            is_own = np.abs(_LETTER_GRID[:, 0]) <= (measure_text_width(own_letter) + GAP) / 2.0
+            grid = _LETTER_GRID[is_own] + np.array([middle, 0.0])
             points_mm = np.column_stack([grid, np.ones(len(grid))]) @ to_face
             is_missing = ~self.is_printed(points_mm + READ_DEPTH_MM * mark.grooves[0].inward_normal)
             yield max(
-                _READABLE_LETTERS, key=lambda letter: _correlate_letters(letter, half_width, is_missing)
+                _READABLE_LETTERS,
+                key=lambda letter: _correlate_letters(letter, half_width, is_own, is_missing),
             )
 
 
@@ -188,8 +197,19 @@ def _mask_strokes(letter: str, half_width: float) -> Bools:
     return np.asarray(shapely.contains_xy(lines.buffer(half_width), _LETTER_GRID))
 
 
-def _correlate_letters(letter: str, half_width: float, is_missing: Bools) -> float:
-    """Compute the correlation between the missing points of a letter and the strokes of another."""
-    if is_missing.all() or not is_missing.any():
+def _correlate_letters(letter: str, half_width: float, is_own: Bools, is_missing: Bools) -> float:
+    """Compute the correlation between the missing points of a letter and the strokes of another.
+
+    Parameters
+    ----------
+    letter, half_width
+        The other letter, and half the width of its strokes.
+    is_own
+        (n,) points of `_LETTER_GRID` around the first letter.
+    is_missing
+        (k,) which of them are missing.
+    """
+    is_stroke = _mask_strokes(letter, half_width)[is_own]
+    if len({*is_missing.tolist()}) < 2 or len({*is_stroke.tolist()}) < 2:
         return 0.0
-    return float(np.corrcoef(_mask_strokes(letter, half_width), is_missing)[0, 1])
+    return float(np.corrcoef(is_stroke, is_missing)[0, 1])
