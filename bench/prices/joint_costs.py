@@ -31,7 +31,7 @@ from bench.joints import cut_case
 from decompose.connectors import Blank, Connectors, drill_parts
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition, connect_parts
-from decompose.results.connector_prices import compute_price_factor, count_tools
+from decompose.results.connector_prices import count_tools
 
 MAX_ADDED_SUPPORT_MM = 1.0  # maximum filament of added supports; with more, they add time themselves
 
@@ -93,12 +93,7 @@ def fit_prices(samples: list[Sample]) -> dict[str, float]:
         names = sorted({name for sample in kind_samples for name in sample.amounts})
         models = Counter(sample.model for sample in kind_samples)
         weights = np.array([models[sample.model] ** -0.5 / sample.bare_s for sample in kind_samples])
-        rows = np.array(
-            [
-                [sample.amounts.get(n, 0.0) * compute_price_factor(n, sample.bare_s) for n in names]
-                for sample in kind_samples
-            ]
-        )
+        rows = np.array([[sample.amounts.get(name, 0.0) for name in names] for sample in kind_samples])
         added_s = np.array([sample.added_s for sample in kind_samples])
         fitted_prices_s = nnls(rows * weights[:, None], added_s * weights)[0]
         prices |= dict(zip(names, fitted_prices_s.tolist(), strict=True))

@@ -61,7 +61,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             replace(
                 part,
                 drilled_solid=solid,
-                price_s=part.price_s + price_connectors(connectors, i, blanks[i].up_direction, part.price_s),
+                price_s=part.price_s + price_connectors(connectors, i, blanks[i].up_direction),
                 hidden_grooves=list_hidden_grooves(part, [tool for tool in key_grooves if tool.part == i]),
             )
             if i in cut_parts

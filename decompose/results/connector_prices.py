@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 
 import numpy as np
@@ -11,21 +10,20 @@ from decompose.arrays import Floats
 from decompose.connectors import LEVEL_SIN, Connectors
 from decompose.options import THIN_FILAMENT_MM
 
-REFERENCE_S = 5_000.0  # print time of a part on which a mark has its price in `PRICES_S`
 PRICES_S = {
-    "groove upright": 5.1,
-    "groove top": 27.0,
-    "groove bed": 25.0,
-    "groove upright thin": 2.8,  # for thin filament; estimated for hidden sides, because few were sliced
-    "groove top thin": 8.0,
-    "groove bed thin": 22.0,
+    "groove upright": 1.8,
+    "groove top": 16.0,
+    "groove bed": 29.0,
+    "groove upright thin": 1.0,  # for thin filament; estimated from the others, because few were sliced
+    "groove top thin": 5.0,
+    "groove bed thin": 25.0,
     "hole upright": 35.0,
     "hole top": 35.0,
     "hole bed": 35.0,
-    "mark upright": 5.9,
-    "mark top": 18.0,
+    "mark upright": 2.4,
+    "mark top": 8.5,
     "mark bed": 16.0,
-    "gutter mm": 0.36,
+    "gutter mm": 0.03,
     "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
 }
 """Seconds for each tool, by its kind and its face; for gutters and the grooves of keys that slide, per mm."""
@@ -76,32 +74,6 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     return amounts + Counter({"gutter mm": round(length_mm), "sliding mm": round(sliding_mm)})
 
 
-def compute_price_factor(name: str, base_time_s: float) -> float:
-    """Compute the factor by which the size of a part changes a price.
-
-    Seams gather in the strokes of a mark. The head travels to them in each layer, and further on large parts.
-
-    Parameters
-    ----------
-    name
-        Name in `PRICES_S`.
-    base_time_s
-        Print time of the part without connectors.
-    """
-    return math.sqrt(base_time_s / REFERENCE_S) if name.startswith("mark") else 1.0
-
-
-def price_connectors(connectors: Connectors, part: int, up: Floats, base_time_s: float) -> float:
-    """Price the connectors of a part, in seconds of print time.
-
-    Parameters
-    ----------
-    connectors, part, up
-        As in `count_tools`.
-    base_time_s
-        Print time of the part without connectors.
-    """
-    amounts = count_tools(connectors, part, up)
-    return sum(
-        PRICES_S[name] * compute_price_factor(name, base_time_s) * amount for name, amount in amounts.items()
-    )
+def price_connectors(connectors: Connectors, part: int, up: Floats) -> float:
+    """Price the connectors of a part, in seconds of print time; the parameters are those of `count_tools`."""
+    return sum(PRICES_S[name] * amount for name, amount in count_tools(connectors, part, up).items())

@@ -29,7 +29,6 @@ from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
 UP_AXIS = np.array([0.0, 0.0, 1.0])
-PART_PRICE_S = 5_000.0
 LEANING_AXIS = np.array([0.0, 0.6, -0.8])  # level faces can have holes in this pose, but no grooves
 
 
@@ -153,9 +152,7 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
         write_stl(tmp_path / f"{part.id}.stl", part.build_stl_triangles())
         check_stl(tmp_path / f"{part.id}.stl", part)
     for number, (part, old_part) in enumerate(zip(connected_result.parts, halves.parts, strict=True)):
-        added_s = price_connectors(
-            connected_result.connectors, number, old_part.rotation[2], old_part.price_s
-        )
+        added_s = price_connectors(connected_result.connectors, number, old_part.rotation[2])
         assert part.price_s - old_part.price_s == pytest.approx(added_s)
     report_object = json.loads(json.dumps(connected_result.as_dict()))
     [step], report = report_object["assembly"]["steps"], report_object["connectors"]
@@ -195,18 +192,14 @@ def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
 def test_prices_grow_only_with_the_tools_of_a_part(drilled_parts: DrilledParts) -> None:
     connectors = drilled_parts.connectors
     up_axes = [blank.up_direction for blank in drilled_parts.blanks]
-    prices_s = [price_connectors(connectors, n, up, PART_PRICE_S) for n, up in enumerate(up_axes)]
+    prices_s = [price_connectors(connectors, n, up) for n, up in enumerate(up_axes)]
     fewer_connectors = replace(connectors, pins=connectors.pins[1:])
-    fewer_prices_s = [price_connectors(fewer_connectors, n, up, PART_PRICE_S) for n, up in enumerate(up_axes)]
+    fewer_prices_s = [price_connectors(fewer_connectors, n, up) for n, up in enumerate(up_axes)]
     cut_parts = {hole.part for hole in connectors.pins[0].holes}
     assert [cheaper_s < price_s for cheaper_s, price_s in zip(fewer_prices_s, prices_s, strict=True)] == [
         n in cut_parts for n in range(3)
     ]
-    assert price_connectors(Connectors(), 0, UP_AXIS, PART_PRICE_S) == 0.0
-    mark_connectors = replace(connectors, pins=(), gutters=())
-    assert price_connectors(mark_connectors, 0, up_axes[0], 4.0 * PART_PRICE_S) == pytest.approx(
-        2.0 * price_connectors(mark_connectors, 0, up_axes[0], PART_PRICE_S)
-    )
+    assert price_connectors(Connectors(), 0, UP_AXIS) == 0.0
 
 
 def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:
