@@ -125,16 +125,16 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
 
 
 def rebalance(
-    run: Run, cut_file: Path, folder: Path, sliced_s: list[float], best_s: float
+    run: Run, cut_file: Path, folder: Path, sliced_s: list[float], best_ratio: float
 ) -> dict[str, Any] | None:
-    """Balance a partition from a file by its sliced times; None if no gain over `best_s` is expected."""
+    """Balance a partition from a file by its sliced times; None if no gain over the best one is expected."""
     previous_result = pickle.loads(cut_file.read_bytes())
     start_s = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
     cost = CostModel.from_settings(make_print_time_settings(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            result = rebalance_planes(model, previous_result, sliced_s, cost, executor, best_s)
+            result = rebalance_planes(model, previous_result, sliced_s, cost, executor, best_ratio)
     except DecomposeError as error:
         print(f"{run.name}, balanced again: {error}", file=sys.stderr)
         return None
@@ -253,19 +253,22 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     if not args.no_slices and "refused" not in report:
         sliced_s = slice_parts(report, run, folder, args)
     row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
+    last_s = row.get("parallel_s")
     for number in range(1, MAX_PLANE_MOVES + 1):
         if not (row.get("sliced") and (folder / CUT_FILE).is_file()):
             break
         cut_file, folder = folder / CUT_FILE, folder / "plane_moves"
-        report = args.call(deferred_rebalance, run, cut_file, folder, sliced_s, row["parallel_s"])
+        best_ratio = row["parallel_s"] / last_s
+        report = args.call(deferred_rebalance, run, cut_file, folder, sliced_s, best_ratio)
         if report is None:
             break
         sliced_s = slice_parts(report, run, folder, args)
         moved_row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
         if not moved_row["sliced"]:
             break
-        print(f"{run.name}: moved planes {number}: {moved_row['parallel_s']:.0f} s", file=sys.stderr)
-        if moved_row["parallel_s"] >= row["parallel_s"]:
+        last_s = moved_row["parallel_s"]
+        print(f"{run.name}: moved planes {number}: {last_s:.0f} s", file=sys.stderr)
+        if last_s >= row["parallel_s"]:
             continue
         changes = {"plane_moves": number, "plane_moves_wall_s": moved_row["wall_s"]}
         first_s = row.get("first_s", row["parallel_s"])

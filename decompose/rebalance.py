@@ -32,7 +32,7 @@ def rebalance_planes(
     sliced_times_s: Sequence[float],
     cost: CostModel,
     executor: Executor | None = None,
-    best_makespan_s: float = math.inf,
+    best_ratio: float = 1.0,
 ) -> Decomposition | None:
     """Move the cut planes so that the part with the longest sliced time ends sooner.
 
@@ -51,8 +51,9 @@ def rebalance_planes(
         Cost model of that decomposition.
     executor
         Threads or processes for work that may run in parallel; None to run it sequentially.
-    best_makespan_s
-        Least sliced makespan in s of any decomposition so far, which may be another one than the previous.
+    best_ratio
+        Ratio of the least sliced makespan of any decomposition so far to that of the previous one. It is a
+        ratio, because a caller may include times that are not here, such as the heat-up.
 
     Returns
     -------
@@ -74,7 +75,7 @@ def rebalance_planes(
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
     cut_boxes = _cut_previous_boxes(problem, cutting, sliced_times_s)
-    shifted_pieces = None if cut_boxes is None else _shift_planes(problem, cut_boxes, best_makespan_s)
+    shifted_pieces = None if cut_boxes is None else _shift_planes(problem, cut_boxes, best_ratio)
     if shifted_pieces is None:
         return None
     grid = GridFigures(previous_result.grid_makespan_s, previous_result.lower_bound_s, previous_result.cells)
@@ -83,14 +84,12 @@ def rebalance_planes(
     return _copy_history(previous_result, result, perf_counter() - start_s)
 
 
-def _shift_planes(
-    problem: Problem, cut_boxes: list[list[Piece]], best_makespan_s: float
-) -> list[Piece] | None:
+def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]], best_ratio: float) -> list[Piece] | None:
     """Move the planes between the pieces of each box; None if the gain is too small to slice again."""
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in cut_boxes])
     shifted_pieces = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, cut_boxes)
     old_s = _compute_makespan_s(problem, [piece for pieces in cut_boxes for piece in pieces])
-    max_s = (1.0 - MIN_GAIN) * min(old_s, best_makespan_s)
+    max_s = (1.0 - MIN_GAIN) * best_ratio * old_s
     return shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= max_s else None
 
 

@@ -158,9 +158,9 @@ class PlanBuilder:
         self, sliced_job: SlicedJob, best_job: SlicedJob, folder: Path
     ) -> DecomposedJob | None:
         """Move the cuts, while idle workers draw the best parts, because these may stay unchanged."""
-        best_makespan_s = best_job.compute_makespan_s()
+        best_ratio = best_job.compute_makespan_s() / sliced_job.compute_makespan_s()
         move_future = asyncio.ensure_future(
-            self._workers.run(rebalance_parts, sliced_job, folder, best_makespan_s, limit=DECOMPOSING_LIMIT)
+            self._workers.run(rebalance_parts, sliced_job, folder, best_ratio, limit=DECOMPOSING_LIMIT)
         )
         try:
             await asyncio.sleep(0)  # lets the move take a worker before the drawings

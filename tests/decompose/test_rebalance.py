@@ -74,8 +74,8 @@ def test_planes_are_not_moved_for_a_gain_over_the_previous_result_alone(
     decomposition: Decomposition, cost: CostModel
 ) -> None:
     times_s, old = make_times_s(decomposition, 1), pickle_and_unpickle(decomposition)
-    assert rebalance_planes(MODEL, old, times_s, cost, None, times_s.max()) is not None
-    assert rebalance_planes(MODEL, old, times_s, cost, None, 0.8 * times_s.max()) is None
+    assert rebalance_planes(MODEL, old, times_s, cost, None, 1.0) is not None
+    assert rebalance_planes(MODEL, old, times_s, cost, None, 0.8) is None
 
 
 def test_rebalance_with_true_prices_changes_nothing(decomposition: Decomposition, cost: CostModel) -> None:

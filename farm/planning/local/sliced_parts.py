@@ -116,8 +116,9 @@ def rebalance_by_slices(
     best = last = slicer.slice_parts(decomposition, folder / "0")
     for number in range(1, MAX_REBALANCES + 1):
         try:
+            best_ratio = max(best.times_s) / max(last.times_s)
             moved_parts = rebalance_planes(
-                model, last.decomposition, last.times_s, cost, executor, max(best.times_s)
+                model, last.decomposition, last.times_s, cost, executor, best_ratio
             )
         except DecomposeError:  # the parts are valid without moved cuts
             break

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple
@@ -20,9 +19,7 @@ from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
 
-def rebalance_parts(
-    sliced_job: SlicedJob, folder: Path, best_makespan_s: float = math.inf
-) -> DecomposedJob | None:
+def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0) -> DecomposedJob | None:
     """Move the cuts of a job so that the part with the longest sliced time finishes sooner.
 
     Parameters
@@ -31,8 +28,8 @@ def rebalance_parts(
         A job with a cut record (`SlicedJob.should_rebalance`).
     folder
         Folder for the new parts.
-    best_makespan_s
-        Least sliced makespan of the job so far in s.
+    best_ratio
+        Ratio of the least makespan of any slices of the job so far to that of these.
 
     Returns
     -------
@@ -63,9 +60,7 @@ def rebalance_parts(
     ]
     model = read_inspected_model(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        new_decomposition = rebalance_planes(
-            model, decomposition, part_times_s, cost, threads, best_makespan_s
-        )
+        new_decomposition = rebalance_planes(model, decomposition, part_times_s, cost, threads, best_ratio)
         if new_decomposition is None:
             return None
         return write_decomposed_job(new_decomposition, model, folder)

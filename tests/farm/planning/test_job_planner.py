@@ -133,6 +133,18 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     assert not list(state.work.iterdir())
 
 
+@pytest.mark.usefixtures("without_pictures")
+def test_cut_is_moved_for_a_small_gain_on_slow_printers(state, bar, monkeypatch):
+    """Use printers that take three times as long for the layers, but as long as others to heat up."""
+    slow_down_slices(monkeypatch, lambda stl, _: 100.0 * (stl.stem == "p02"))
+    _, result = plan_job(state, bar, time_factor=3.0)
+    assert isinstance(result, Plan), result
+    first_part, second_part = result.parts
+    assert second_part.geometry.volume_mm3 < 0.97 * first_part.geometry.volume_mm3
+    first_s, second_s = (plate.expected_s for plate in result.plates)
+    assert second_s == pytest.approx(first_s, abs=60.0)
+
+
 @pytest.mark.parametrize(
     "error",
     [

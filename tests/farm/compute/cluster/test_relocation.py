@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from farm.compute.cluster.relocation import Relocation, dump, load, run_relocated
 
-NAMES = st.lists(st.sampled_from(["a", "b", "job-1", "levelled", "p.stl"]), min_size=1, max_size=4)
+NAMES = st.lists(st.sampled_from(["a", "b", "job-1", "rebalanced", "p.stl"]), min_size=1, max_size=4)
 PATHS = NAMES.map(lambda names: "/" + "/".join(names))
 
 
 def test_longest_matching_path_is_replaced_and_other_paths_are_unchanged():
-    moves = Relocation.from_pairs([("/state/job-1", "/here/0"), ("/state/job-1/levelled", "/here/1")])
+    moves = Relocation.from_pairs([("/state/job-1", "/here/0"), ("/state/job-1/rebalanced", "/here/1")])
     assert moves.move("/state/job-1/p01.stl") == "/here/0/p01.stl"
-    assert moves.move("/state/job-1/levelled/p01.stl") == "/here/1/p01.stl"
+    assert moves.move("/state/job-1/rebalanced/p01.stl") == "/here/1/p01.stl"
     assert moves.move("/state/job-10/p01.stl") == "/state/job-10/p01.stl"
     assert moves.move("/state/job-1") == "/here/0"
 
