@@ -96,7 +96,7 @@ def read_part(path: Path, own_number: str, other_numbers: Iterable[str], pin_mm:
             continue
         holes = list(_read_holes(rings, vertices[faces], axes, normal, offset_mm, pin_mm))
         holes += _read_grooves(rings, vertices[faces], axes, normal, offset_mm)
-        codes = _read_codes(vertices, outline, axes, normal, offset_mm, texts)
+        codes = _read_codes(vertices, faces, outline, axes, normal, offset_mm, texts)
         if holes or codes:
             coded_faces.append(CodedFace(normal, offset_mm, holes, codes))
     return coded_faces
@@ -181,22 +181,25 @@ def _measure_distance_to_wall_mm(corners: Floats, start: Floats, direction: Floa
 
 def _read_codes(
     vertices: Floats,
+    faces: Ints,
     outline: shapely.Geometry,
     axes: Floats,
     normal: Floats,
     offset_mm: float,
     texts: Iterable[str],
 ) -> dict[str, Floats | None]:
-    """Read the codes of a face, each with the direction of its arrow."""
+    """Read the codes of a face, each with the direction of its arrow.
+
+    Digits differ by their strokes, not by the ends of these. So each stroke must be a line at the bottom of a
+    groove, and each such line near the text a stroke.
+    """
     codes: dict[str, Floats | None] = {}
     depths_mm = offset_mm - vertices @ normal
     is_inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
-    bottom_points = np.unique(
-        (vertices @ axes.T)[
-            is_inside & (np.abs(depths_mm - LETTER_DEPTH_MM + BOTTOM_RISE_MM) < BOTTOM_RISE_MM + 0.02)
-        ],
-        axis=0,
-    )
+    is_bottom = is_inside & (np.abs(depths_mm - LETTER_DEPTH_MM + BOTTOM_RISE_MM) < BOTTOM_RISE_MM + 0.02)
+    bottom_points = np.unique((vertices @ axes.T)[is_bottom], axis=0)
+    edges = np.concatenate([faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    bottom_lines = (vertices @ axes.T)[edges[is_bottom[edges].all(axis=1)]]
     arrows = [(frame, middle) for frame, middle in _find_text("^", LETTER_HEIGHT_MM, bottom_points)]
     on_arrow = np.zeros(len(bottom_points), dtype=np.bool_)
     for frame, middle in arrows:
@@ -216,6 +219,10 @@ def _read_codes(
             is_near = (np.abs(local_mm) < half_size_mm).all(axis=1)
             if (_measure_distances_mm(local_mm[is_near], strokes) > STROKE_TOLERANCE_MM).any():
                 continue  # part of a longer code
+            local_lines_mm = (bottom_lines - middle) @ frame.T
+            is_near = (np.abs(local_lines_mm) < half_size_mm).all(axis=(1, 2))
+            if not _are_same_lines(strokes, local_lines_mm[is_near]):
+                continue  # other digits with the same corners
             arrow_pose = _find_nearest(arrows, middle)
             is_own_arrow = (
                 arrow_pose is not None
@@ -223,6 +230,20 @@ def _read_codes(
             )
             codes[text] = arrow_pose[0][1] @ axes if arrow_pose is not None and is_own_arrow else None
     return codes
+
+
+def _are_same_lines(strokes: Floats, lines_mm: Floats) -> bool:
+    """Check that each stroke (k, 2, 2) is on lines (n, 2, 2), and each line on strokes, at three points."""
+    shares = np.array([0.25, 0.5, 0.75])[:, None]
+    return all(
+        (
+            _measure_distances_mm(
+                (lines[:, None, 0] + shares * (lines[:, 1] - lines[:, 0])[:, None]).reshape(-1, 2), others
+            )
+            < STROKE_TOLERANCE_MM
+        ).all()
+        for lines, others in ((strokes, lines_mm), (lines_mm, strokes))
+    )
 
 
 def _find_text(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats, Floats]]:
@@ -233,7 +254,7 @@ def _find_text(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Fl
         return
     end_distances_mm = np.linalg.norm(ends[:, None] - ends[None], axis=2)
     i, j = np.unravel_index(int(end_distances_mm.argmax()), end_distances_mm.shape)
-    middles: list[Floats] = []
+    poses: list[tuple[Floats, Floats]] = []
     point_distances_mm = np.linalg.norm(points[:, None] - points[None], axis=2)
     for a, b in np.argwhere(np.abs(point_distances_mm - end_distances_mm[i, j]) < STROKE_TOLERANCE_MM):
         text_direction, point_direction = ends[j] - ends[i], points[b] - points[a]
@@ -243,10 +264,12 @@ def _find_text(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Fl
         frame = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
         middle = points[a] - ends[i] @ frame
         gaps_mm = np.linalg.norm((ends @ frame + middle)[:, None] - points[None], axis=2).min(axis=1)
+        # Digits may have the same corners if they are turned by 180 degrees.
         if gaps_mm.max() < STROKE_TOLERANCE_MM and all(
-            np.linalg.norm(middle - other_middle) > 1.0 for other_middle in middles
+            np.linalg.norm(middle - other_middle) > 1.0 or frame[0] @ other_frame[0] < 0.5
+            for other_frame, other_middle in poses
         ):
-            middles.append(middle)
+            poses.append((frame, middle))
             yield frame, middle
 
 
