@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import select
 import shutil
 import socket
 import subprocess
@@ -19,7 +20,7 @@ from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
 from drivers.link import BoardConnected, Link, Report
 from drivers.link.dialogue import exchange
-from drivers.ports import NetPort
+from drivers.ports import NetPort, WireRecord
 from drivers.remote import AgentClient, spawn_agent
 from drivers.safety import StopTarget, stop_printer
 from printers.agent_with_emulator import wait_for_emulator
@@ -136,3 +137,19 @@ def test_host_that_does_not_answer_is_a_port_error():
         port_number = probe.getsockname()[1]
     with pytest.raises(PortError, match="ser2net"):
         NetPort(f"rfc2217://127.0.0.1:{port_number}", ULTIMAKER2.baud_rate)
+
+
+def test_bytes_in_both_directions_are_recorded():
+    record = WireRecord(time.time)
+    port = NetPort("loop://", ULTIMAKER2.baud_rate, record)  # pyserial's port that receives what it sends
+    try:
+        port.write(b"M105\n")
+        data = b""
+        while not data.endswith(b"\n"):
+            assert select.select([port.fileno()], [], [], DEADLINE_S)[0]
+            data += port.read()
+        port.write_now(b"M112\n")
+    finally:
+        port.close()
+    lines = [(line.sent, line.text) for line in record.list_lines()]
+    assert lines == [(True, "M105"), (False, "M105"), (True, "M112")]
