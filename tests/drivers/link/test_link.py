@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import Fault
+from drivers.errors import Fault, UnreadableFile
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import add_frame
 from drivers.link import BoardConnected, Link, Phase, Report, replies
@@ -34,6 +34,28 @@ def test_clean_wire_executes_every_line_once_without_resends(count: int, piece_b
     assert bench.link.streamed_lines == count
     assert bench.link.repeat_count == 0
     assert not bench.list_faults()
+
+
+def test_stream_ends_at_lines_that_cannot_be_read():
+    program, bench = make_lines(600), Bench().boot()
+
+    def read_lines(start: int, stop: int) -> list[bytes]:
+        if stop > 300:
+            raise UnreadableFile("check the disk")
+        return program[start:stop]
+
+    bench.link.stream(bench.now_s, read_lines, 0, len(program))
+    bench.run()
+    assert str(bench.link.source_error) == "check the disk"
+    count = len(bench.firmware.executed_lines)
+    assert 0 < count <= 300
+    assert bench.firmware.executed_lines == list(enumerate(program[:count], 1))
+    assert (bench.link.streamed_lines, bench.link.is_drained) == (count, True)
+    bench.link.send(bench.now_s, b"M104 S0")  # commands may follow at once
+    stream_program(bench, program[:5])
+    bench.run()
+    assert bench.link.source_error is None
+    assert [text for _, text in bench.firmware.executed_lines[count:]] == [b"M104 S0", *program[:5]]
 
 
 def test_resent_line_is_counted_once():
