@@ -11,7 +11,7 @@ from decompose.arrays import Floats
 PLANE_CLEARANCE_MM = 2.0
 """Distance of planes from flat faces, if possible, so that cuts leave no slivers."""
 MIN_SLIVER_MM2 = 25.0  # minimum area of flat faces on one plane beside which a cut would leave a sliver
-SMALL_CLEARANCE_MM = 0.05  # distance from smaller flat faces, so that they do not count as cuts
+SMALL_CLEARANCE_MM = 0.1  # distance from smaller flat faces, so that they are not taken for parts of cuts
 COORDINATE_DIGITS = 6  # decimal places in mm; flat faces that agree in them lie on one plane
 
 
