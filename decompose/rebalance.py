@@ -1,4 +1,4 @@
-"""Second move of the cut planes, based on the sliced times of the parts.
+"""Moves of the cut planes by the sliced times of the parts.
 
 Prices of parts have errors of one or two per cent, and a job waits for the part that is underestimated most.
 The error hardly changes when the faces of a part move by a few millimetres. So each part keeps its ratio of
