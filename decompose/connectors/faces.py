@@ -135,6 +135,7 @@ class Workpieces:
 
     blanks: Sequence[Blank]
     _tools: list[list[Tool]] = field(init=False)
+    _change_counts: list[int] = field(init=False)
     _footprints: dict[_SideKey, list[_Footprint]] = field(default_factory=dict)
     _gaps: dict[_SideKey, Solid] = field(default_factory=dict)
     _solid_areas: dict[tuple[_SideKey, float], shapely.Geometry] = field(default_factory=dict)
@@ -144,22 +145,25 @@ class Workpieces:
 
     def __post_init__(self) -> None:
         self._tools = [[] for _ in self.blanks]
+        self._change_counts = [0] * len(self.blanks)
 
     def add_tools(self, tools: Iterable[Tool]) -> None:
         """Add tools, which later tools have to avoid."""
         for tool in tools:
             self._tools[tool.part].append(tool)
+            self._change_counts[tool.part] += 1
 
     def remove_tools(self, tools: Iterable[Tool]) -> None:
         """Remove tools from their parts."""
         for tool in tools:
             self._tools[tool.part].remove(tool)
+            self._change_counts[tool.part] += 1
             self._footprints = {key: f for key, f in self._footprints.items() if key[0] != tool.part}
             self._free_areas = {key: a for key, a in self._free_areas.items() if key[0][0] != tool.part}
 
-    def count_tools(self, part: int) -> int:
-        """Count the tools of a part."""
-        return len(self._tools[part])
+    def count_changes(self, part: int) -> int:
+        """Count the tools that a part got or lost: areas found at the same count are still true."""
+        return self._change_counts[part]
 
     def is_level(self, side: Side | Tool) -> bool:
         """Check whether the face of a side or a tool lies level in its pose: grooves in it print slowly."""

@@ -264,14 +264,14 @@ class KeyMaker:
                     yield KeyPlace(slide.site, middle_mm, direction, side.part, exit_distance_mm)
 
     def _find_common_area(self, site: Site) -> shapely.Geometry:
-        """Find the area of a site for the bottoms of both grooves; kept until its parts get tools."""
+        """Find the area of a site for the bottoms of both grooves; kept until its parts get or lose tools."""
         sides = (site.moved_side, site.fixed_side)
-        tool_count = sum(self.workpieces.count_tools(side.part) for side in sides)
+        change_count = sum(self.workpieces.count_changes(side.part) for side in sides)
         kept_count, area = self._bottom_areas.get(id(site), (-1, shapely.Polygon()))
-        if kept_count != tool_count:
+        if kept_count != change_count:
             depth_mm = self._compute_depth_mm(site)
             area = shapely.intersection_all([self._find_bottom_area(side, depth_mm) for side in sides])
-            self._bottom_areas[id(site)] = tool_count, area
+            self._bottom_areas[id(site)] = change_count, area
         return area
 
     def _find_bottom_area(self, side: Side, depth_mm: float) -> shapely.Geometry:

@@ -7,7 +7,7 @@ import math
 import re
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import Fault, UnreadableFile
@@ -329,38 +329,6 @@ def test_commands_wait_for_the_program_to_be_halted():
     with pytest.raises(ValueError, match="halt"):
         bench.link.send(0.0, b"M401")
         bench.link.send(0.0, b"M401")
-
-
-@given(
-    count=st.integers(1, 600),
-    poll_interval_s=st.sampled_from([0.02, 0.05, 0.3, 1.0]),
-    change_share=st.sampled_from([0.0, 0.0005]),
-    seed=st.integers(0, 2**32),
-)
-@example(count=84, poll_interval_s=0.3, change_share=0.0005, seed=84)  # two changes of one bit of a poll
-@settings(max_examples=60, deadline=None)
-def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
-    count: int, poll_interval_s: float, change_share: float, seed: int
-):
-    bench = Bench(Wire(0.0, change_share, 10_000, seed))
-    bench.link.poll_interval_s = poll_interval_s
-    bench.boot()
-    program = make_lines(count)
-    bench.link.send(0.0, b"M82")
-    stream_program(bench, program)
-    line_counts = [0]
-    for _ in range(200):
-        if bench.link.is_drained or bench.link.phase is Phase.DEAD:
-            break
-        bench.run(until_s=bench.now_s + 0.5)
-        line_counts.append(bench.link.streamed_lines)
-    if bench.link.phase is not Phase.DEAD:
-        assert len(bench.firmware.executed_lines) == count + 1
-        assert bench.link.streamed_lines == count
-        if not change_share:
-            assert [body for _, body in bench.firmware.executed_lines] == [b"M82", *program]
-            assert line_counts == sorted(line_counts)
-            assert bench.link.repeat_count == 0
 
 
 def test_unexpected_last_line_is_accepted_when_reported_twice():

@@ -1,12 +1,14 @@
-"""Link that polls temperatures over a wire without faults, and sends nothing twice."""
+"""Link that polls temperatures while it sends lines, over wires with and without faults."""
 
 import re
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from drivers.firmware import ULTIMAKER2
-from drivers.link import Link, Report
-from printers.link_bench import pass_to_link
+from drivers.link import Link, Phase, Report
+from printers.link_bench import Bench, Wire, make_lines, pass_to_link, stream_program
 
 BANNER = b"start\necho:Marlin 1.0.0\necho:   M301 P10 I1 D70\n"
 REPORT = b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
@@ -94,3 +96,35 @@ def test_line_in_flight_is_not_counted_as_printed():
         board.step()
     assert board.take().startswith(b"N3 ")
     assert (board.link.streamed_lines, board.link.is_drained) == (2, False)
+
+
+@given(
+    count=st.integers(1, 600),
+    poll_interval_s=st.sampled_from([0.02, 0.05, 0.3, 1.0]),
+    change_share=st.sampled_from([0.0, 0.0005]),
+    seed=st.integers(0, 2**32),
+)
+@example(count=84, poll_interval_s=0.3, change_share=0.0005, seed=84)  # two changes of one bit of a poll
+@settings(max_examples=60, deadline=None)
+def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
+    count: int, poll_interval_s: float, change_share: float, seed: int
+):
+    bench = Bench(Wire(0.0, change_share, 10_000, seed))
+    bench.link.poll_interval_s = poll_interval_s
+    bench.boot()
+    program = make_lines(count)
+    bench.link.send(0.0, b"M82")
+    stream_program(bench, program)
+    line_counts = [0]
+    for _ in range(200):
+        if bench.link.is_drained or bench.link.phase is Phase.DEAD:
+            break
+        bench.run(until_s=bench.now_s + 0.5)
+        line_counts.append(bench.link.streamed_lines)
+    if bench.link.phase is not Phase.DEAD:
+        assert len(bench.firmware.executed_lines) == count + 1
+        assert bench.link.streamed_lines == count
+        if not change_share:
+            assert [body for _, body in bench.firmware.executed_lines] == [b"M82", *program]
+            assert line_counts == sorted(line_counts)
+            assert bench.link.repeat_count == 0

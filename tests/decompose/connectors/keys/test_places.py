@@ -11,6 +11,10 @@ from hypothesis import strategies as st
 
 from decompose.assembly import plan_assembly
 from decompose.connectors import Blank, Connectors, drill_parts, find_pairs, plan_connectors
+from decompose.connectors.coverage import Site
+from decompose.connectors.faces import Workpieces, find_sides
+from decompose.connectors.keys.places import KeyMaker
+from decompose.connectors.tools import make_groove
 from decompose.errors import Rule
 from decompose.export.pin_sheet import make_pin_sheet
 from decompose.geometry import Solid
@@ -43,6 +47,29 @@ def drill_wall(width_mm: float, slope: float, up_axis: np.ndarray = POSES[0]) ->
     blanks = [Blank(str(n), piece.solid, up_axis) for n, piece in enumerate(pieces, 1)]
     connectors = plan_connectors(blanks, joints, assembly, ConnectorOptions(2.85, 0.4), 25.0)
     return DrilledParts(blanks, drill_parts(blanks, connectors), joints, assembly.steps, connectors)
+
+
+def test_places_of_keys_follow_a_tool_that_replaces_another_one() -> None:
+    pieces = [make_wall(30.0, 0.0, 0.0, 30.0), make_wall(30.0, 0.0, 30.0, 60.0)]
+    blanks = [Blank(str(n), piece.solid, POSES[0]) for n, piece in enumerate(pieces, 1)]
+    [sides] = find_sides(blanks, 0, find_joints(pieces)[0])
+    site = Site(*sides)
+    left, right = (
+        make_groove(sides[0].part, np.array([(x, 5.0, 30.0), (x, 25.0, 30.0)]), sides[0].inward_normal)
+        for x in (15.0, 45.0)
+    )
+
+    def measure_middles_mm(maker: KeyMaker) -> list[float]:
+        return [float(place.middle_mm[0]) for place in maker.find_places([site], 6.0)]
+
+    maker = KeyMaker(Workpieces(blanks), 0, POSES[0], 2.85)
+    maker.workpieces.add_tools([left])
+    first_middles_mm = measure_middles_mm(maker)
+    maker.workpieces.remove_tools([left])
+    maker.workpieces.add_tools([right])
+    fresh_maker = KeyMaker(Workpieces(blanks), 0, POSES[0], 2.85)
+    fresh_maker.workpieces.add_tools([right])
+    assert measure_middles_mm(maker) == measure_middles_mm(fresh_maker) != first_middles_mm
 
 
 @pytest.mark.parametrize(("width_mm", "key_mm"), [(5.5, 1.75), (7.0, 2.85)])
