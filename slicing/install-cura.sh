@@ -64,7 +64,7 @@ run_as_root() {
 
 require_root() {
     [[ $(id -u) == 0 ]] && return 0
-    command -v sudo >/dev/null || fail "There is no sudo here; as root: $*"
+    command -v sudo >/dev/null || fail "There is no sudo; run as root: $*"
     say "This needs root: $* (sudo may ask for your password)."
 }
 
@@ -91,7 +91,7 @@ if [[ -n ${FARM_CURA_RESOURCES:-} ]]; then
     is_supported "$settings_version" ||
         fail "FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is not Cura's resources folder (${FOLDERS[*]}) of 4.13 or 5."
     [[ -z $engine_version ]] || versions_match "$engine_version" "$settings_version" ||
-        fail "CuraEngine is $engine_version, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is Cura $settings_version's."
+        fail "CuraEngine is $engine_version, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is of Cura $settings_version."
 fi
 [[ -n $engine_version ]] && versions_match "$engine_version" "$settings_version" && exit 0
 
@@ -132,5 +132,5 @@ if [[ -z ${FARM_CURA_RESOURCES:-} ]] && ! versions_match "$engine_version" "$set
     mv "$RESOURCES.new" "$RESOURCES"
 fi
 [[ -z ${FARM_CURA_RESOURCES:-} ]] || versions_match "$engine_version" "$settings_version" ||
-    fail "CuraEngine is $engine_version, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is Cura $settings_version's."
+    fail "CuraEngine is $engine_version, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is of Cura $settings_version."
 say "CuraEngine $engine_version and Cura's settings are in place."

@@ -143,12 +143,12 @@ def slice_plate(request: PlateRequest, progress: ProgressCallback | None = None)
 def _slice_with_retries(
     request: PlateRequest, corners: Floats, progress: ProgressCallback | None
 ) -> CheckedSlice:
-    """Slice the part as it is; if that is rejected, slightly scaled, then with a wave in its sides."""
+    """Slice the part as it is; if that is rejected, slightly scaled; at last with waves in its sides."""
     check_versions(request.engine, request.settings.extruder)
     first_error: SliceRejected | None = None
-    with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
+    with tempfile.TemporaryDirectory(prefix="farm-retry-") as folder:
         variants = [
-            partial(_build_wider_request, request, corners, share, offset_mm, Path(folder))
+            partial(_build_scaled_request, request, corners, share, offset_mm, Path(folder))
             for share, offset_mm in _RETRIES
         ]
         for variant in (*variants, partial(_build_wavy_request, request, corners, Path(folder))):
@@ -162,31 +162,31 @@ def _slice_with_retries(
     raise first_error
 
 
-def _build_wider_request(
+def _build_scaled_request(
     request: PlateRequest, corners: Floats, share: float, offset_mm: float, folder: Path
 ) -> PlateRequest:
     """Build the request for a part scaled by a share about the bed's centre, with expanded outlines."""
     if not share:
         return request
-    wider_stl = folder / request.stl.name
+    scaled_stl = folder / request.stl.name
     scaled = corners.astype(np.float32)
     scaled[..., :2] *= 1.0 + share
-    wider_stl.write_bytes(write_triangles(scaled))
+    scaled_stl.write_bytes(write_triangles(scaled))
     settings = request.settings
     offsets = {
         key: str(float(settings.extruder.get(key) or 0.0) + offset_mm)
         for key in ("xy_offset", "xy_offset_layer_0")
     }
     return replace(
-        request, stl=wider_stl, settings=replace(settings, extruder={**settings.extruder, **offsets})
+        request, stl=scaled_stl, settings=replace(settings, extruder={**settings.extruder, **offsets})
     )
 
 
 def _build_wavy_request(request: PlateRequest, corners: Floats, folder: Path) -> PlateRequest:
     """Build the request for a part whose long sides have a wave of hundredths of a mm."""
-    path = folder / request.stl.name
-    path.write_bytes(write_triangles(add_waves(corners)))
-    return replace(request, stl=path)
+    wavy_stl = folder / request.stl.name
+    wavy_stl.write_bytes(write_triangles(add_waves(corners)))
+    return replace(request, stl=wavy_stl)
 
 
 def _slice_once(request: PlateRequest, corners: Floats, progress: ProgressCallback | None) -> CheckedSlice:
@@ -252,8 +252,8 @@ def _run_engine(
     return replace(engine_output, gcode=scale.restore_heights(engine_output.gcode))
 
 
-def _change_hidden_walls(gcode: bytes, path: Toolpath, request: PlateRequest) -> tuple[bytes, Toolpath]:
-    """Print one wall along hidden sides, and faster; return the G-code and its moves."""
+def _change_hidden_walls(gcode: bytes, toolpath: Toolpath, request: PlateRequest) -> tuple[bytes, Toolpath]:
+    """Change the walls along hidden sides (`slicing.hidden_walls`); return the G-code and its moves."""
     sides, settings = request.hidden_sides, request.settings
     changes = (
         partial(remove_inner_walls, sides=sides, settings=settings),
@@ -261,10 +261,10 @@ def _change_hidden_walls(gcode: bytes, path: Toolpath, request: PlateRequest) ->
         partial(speed_up_hidden_walls, sides=sides, settings=settings),
     )
     for change in changes if sides else ():
-        new_gcode = change(gcode, path)
+        new_gcode = change(gcode, toolpath)
         if new_gcode is not gcode:
-            gcode, path = new_gcode, read_toolpath(new_gcode)
-    return gcode, path
+            gcode, toolpath = new_gcode, read_toolpath(new_gcode)
+    return gcode, toolpath
 
 
 def _find_bed_centre(settings: EngineSettings) -> tuple[float, float]:

@@ -75,7 +75,7 @@ class PrintCode:
         return "\n".join(line.format(**fields) for line in lines)
 
     def build_end_code(self, retracted_mm: float) -> str:
-        """Fill in the end code for filament that the slicer has already drawn back by `retracted_mm`."""
+        """Fill in the end code for filament that the slicer has already retracted by `retracted_mm`."""
         return "\n".join(line.format(park_mm=retracted_mm - self.park_retraction_mm) for line in self.end)
 
 

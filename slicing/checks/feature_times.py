@@ -63,52 +63,52 @@ class MotionLimits:
         )
 
 
-def measure_feature_times(path: Toolpath, limits: MotionLimits) -> FeatureTimes:
-    """Divide CuraEngine's time of each layer among the features, in proportion to the times of moves.
+def measure_feature_times(toolpath: Toolpath, limits: MotionLimits) -> FeatureTimes:
+    """Divide CuraEngine's time of each layer among its features, in proportion to estimated times of moves.
 
     Parameters
     ----------
-    path
+    toolpath
         Moves and comments of CuraEngine's output.
     limits
         Limits with which it was sliced.
     """
     names = [item.name for item in fields(FeatureTimes)]
-    ends, first = path.list_layer_ends(), path.first_layer_move
+    ends, first = toolpath.list_layer_ends(), toolpath.first_layer_move
     if first is None or not ends:
         return FeatureTimes(*(0.0 for _ in names))
     bounds = np.array([first, *(move for move, _ in ends)])
-    seconds = estimate_move_seconds(path, limits)
+    seconds = estimate_move_seconds(toolpath, limits)
     sums = np.concatenate(([0.0], np.cumsum(seconds)))
     layer_s = np.diff(np.array([0.0, *(elapsed_s for _, elapsed_s in ends)]))
-    planned_s = np.diff(sums[bounds])
-    scales = np.divide(layer_s, planned_s, out=np.zeros_like(layer_s), where=planned_s > 0.0)
+    estimated_s = np.diff(sums[bounds])
+    scales = np.divide(layer_s, estimated_s, out=np.zeros_like(layer_s), where=estimated_s > 0.0)
     layer_moves = slice(int(bounds[0]), int(bounds[-1]))
     scaled_s = seconds[layer_moves] * np.repeat(scales, np.diff(bounds))
-    groups = [names.index(_FIELD_BY_FEATURE.get(feature, "travel_s")) for feature in path.features]
-    extrudes = (path.extruded_mm > 0.0) & path.is_head_move
-    group = np.where(extrudes, np.array(groups)[path.feature], names.index("travel_s"))
+    groups = [names.index(_FIELD_BY_FEATURE.get(feature, "travel_s")) for feature in toolpath.features]
+    extrudes = (toolpath.extruded_mm > 0.0) & toolpath.is_head_move
+    group = np.where(extrudes, np.array(groups)[toolpath.feature], names.index("travel_s"))
     return FeatureTimes(*np.bincount(group[layer_moves], weights=scaled_s, minlength=len(names)).tolist())
 
 
-def estimate_move_seconds(path: Toolpath, limits: MotionLimits) -> Floats:
+def estimate_move_seconds(toolpath: Toolpath, limits: MotionLimits) -> Floats:
     """Estimate the seconds (n,) of each move with acceleration and jerk.
 
     The speed at a junction is bounded by the jerk, and by the few moves on both sides of it.
 
     Parameters
     ----------
-    path
+    toolpath
         The n moves of a file.
     limits
         Limits of acceleration, speed and jerk.
     """
-    delta_mm = path.end - path.start
+    delta_mm = toolpath.end - toolpath.start
     length_mm = np.linalg.norm(delta_mm[:, :3], axis=1)
     length_mm = np.maximum(np.where(length_mm > 0.0, length_mm, np.abs(delta_mm[:, 3])), 1e-9)
     direction = delta_mm / length_mm[:, None]
     share = np.maximum(np.abs(direction), 1e-9)
-    feed_mm_s = np.maximum(path.feed_mm_min, 1.0) / 60.0
+    feed_mm_s = np.maximum(toolpath.feed_mm_min, 1.0) / 60.0
     top_mm_s = np.minimum(feed_mm_s, (limits.max_feed_mm_s / share).min(axis=1))
     acceleration_mm_s2 = np.minimum(
         limits.acceleration_mm_s2, (limits.max_acceleration_mm_s2 / share).min(axis=1)

@@ -67,7 +67,7 @@ class UnprintedWall:
 
 
 def check_outline(
-    path: Toolpath,
+    toolpath: Toolpath,
     corners: Floats,
     layout: WallLayout,
     *,
@@ -79,7 +79,7 @@ def check_outline(
 
     Parameters
     ----------
-    path
+    toolpath
         The G-code.
     corners
         (n, 3 corners, xyz) The mesh that was sliced, in mm from the bed's centre.
@@ -102,7 +102,7 @@ def check_outline(
         layout = replace(layout, offset_0_mm=layout.offset_mm)
     if np.linalg.det(corners).sum() < 0:  # an inverted mesh, which the engine accepts
         corners = corners[:, ::-1]
-    walls = Walls.from_toolpath(path, layout, centre_mm, filament_mm2)
+    walls = Walls.from_toolpath(toolpath, layout, centre_mm, filament_mm2)
     z_mm = _find_cut_heights_mm(corners, walls, layout, removed_layer_count)
     differing_layers, difference_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
     if not len(differing_layers):
@@ -224,7 +224,7 @@ def _compute_winding(start: Floats, end: Floats, x: float, y: float) -> int:
 def _compare_layer(
     layer: int, z_mm: Floats, walls: Walls, sections: _Sections, layout: WallLayout
 ) -> list[tuple[int, Geometry]]:
-    """Find thin pieces that are missing in a layer, each with the layer; reject any other difference."""
+    """Find the thin pieces that are missing in a layer, each with `layer`; reject any other difference."""
     adjacent_sections = [
         sections.cut_section(float(z_mm[layer]) + offset_mm, layer)
         for offset_mm in (-_PLANE_OFFSET_MM, _PLANE_OFFSET_MM)

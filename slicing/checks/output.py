@@ -44,39 +44,39 @@ class GcodeFacts:
     park_retraction_mm: float  # distance by which the filament is retracted at the end
 
 
-def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
+def gather_facts(toolpath: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     """Collect the facts of a G-code file of the Marlin flavour.
 
     Distances and the bounding box refer to the centre lines of the moves.
 
     Parameters
     ----------
-    path
+    toolpath
         The file's moves and commands.
     min_extrusion_c
         Nozzle temperature, in C, below which the firmware does not extrude.
     """
-    extruded_mm, has_moved = path.extruded_mm, path.is_head_move
-    is_printing = (extruded_mm > 0) & has_moved & (path.layer != NO_LAYER)
-    layers = path.layer[is_printing]
+    extruded_mm, has_moved = toolpath.extruded_mm, toolpath.is_head_move
+    is_printing = (extruded_mm > 0) & has_moved & (toolpath.layer != NO_LAYER)
+    layers = toolpath.layer[is_printing]
     last = int(np.flatnonzero(is_printing)[-1]) if is_printing.any() else -1
-    end_points = np.concatenate((path.start[is_printing, :3], path.end[is_printing, :3]))
+    end_points = np.concatenate((toolpath.start[is_printing, :3], toolpath.end[is_printing, :3]))
     low_mm = end_points.min(axis=0, initial=math.inf)
     high_mm = end_points.max(axis=0, initial=-math.inf)
     first_move_after_homing = next(
-        (command.next_move for command in path.commands if command.code == "G28"), len(has_moved)
+        (command.next_move for command in toolpath.commands if command.code == "G28"), len(has_moved)
     )
-    is_cold, heaters_off = _check_heat(path, extruded_mm > 0, min_extrusion_c)
+    is_cold, heaters_off = _check_heat(toolpath, extruded_mm > 0, min_extrusion_c)
     return GcodeFacts(
-        flavour=_read_last_comment(path, "FLAVOR:"),
-        sliced_s=float(_read_last_comment(path, "TIME_ELAPSED:") or 0.0),
+        flavour=_read_last_comment(toolpath, "FLAVOR:"),
+        sliced_s=float(_read_last_comment(toolpath, "TIME_ELAPSED:") or 0.0),
         filament_mm=float(extruded_mm[is_printing].sum()),
-        planned_layer_count=int(_read_last_comment(path, "LAYER_COUNT:") or 0),
+        planned_layer_count=int(_read_last_comment(toolpath, "LAYER_COUNT:") or 0),
         layers=len(np.unique(layers)),
         top_layer=int(layers[-1]) if len(layers) else -1,
         min_mm=(float(low_mm[0]), float(low_mm[1]), float(low_mm[2])),
         max_mm=(float(high_mm[0]), float(high_mm[1]), float(high_mm[2])),
-        uses_firmware_retraction=any(command.code in ("G10", "G11") for command in path.commands),
+        uses_firmware_retraction=any(command.code in ("G10", "G11") for command in toolpath.commands),
         moved_before_homing=bool(has_moved[:first_move_after_homing].any()),
         extruded_cold=is_cold,
         heaters_off=heaters_off,
@@ -84,22 +84,26 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     )
 
 
-def _read_last_comment(path: Toolpath, name: str) -> str:
+def _read_last_comment(toolpath: Toolpath, name: str) -> str:
     """Read the text after the last comment that begins with a name; empty if there is none."""
     return next(
-        (comment.text[len(name) :] for comment in reversed(path.comments) if comment.text.startswith(name)),
+        (
+            comment.text[len(name) :]
+            for comment in reversed(toolpath.comments)
+            if comment.text.startswith(name)
+        ),
         "",
     )
 
 
 def _check_heat(
-    path: Toolpath, is_extruding: npt.NDArray[np.bool_], min_extrusion_c: float
+    toolpath: Toolpath, is_extruding: npt.NDArray[np.bool_], min_extrusion_c: float
 ) -> tuple[bool, bool]:
     """Check whether filament is extruded by a cold nozzle, and whether all heaters are off at the end."""
     target_c = {"M104": 0.0, "M140": 0.0}
     reached_c = 0.0
     first_move, is_cold = 0, False
-    for command in path.commands:
+    for command in toolpath.commands:
         if command.code not in ("M104", "M109", "M140", "M190"):
             continue
         if min(reached_c, target_c["M104"]) < min_extrusion_c:
@@ -202,8 +206,8 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
         (
             Rule.COLD_EXTRUSION,
             not facts.extruded_cold,
-            f"it extrudes before it waits for the nozzle to reach {min_extrusion_c:g} C; set a higher "
-            "material_print_temperature",
+            f"the G-code extrudes before it waits for the nozzle to reach {min_extrusion_c:g} C; set a "
+            "higher material_print_temperature",
         ),
         (
             Rule.HEATERS_ON,
@@ -258,9 +262,9 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
         if is_inside and height_mm <= max_height_mm + max_excess_mm:
             return
     raise OutsideBed(
-        f"it prints on X {low_mm[0]:.1f}..{high_mm[0]:.1f}, Y {low_mm[1]:.1f}..{high_mm[1]:.1f}, up to Z "
-        f"{height_mm:.1f} mm from the bed's centre, outside the printer's build volume; scale it "
-        "down, or choose a narrower brim",
+        f"the G-code prints on X {low_mm[0]:.1f}..{high_mm[0]:.1f}, Y {low_mm[1]:.1f}..{high_mm[1]:.1f}, "
+        f"up to Z {height_mm:.1f} mm, from the bed's centre, outside the printer's build volume; scale it down, "
+        "or choose a narrower brim",
         low_mm,
         high_mm,
         height_mm - max_excess_mm,

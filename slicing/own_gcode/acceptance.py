@@ -16,13 +16,13 @@ from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import TimeEstimator, Writer
 
 PLAUSIBLE_RATIOS = (0.2, 2.5)
-"""Bounds of the ratio of the lines' mean cross-section to that of a line a nozzle wide and a layer high.
-Slicers reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and
-filament of 1.75 mm instead of 2.85 mm about 2.7."""
+"""Bounds of the ratio of the lines' mean cross-section to that of a line as wide as the nozzle and as high as
+the layer. Slicers reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or
+0.15), and filament of 1.75 mm instead of 2.85 mm about 2.7."""
 MAX_LAYER_SHARE = 0.8
 """Maximum layer height as a share of the nozzle's diameter; higher lines do not stick."""
 SLACK_LAYERS = 1.25
-"""Depth to which slicers may go below a layer's top, as in a sloping seam, in layers of maximum height."""
+"""Depth to which slicers may go below a layer's top, as in a scarf seam, in layers of maximum height."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +165,7 @@ def _add_start_and_end(printed_lines: bytearray, interpreter: Interpreter, targe
 
 
 def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
-    """Compute the ratio of the lines' mean cross-section to that of a line a nozzle wide and a layer high.
+    """Compute the ratio of the mean cross-section of the lines to `nozzle_mm` times the layer height.
 
     Raises
     ------

@@ -11,7 +11,7 @@ MAX_PRIMED_MM = 1.0
 """Maximum filament that slicers extrude at standstill, beyond what was retracted before."""
 _NEGLIGIBLE_PRIME_MM = 0.001
 
-Corner = list[float]
+Point = list[float]
 
 
 class Extent:
@@ -38,13 +38,16 @@ class Extent:
         # Number of returns of retracted filament, and of those that extrude more than was retracted.
         self._return_count = self._prime_count = 0
         self._primed_mm = self._jumped_mm = 0.0
-        self._moves: list[Corner] = []  # since the last line that was printed
+        self._moves: list[Point] = []  # since the last line that was printed
         self._fed_mm = 0.0
         self._layer_z_mm = self._step_mm = 0.0
         self._path_on_step_mm: defaultdict[float, float] = defaultdict(float)
 
-    def record_move(self, target: Corner, fed_mm: float) -> None:
-        """Record a move, which counts once something is printed after it."""
+    def record_move(self, target: Point, fed_mm: float) -> None:
+        """Record a move, which counts once something is printed after it.
+
+        `fed_mm` is the filament that it extrudes, without the return of retracted filament.
+        """
         self._moves.append(target)
         self._fed_mm += max(0.0, fed_mm)
 
@@ -65,11 +68,11 @@ class Extent:
         """
         return self._jumped_mm + (self._primed_mm if 2 * self._prime_count < self._return_count else 0.0)
 
-    def is_higher(self, start: Corner, target: Corner) -> bool:
+    def is_higher(self, start: Point, target: Point) -> bool:
         """Check whether a printed line lies higher than all before it, but is not the first."""
         return self.path_mm > 0 and start[2] == target[2] > self._layer_z_mm + 0.01
 
-    def record_line(self, start: Corner, target: Corner) -> None:
+    def record_line(self, start: Point, target: Point) -> None:
         """Record that the last move printed a line."""
         z, path_mm = target[2], math.dist(start, target)
         if start[2] == z != self._layer_z_mm:
@@ -99,7 +102,7 @@ class Extent:
         return 0.0
 
 
-def _extend_box(low: Corner, high: Corner, point: Corner) -> None:
+def _extend_box(low: Point, high: Point, point: Point) -> None:
     """Extend a bounding box to contain a point."""
     for axis, value in enumerate(point):
         if value < low[axis]:

@@ -105,7 +105,7 @@ class Head:
         self._retracted_mm = max(0.0, retracted_mm - extruded_mm)
         if not self._objections.is_printing:
             return False
-        self._check_feed(extruded_mm, speed_mm_s * factor)
+        self._check_limits(extruded_mm, speed_mm_s * factor)
         if not self._approach_start(start, target, extruded_mm, speed_mm_s):
             return False
         x, y, z = target
@@ -117,10 +117,10 @@ class Head:
                 f"{self._retraction_line}: where E starts again from 0, the file needs G92 E0"
             )
         self._writer.add_move((x, y, z, extruded_mm, speed_mm_s * factor))
-        fed_mm = extruded_mm - retracted_mm
+        fed_mm = extruded_mm - retracted_mm  # without the return of retracted filament
         self._check_jump(start, target, fed_mm)
         if extruded_mm > 0:
-            self._gaps.record_feed(math.dist(start, target), fed_mm, self._objections.line)
+            self._gaps.record_extrusion(math.dist(start, target), fed_mm, self._objections.line)
         if extruded_mm > 0 and start == target:
             self.extent.record_prime(fed_mm)
         self.extent.record_move(target, fed_mm)
@@ -133,14 +133,14 @@ class Head:
     def _max_retracted_mm(self) -> float:
         return self._code.park_retraction_mm + RETRACTION_SLACK_MM
 
-    def _check_feed(self, extruded_mm: float, speed_mm_s: float) -> None:
+    def _check_limits(self, extruded_mm: float, speed_mm_s: float) -> None:
         if extruded_mm > MAX_EXTRUDED_MM:
-            self._objections.add(f"one move pushes {extruded_mm:.0f} mm of filament: is it counted in mm3?")
+            self._objections.add(f"one move extrudes {extruded_mm:.0f} mm of filament: is it counted in mm3?")
         if extruded_mm < 0:
             self._retraction_line = self._objections.line
         if self._retracted_mm > self._max_retracted_mm:  # an end script may unload the filament
             self._objections.add_except_at_end(
-                f"draws the filament {self._retracted_mm:.1f} mm back, out of the hot end"
+                f"retracts the filament by {self._retracted_mm:.1f} mm, out of the hot end"
             )
         if speed_mm_s < MIN_SPEED_MM_S:
             self._objections.add(f"moves at {speed_mm_s * 60:g} mm/min, which never ends")

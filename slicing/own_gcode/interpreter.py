@@ -138,7 +138,7 @@ class Interpreter:
             raise GcodeRefused(
                 self._objections.first_reason or "it prints nothing: no move after its start extrudes"
             )
-        self._objections.check_end(self._survey.is_closed)
+        self._objections.check_end(self._survey.has_closing_mark)
 
     @property
     def _is_printing(self) -> bool:

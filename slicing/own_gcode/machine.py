@@ -11,8 +11,8 @@ from slicing.gcode_lines import quote_text
 from slicing.own_gcode.target import PrintTarget
 
 _NAME_KEYS = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
-"""Facts that name the machine, as written by Cura, PrusaSlicer and its forks, and KISSlicer. The last one is
-the name of a person's settings, used if no model is named."""
+"""Keys of the machine's name in files of Cura, PrusaSlicer and its forks, and KISSlicer. The value of the
+last one is the name of a person's settings, used if no model is named."""
 _PLACEHOLDER_NAMES = ("", '""', "unknown", "default", "- default fff printer -")
 _USUAL_RATIOS = (0.5, 1.7)
 """Usual ratio of the lines' cross-section to that of a line as wide as the nozzle: 0.75 to 1.4 in slices of

@@ -31,7 +31,7 @@ class Objections:
         self._has_ended = False  # an end script has begun, and nothing has been printed since
 
     def add(self, reason: str) -> None:
-        """Record a reason to refuse the file at its next printed line or its end; not in a start script."""
+        """Record a reason to refuse the file at its next printed line or its end; ignore start scripts."""
         if self.is_printing:
             self.first_reason = self.first_reason or self._format_reason(reason)
             if not self._has_ended:
@@ -70,12 +70,12 @@ class Objections:
         """Record a printed line: the lines before it were not an end script."""
         self._has_ended = False
 
-    def check_end(self, is_closed: bool) -> None:
+    def check_end(self, has_closing_mark: bool) -> None:
         """Check the end of a file that prints something.
 
         Parameters
         ----------
-        is_closed
+        has_closing_mark
             Whether the slicer's closing mark comes after the print.
 
         Raises
@@ -85,7 +85,7 @@ class Objections:
         """
         if self._unconditional_reason is not None:
             raise GcodeRefused(self._unconditional_reason)
-        if not (self._has_ended or is_closed):
+        if not (self._has_ended or has_closing_mark):
             self.refuse(
                 "the file ends here, before the print does: nothing switches the nozzle off (M104 S0) after "
                 "the last line that is printed; export it once more, or copy it again"

@@ -43,7 +43,7 @@ class Survey:
         Number of the line with which the print begins.
     marks_layers
         Whether comments mark where layers begin.
-    is_closed
+    has_closing_mark
         Whether the slicer's closing mark comes after the last printed line; False for a slicer without one.
     machine
         The machine that it was sliced for.
@@ -57,7 +57,7 @@ class Survey:
     nozzle_mm: float | None
     first_line: int
     marks_layers: bool
-    is_closed: bool
+    has_closing_mark: bool
     machine: Machine
     warning: str | None
     figures: StatedFigures
@@ -104,7 +104,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
         nozzle_mm=_read_number(scan.metadata, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
         first_line=scan.layer_line or scan.ready_line + 1,
         marks_layers=bool(scan.layer_line),
-        is_closed=bool(scan.completeness.is_closed(scan.print_line)),
+        has_closing_mark=bool(scan.completeness.has_closing_mark(scan.print_line)),
         warning=scan.completeness.build_warning(),
         figures=scan.completeness.figures,
         machine=find_machine(
@@ -119,7 +119,7 @@ class _Scan:
     Attributes
     ----------
     metadata
-        Facts from comments: name in lower case -> value as written.
+        Values from comments, as written, by their keys in lower case.
     layer_line
         First line that marks a layer.
     wait_line, home_line, ready_line
@@ -209,7 +209,7 @@ def _is_ultigcode(metadata: dict[str, bytes], filament_mm: float) -> bool:
 
 
 def _read_number(metadata: dict[str, bytes], *names: str) -> float | None:
-    """Read the first of these facts that is a number other than 0."""
+    """Read the first of these values that is a number other than 0."""
     for name in names:
         try:
             if value := float(metadata[name]):

@@ -6,18 +6,18 @@ from typing import Protocol
 
 E_RESET_MM = 1000.0
 """Value of E beyond which it is reset, because the firmware computes in single precision."""
-MAX_MARK_INTERVAL_S = 60.0
-"""Maximum time between two marks of the timeline."""
+MAX_TIME_INTERVAL_S = 60.0
+"""Maximum time between two time comments."""
 
 Move = tuple[float, float, float, float, float]
-"""x, y, z and the filament fed, all in mm, and the speed in mm/s."""
+"""x, y, z and the filament extruded, all in mm, and the speed in mm/s."""
 
 
 class TimeEstimator(Protocol):
     """Simulation of the printer's moves, which measures their time."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
-        """Go to x, y, z at a speed; `e` counts all filament fed so far. Lengths are in mm."""
+        """Go to x, y, z at a speed; `e` counts all filament extruded so far. Lengths are in mm."""
 
     def wait(self, seconds: float) -> None:
         """Wait at the current position."""
@@ -27,16 +27,16 @@ class TimeEstimator(Protocol):
 
 
 class Writer:
-    """Writer of lines and time marks; lines that are added after the last `commit` are never written."""
+    """Writer of lines and time comments; lines that are added after the last `commit` are never written."""
 
     def __init__(self, time_estimator: TimeEstimator) -> None:
         self.text = bytearray()
         self.layer_count = 0
         self._time_estimator = time_estimator
         self._pending_items: list[Move | bytes | float | None] = []
-        self._fed_mm = self._base_mm = 0.0
+        self._extruded_mm = self._base_mm = 0.0
         self._last_words = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
-        self._last_mark_s = 0.0
+        self._last_comment_s = 0.0
 
     def add_move(self, move: Move) -> None:
         """Record a move."""
@@ -80,19 +80,19 @@ class Writer:
 
     def _write_layer(self) -> None:
         if self.layer_count:
-            self._write_mark(self._time_estimator.measure_time_s())
+            self._write_time(self._time_estimator.measure_time_s())
         self.text += b";LAYER:%d\n" % self.layer_count
         self.layer_count += 1
 
-    def _write_mark(self, seconds: float) -> None:
+    def _write_time(self, seconds: float) -> None:
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
-        self._last_mark_s = seconds
+        self._last_comment_s = seconds
 
     def _write_move(self, move: Move) -> None:
-        x, y, z, fed_mm, speed_mm_s = move
+        x, y, z, extruded_mm, speed_mm_s = move
         last_words = self._last_words
-        self._fed_mm += fed_mm
-        if self._fed_mm - self._base_mm > E_RESET_MM:
+        self._extruded_mm += extruded_mm
+        if self._extruded_mm - self._base_mm > E_RESET_MM:
             self.text += b"G92 E0\n"
             self._base_mm += float(last_words[4])
             last_words[4] = "0.00000"
@@ -101,7 +101,7 @@ class Writer:
             f"{x:.3f}",
             f"{y:.3f}",
             f"{z:.3f}",
-            f"{self._fed_mm - self._base_mm:.5f}",
+            f"{self._extruded_mm - self._base_mm:.5f}",
         )
         changed_words = [
             letter + word
@@ -111,7 +111,7 @@ class Writer:
         if not changed_words or (len(changed_words) == 1 and words[0] != last_words[0]):
             return  # no coordinate changes
         self._last_words = list(words)
-        self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(changed_words)}\n".encode()
-        self._time_estimator.move(x, y, z, self._fed_mm, speed_mm_s)
-        if self._time_estimator.measure_time_s() - self._last_mark_s > MAX_MARK_INTERVAL_S:
-            self._write_mark(self._time_estimator.measure_time_s())
+        self.text += f"{'G1' if extruded_mm else 'G0'} {' '.join(changed_words)}\n".encode()
+        self._time_estimator.move(x, y, z, self._extruded_mm, speed_mm_s)
+        if self._time_estimator.measure_time_s() - self._last_comment_s > MAX_TIME_INTERVAL_S:
+            self._write_time(self._time_estimator.measure_time_s())

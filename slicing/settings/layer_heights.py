@@ -3,7 +3,7 @@
 CuraEngine prints the layers whose middle lies in the part (measured with 4.13), so a part can be up to half a
 layer too high or too low. With heights near the requested ones, one for the first layer and one for all
 others, the print ends at the part's height. Of these heights, the largest print the part in the least time.
-`slicing.layer_scale` prints layers that are no whole number of micrometres.
+`slicing.layer_scale` prints layers whose height is not a whole number of micrometres.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _DIGITS_MM = 7  # decimal places of a layer height, so that thousands of layers 
 
 @dataclass(frozen=True, slots=True)
 class LayerHeights:
-    """Heights of the first layer and of every other one, in mm; the first is in whole micrometres."""
+    """Heights of the first layer and of each of the others, in mm; the first is in whole micrometres."""
 
     first_layer_mm: float
     other_layers_mm: float
@@ -75,7 +75,7 @@ def fit_heights(
     count = max(0, math.ceil((height_mm - nominal_first_mm) / high_mm - 1e-9))
 
     def fit_first_layer(count: int) -> LayerHeights:
-        """Fit the heights of a number of layers above the first one, which differs if necessary."""
+        """Fit the height of `count` layers above the first one, and that of the first one if necessary."""
         least_mm, most_mm = nominal_first_mm, nominal_first_mm
         if max_first_layer_mm > 0.0:
             least_mm = math.ceil(1000.0 * nominal_first_mm * (1.0 - MAX_FIRST_LAYER_CHANGE)) / 1000.0
@@ -87,7 +87,7 @@ def fit_heights(
         return LayerHeights(first_mm, round(min(max(other_mm, low_mm), high_mm), _DIGITS_MM))
 
     def rank_candidate(heights: LayerHeights) -> tuple[float, float, float]:
-        """Rank by error, by the first layer's change beyond that of any layer, and by the layers' height."""
+        """Rank by error, by the first layer's change beyond `MAX_CHANGE`, and by the layers' height."""
         error_mm = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
         change_mm = abs(heights.first_layer_mm - nominal_first_mm) - MAX_CHANGE * nominal_first_mm
         return max(0.0, error_mm - MAX_HEIGHT_ERROR_MM), max(0.0, change_mm), -heights.other_layers_mm

@@ -128,7 +128,7 @@ def resolve_settings(
 def _find_layer_fit(request: SettingsRequest, settings: EngineSettings) -> LayerFit | None:
     """Find the rule that fits layers to parts; None if the quality or the user sets their height."""
     quality = FARM_QUALITIES.get(request.quality)
-    if quality is None or not quality.fits_layers or _has_own_heights(request):
+    if quality is None or not quality.fits_layers or _has_user_heights(request):
         return None
     return LayerFit(
         LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm),
@@ -136,7 +136,7 @@ def _find_layer_fit(request: SettingsRequest, settings: EngineSettings) -> Layer
     )
 
 
-def _has_own_heights(request: SettingsRequest) -> bool:
+def _has_user_heights(request: SettingsRequest) -> bool:
     """Check whether the user has set layer heights, or which layers are printed."""
     return not request.overrides.keys().isdisjoint(
         ("layer_height", "adaptive_layer_height_enabled", "slicing_tolerance")
@@ -229,8 +229,8 @@ def _reduce_hidden_layers(
         changes["initial_bottom_layers"] = str(reduced_layers.bed_layers)
     if part.tops_hidden:
         changes |= {"top_layers": str(reduced_layers.top_layers), "roofing_layer_count": "0"}
-        is_even = settings.extruder["skin_monotonic"] == "True"  # Cura's own formula is the same
-        if not is_even and settings.global_[_COMBING] == _SKIN_COMBING and _COMBING not in user_keys:
+        is_monotonic = settings.extruder["skin_monotonic"] == "True"  # Cura's own formula is the same
+        if not is_monotonic and settings.global_[_COMBING] == _SKIN_COMBING and _COMBING not in user_keys:
             settings = replace(settings, global_={**settings.global_, _COMBING: "all"})
     return replace(settings, hidden_layers=reduced_layers, extruder={**settings.extruder, **changes})
 
@@ -273,11 +273,11 @@ def _build_resolver(
     user_values: dict[str, Any] = dict(SUPPORT_VALUES) if request_key.has_support else {}
     quality = FARM_QUALITIES.get(request_key.quality)
     if quality is not None:
-        own_keys = {key for key, _ in request_key.overrides}
+        user_keys = {key for key, _ in request_key.overrides}
         user_values |= {
             key: value
             for key, value in quality.changes.items()
-            if own_keys.isdisjoint(DEPENDENT_SPEEDS.get(key, ()))
+            if user_keys.isdisjoint(DEPENDENT_SPEEDS.get(key, ()))
         }
     user_values |= {
         **_build_part_values(part, heights),

@@ -66,7 +66,8 @@ class HiddenLayers:
     bed_layers
         On a cut face that lies on the bed.
     top_layers
-        At the top of a part whose tops are all cut faces. None of them is printed at the speed of a roof.
+        At the top of a part whose tops are all cut faces. None of them is printed at the slow speed
+        of the uppermost layer of a visible top.
     """
 
     bed_layers: int

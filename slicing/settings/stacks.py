@@ -52,7 +52,7 @@ def find_stacks(
     machine = resources.read_machine(printer_model)
     hotend, variant = _find_variant(machine, nozzle_mm, resources)
     material_profile = _read_material(machine, hotend, material, resources)
-    global_profiles, quality_profile = _find_qualities(
+    global_profile, quality_profile = _find_qualities(
         machine, hotend, material, material_profile.kind, quality, resources
     )
 
@@ -70,7 +70,7 @@ def find_stacks(
         machine,
         material_profile,
         {
-            Scope.GLOBAL: {ProfileIndex.QUALITY: convert_values(global_profiles.values)},
+            Scope.GLOBAL: {ProfileIndex.QUALITY: convert_values(global_profile.values)},
             Scope.EXTRUDER: extruder,
         },
     )
@@ -103,7 +103,7 @@ def _convert_value(machine: Machine, key: str, text: str) -> object:
 
 
 def _find_variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
-    """Find the nozzle's name and values, in the definition if there are no profiles for nozzles."""
+    """Find the nozzle's name and values; without profiles for nozzles, those of the definition."""
     if machine.has_variants:
         profiles = resources.read_profiles("variants", machine.model)
         available = {

@@ -92,19 +92,19 @@ def test_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(make_reque
     assert result.max_mm[0] < mesh.extents[0] / 2 + 8.1  # including the brim
 
 
-def test_part_is_sliced_again_as_a_wider_mesh(make_request, tmp_path):
-    """Check the wider mesh, which is sliced if a section loses a corner before the walls are offset."""
+def test_part_is_sliced_again_as_a_scaled_mesh(make_request, tmp_path):
+    """Check the scaled mesh, which is sliced if a section loses a corner before the walls are offset."""
     request = make_request(trimesh.creation.box((80, 60, 2)))
     corners = read_triangles(request.stl.read_bytes())
-    folder = tmp_path / "wider"
+    folder = tmp_path / "scaled"
     folder.mkdir()
-    wider_mesh = plate._build_wider_request(request, corners, 1e-3, 0.01, folder)
-    assert wider_mesh.stl != request.stl
-    assert trimesh.load_mesh(wider_mesh.stl).extents == pytest.approx((80.08, 60.06, 2.0), abs=1e-3)
-    assert float(wider_mesh.settings.extruder["xy_offset"]) == pytest.approx(
+    scaled_mesh = plate._build_scaled_request(request, corners, 1e-3, 0.01, folder)
+    assert scaled_mesh.stl != request.stl
+    assert trimesh.load_mesh(scaled_mesh.stl).extents == pytest.approx((80.08, 60.06, 2.0), abs=1e-3)
+    assert float(scaled_mesh.settings.extruder["xy_offset"]) == pytest.approx(
         0.01 + float(request.settings.extruder.get("xy_offset") or 0.0)
     )
-    assert plate._build_wider_request(request, corners, 0.0, 0.0, folder) is request
+    assert plate._build_scaled_request(request, corners, 0.0, 0.0, folder) is request
 
 
 def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(make_request):

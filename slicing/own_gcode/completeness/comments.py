@@ -94,7 +94,7 @@ class CompletenessReader:
         """Count a comment that marks the beginning of a layer."""
         self._mark_count += 1
 
-    def is_closed(self, print_line: int) -> bool | None:
+    def has_closing_mark(self, print_line: int) -> bool | None:
         """Check whether the closing mark comes after line `print_line`; None if the slicer has none."""
         return None if self._closing_mark is None else self._closing_line > print_line
 
@@ -110,7 +110,7 @@ class CompletenessReader:
         """
         if not last_line.endswith(b"\n"):
             return "the last line has no newline"
-        if self.is_closed(print_line) is False:
+        if self.has_closing_mark(print_line) is False:
             slicer = self._slicer_name.decode("ascii", "replace")
             return f"{slicer!r} closes its files with a comment, but there is none"
         if (

@@ -26,7 +26,7 @@ _MIN_LINE_MM = 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class _Feed:
+class _Extrusion:
     """Move that extrudes: its line, length and filament."""
 
     line: int
@@ -44,16 +44,16 @@ class _Layer:
 
     number: int
     greatest_flow: float = 0.0
-    thickest_line: _Feed | None = None
+    thickest_line: _Extrusion | None = None
     second_flow: float = 0.0
-    feed_after_gap: tuple[_Feed, str] | None = None
+    extrusion_after_gap: tuple[_Extrusion, str] | None = None
 
     def add_line(self, length_mm: float, fed_mm: float, line: int) -> None:
         """Record a line that is long enough for a comparison."""
         flow = (fed_mm + E_UNIT_MM) / length_mm
         if flow > self.greatest_flow:
             self.second_flow, self.greatest_flow = self.greatest_flow, flow
-            self.thickest_line = _Feed(line, length_mm, fed_mm)
+            self.thickest_line = _Extrusion(line, length_mm, fed_mm)
         elif flow > self.second_flow:
             self.second_flow = flow
 
@@ -73,9 +73,9 @@ class LayerGaps:
         self._previous_layer: _Layer | None = None
         self._layer: _Layer | None = None  # None before the first number: 0, or less in a raft
         self._gap_text = ""  # place of the last gap, until a line is printed after it
-        self._primed_mm = 0.0  # most filament fed at one place, except at gaps
-        # Feeds at one place after a gap, each with the text of the gap.
-        self._gap_primes: list[tuple[_Feed, str]] = []
+        self._primed_mm = 0.0  # most filament extruded at standstill, except at gaps
+        # Extrusions at standstill after a gap, each with the text of the gap.
+        self._gap_primes: list[tuple[_Extrusion, str]] = []
         self._loss: str | None = None
 
     def begin_layer(self, number: int) -> None:
@@ -86,7 +86,7 @@ class LayerGaps:
             self._gap_text = f" after ;LAYER:{previous_number}, in ;LAYER:{number},"
         self._layer = _Layer(number)
 
-    def record_feed(self, length_mm: float, fed_mm: float, line: int) -> None:
+    def record_extrusion(self, length_mm: float, fed_mm: float, line: int) -> None:
         """Record a move that extrudes filament.
 
         Parameters
@@ -102,11 +102,11 @@ class LayerGaps:
         if self._layer is None:
             return
         if self._gap_text:
-            feed = _Feed(line, length_mm, fed_mm)
+            extrusion = _Extrusion(line, length_mm, fed_mm)
             if length_mm:
-                self._layer.feed_after_gap, self._gap_text = (feed, self._gap_text), ""
+                self._layer.extrusion_after_gap, self._gap_text = (extrusion, self._gap_text), ""
             else:  # G11 feeds before the line, and does not move E
-                self._gap_primes.append((feed, self._gap_text))
+                self._gap_primes.append((extrusion, self._gap_text))
         elif length_mm > _MIN_LINE_MM:
             self._layer.add_line(length_mm, fed_mm, line)
         elif not length_mm:
@@ -119,8 +119,8 @@ class LayerGaps:
             self._layer = _Layer(self._layer.number + 1)
             self._close_layer()
             self._layer = None
-        for feed, gap_text in self._gap_primes:
-            self._check_feed(feed, feed.fed_mm - self._primed_mm, _MIN_EXCESS_MM, gap_text)
+        for extrusion, gap_text in self._gap_primes:
+            self._check_extrusion(extrusion, extrusion.fed_mm - self._primed_mm, _MIN_EXCESS_MM, gap_text)
         return self._loss
 
     def _close_layer(self) -> None:
@@ -129,23 +129,25 @@ class LayerGaps:
         if layer is None:
             return
         previous_flow = 0.0 if previous is None else previous.greatest_flow
-        if layer.feed_after_gap is not None:
-            feed, gap_text = layer.feed_after_gap
+        if layer.extrusion_after_gap is not None:
+            extrusion, gap_text = layer.extrusion_after_gap
             flow = max(layer.greatest_flow, previous_flow) or self.max_flow
-            self._check_feed(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap_text)
+            self._check_extrusion(extrusion, extrusion.compute_excess_mm(flow), _MIN_EXCESS_MM, gap_text)
         if previous is not None and previous.thickest_line is not None:
             flow = max(previous.second_flow, self._earlier_flow, layer.greatest_flow) or self.max_flow
             min_excess_mm = (
                 _MIN_EXCESS_BEFORE_GAP_MM if layer.number > previous.number + 1 else _MIN_EXCESS_ELSEWHERE_MM
             )
-            self._check_feed(
+            self._check_extrusion(
                 previous.thickest_line, previous.thickest_line.compute_excess_mm(flow), min_excess_mm, ""
             )
         self._earlier_flow, self._previous_layer = previous_flow, layer
 
-    def _check_feed(self, feed: _Feed, excess_mm: float, min_excess_mm: float, gap_text: str) -> None:
+    def _check_extrusion(
+        self, extrusion: _Extrusion, excess_mm: float, min_excess_mm: float, gap_text: str
+    ) -> None:
         if excess_mm > min_excess_mm and self._loss is None:
             move = f"the first move that feeds{gap_text}" if gap_text else "the move"
             self._loss = (
-                f"line {feed.line}: {move} feeds {excess_mm:.4f} mm of filament more than its line takes"
+                f"line {extrusion.line}: {move} feeds {excess_mm:.4f} mm of filament more than its line takes"
             )

@@ -72,7 +72,7 @@ def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
         ("M220", "needs S10 to S500"),
         ("M221 S0", "needs S10 to S300"),
         ("G4 S3600", "waits 3600 s"),
-        ("G1 X10 E900", "pushes 899 mm"),
+        ("G1 X10 E900", "extrudes 899 mm"),
         ("G1 F1500 E-30", "out of the hot end"),
         ("G1 F1 X10", "never ends"),
         ("G1 Z-1", "into the bed"),

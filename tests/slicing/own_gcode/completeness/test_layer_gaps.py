@@ -50,8 +50,8 @@ def test_filament_that_is_primed_in_every_layer_is_not_missing(missing_mm, is_lo
     gaps = LayerGaps(0.1)
     for number in (0, 1, 3, 4):
         gaps.begin_layer(number)
-        gaps.record_feed(0.0, 0.03 + missing_mm * (number == 3), 1)
-        gaps.record_feed(10.0, 0.125, 2)
+        gaps.record_extrusion(0.0, 0.03 + missing_mm * (number == 3), 1)
+        gaps.record_extrusion(10.0, 0.125, 2)
     assert (gaps.describe_loss() is not None) == is_lost
 
 
@@ -138,7 +138,7 @@ def test_thick_line_among_thin_ones_is_accepted():
         for number in range(4):
             gaps.begin_layer(number)
             for index in range(5):
-                gaps.record_feed(20.0, fed_mm if (number, index) == (2, 3) else 0.2, index)
+                gaps.record_extrusion(20.0, fed_mm if (number, index) == (2, 3) else 0.2, index)
         assert (gaps.describe_loss() is not None) == is_lost
 
 
@@ -165,5 +165,5 @@ def test_gap_is_a_loss_if_the_next_move_extrudes_too_much(flow, layers, lost_lay
             gaps.begin_layer(number)
             for index, length_mm in enumerate(layer_lengths_mm):
                 extra_mm = carried_mm if number == lost_layer + 1 and not index else 0.0
-                gaps.record_feed(length_mm, round(flow * length_mm + extra_mm, 5), 1)
+                gaps.record_extrusion(length_mm, round(flow * length_mm + extra_mm, 5), 1)
         assert (gaps.describe_loss() is not None) == bool(carried_mm)
