@@ -263,8 +263,8 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
             return
     raise OutsideBed(
         f"the G-code prints on X {low_mm[0]:.1f}..{high_mm[0]:.1f}, Y {low_mm[1]:.1f}..{high_mm[1]:.1f}, "
-        f"up to Z {height_mm:.1f} mm, from the bed's centre, outside the printer's build volume; scale it down, "
-        "or choose a narrower brim",
+        f"up to Z {height_mm:.1f} mm, from the bed's centre, outside the printer's build volume; scale it "
+        "down, or choose a narrower brim",
         low_mm,
         high_mm,
         height_mm - max_excess_mm,
