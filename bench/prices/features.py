@@ -27,7 +27,7 @@ from bench.unseen import KINDS, draw_model
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import write_stl
 from decompose.print_time import (
-    GROUPS,
+    TERM_GROUPS,
     CostModel,
     Pose,
     PrintTimeSettings,
@@ -164,7 +164,7 @@ def price_features_s(posed_part: PosedPart, pose: Pose, time_settings: PrintTime
         brim_mm=time_settings.brim_mm if pose.brim_width_mm is None else pose.brim_width_mm,
     )
     prices_s = {}
-    for group in GROUPS:
+    for group in TERM_GROUPS:
         cost = build_group_cost(unlimited_settings, group)
         prices_s[group] = price_part(posed_part, cost, fits_first_layer=False).price_s
     return prices_s | {"slow": pose.price_s - sum(prices_s.values())}

@@ -1,4 +1,4 @@
-"""Connectors of the parts: pins in holes, and marks that name the parts, on the faces that are glued."""
+"""Connectors on faces that are glued: pins in holes, keys in grooves, marks with part numbers, gutters."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
 SLAB_DEPTH_MM = 8.0  # depth to which the gaps below a face are found and cached; few tools reach deeper
-SKIN_DEPTH_MM = 0.05  # depth at which the search for gaps begins: rounding leaves films at the face itself
+FILM_DEPTH_MM = 0.05  # depth at which the search for gaps begins: rounding leaves films at the face itself
 LEVEL_SIN = 0.5  # minimum sine of the angle between a level face and the vertical of the pose
 
 _SideKey = tuple[int, int]  # number of a part, and identity of one of its faces
@@ -104,7 +104,7 @@ def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple
         for part in (joint.a, joint.b):
             offsets_mm = blanks[part].solid.arrays()[0] @ face.normal - face.offset_mm
             high_mm, low_mm = float(offsets_mm.max()), float(offsets_mm.min())
-            signs.append(1.0 if low_mm > -SKIN_DEPTH_MM else -1.0 if high_mm < SKIN_DEPTH_MM else 0.0)
+            signs.append(1.0 if low_mm > -FILM_DEPTH_MM else -1.0 if high_mm < FILM_DEPTH_MM else 0.0)
         if signs[0] * signs[1] < 0.0:
             sides.append((Side(joint.a, number, face, signs[0]), Side(joint.b, number, face, signs[1])))
     return sides
@@ -246,7 +246,7 @@ def _get_key(side: Side) -> _SideKey:
 def _build_slab(side: Side, depth_mm: float) -> Solid:
     """Build the slab below a face, down to a depth."""
     frame = np.vstack([side.face.axes, side.face.normal])
-    ends = side.face.offset_mm + side.sign * np.array([SKIN_DEPTH_MM, depth_mm])
+    ends = side.face.offset_mm + side.sign * np.array([FILM_DEPTH_MM, depth_mm])
     return Solid.prism(list_rings(side.face.outline), frame, float(ends.min()), float(ends.max()))
 
 

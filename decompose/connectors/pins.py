@@ -284,8 +284,8 @@ class _PinPlacer:
 
     def _compute_slot_mm(self, point_mm: Floats, end_mm: Floats) -> Floats:
         """Compute the elongation (3,) in mm of a hole towards another one; 0 unless they are far apart."""
-        distance_mm, direction = end_mm - point_mm, self.step.direction
-        separation_vector_mm = distance_mm - (distance_mm @ direction) * direction
+        offset_mm, direction = end_mm - point_mm, self.step.direction
+        separation_vector_mm = offset_mm - (offset_mm @ direction) * direction
         separation_mm = float(np.linalg.norm(separation_vector_mm))
         has_slot = separation_mm > MIN_SLOT_DISTANCE_MM
         return SLOT_MM * separation_vector_mm / separation_mm if has_slot else np.zeros(3)
@@ -369,14 +369,14 @@ class _PinPlacer:
         site = self.sites[site_number]
         depth_mm = choose_depths_mm(self.pin_mm)[is_shallow]
         holes: list[Tool] = []
-        for side, stretch_mm in ((site.moved_side, slot_mm), (site.fixed_side, np.zeros(3))):
+        for side, elongation_mm in ((site.moved_side, slot_mm), (site.fixed_side, np.zeros(3))):
             hole = make_hole(
                 side.part,
                 point_mm,
                 side.inward_normal,
                 self._find_up_direction(side),
                 self._compute_hole_size_mm(side, is_shallow),
-                stretch_mm,
+                elongation_mm,
             )
             if hole is None or not self._has_clearance(side, hole):
                 return None

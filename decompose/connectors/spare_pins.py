@@ -1,4 +1,4 @@
-"""Pins that are spare because enough of the glue of all steps together is near other pins.
+"""Pins that can be left out because enough of the glue of all steps together is near other pins.
 
 Each step gets pins until its own glue is near them. Some reach only a corner of a face, but take as long to
 print as others.

@@ -51,7 +51,7 @@ def make_hole(
     inward_normal: Floats,
     up_direction: Floats,
     size_mm: tuple[float, float],
-    stretch_mm: Floats,
+    elongation_mm: Floats,
 ) -> Tool | None:
     """Make a hexagonal hole with the ceiling that its part's pose needs.
 
@@ -69,7 +69,7 @@ def make_hole(
         (3,) upward direction of the bed in the part's pose, in the same frame.
     size_mm
         Width across the flats, and depth.
-    stretch_mm
+    elongation_mm
         (3,) elongation across the axis, in both directions; 0 for a regular hexagon.
 
     Returns
@@ -81,7 +81,7 @@ def make_hole(
     inner_mm = width_mm / 2.0
     upwards, across = _choose_cross_axes(inward_normal, up_direction)
     ring = _make_hexagon(upwards, across, inner_mm)
-    ring = np.concatenate([ring + stretch_mm, ring - stretch_mm]) if stretch_mm.any() else ring
+    ring = np.concatenate([ring + elongation_mm, ring - elongation_mm]) if elongation_mm.any() else ring
     for roof, tip in _CEILINGS:
         section = np.vstack([ring, roof * inner_mm * upwards]) if roof else ring
         points = np.concatenate([section - LIP_MM * inward_normal, section + depth_mm * inward_normal])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, compute_price_s
-from decompose.print_time.feature_shares import GROUPS, build_group_cost, estimate_feature_shares
+from decompose.print_time.feature_shares import TERM_GROUPS, build_group_cost, estimate_feature_shares
 from decompose.print_time.hidden_faces import MEAN_SIDE_SHARE, MIN_VISIBLE_MM2
 from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
@@ -30,7 +30,6 @@ __all__ = [
     "ADDITIVE_FEATURES",
     "FACTORS",
     "FEATURES",
-    "GROUPS",
     "MAX_INSET_SHARE",
     "MEAN_SIDE_SHARE",
     "MIN_TOUCHED_MM2",
@@ -38,6 +37,7 @@ __all__ = [
     "POSE_ROTATIONS",
     "REFERENCE_SHRINKAGE",
     "SUPPORT_TERMS",
+    "TERM_GROUPS",
     "CostModel",
     "PartMesh",
     "Pose",

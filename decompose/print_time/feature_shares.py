@@ -12,7 +12,7 @@ from decompose.print_time.cost import CostModel
 from decompose.print_time.pose_prices import sum_pose_features
 from decompose.print_time.time_settings import ADDITIVE_FEATURES, FACTORS, PrintTimeSettings
 
-GROUPS: Mapping[str, tuple[str, ...]] = {
+TERM_GROUPS: Mapping[str, tuple[str, ...]] = {
     "walls": ("walls",),
     "infill": ("infill", "connections", "steep tops"),
     "skins": ("skin", "skin rim", "rims", "thin walls", "thin sheets"),
@@ -33,7 +33,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 
 
 def estimate_feature_shares(vertices: Floats, faces: Ints, settings: PrintTimeSettings) -> dict[str, float]:
-    """Estimate the share of each of `GROUPS` in the price of a model; the shares sum to 1.
+    """Estimate the share of each of `TERM_GROUPS` in the price of a model; the shares sum to 1.
 
     Supports are not counted, because cuts avoid them.
 
@@ -56,14 +56,14 @@ def estimate_feature_shares(vertices: Floats, faces: Ints, settings: PrintTimeSe
     extents_mm = np.ptp(vertices, axis=0)
     seconds = {
         group: max(0.0, build_group_cost(settings_without_overhead, group).price_part_s(features, extents_mm))
-        for group in GROUPS
+        for group in TERM_GROUPS
     }
     total_s = sum(seconds.values())
     return {group: value_s / total_s for group, value_s in seconds.items()}
 
 
 def build_group_cost(settings: PrintTimeSettings, group: str) -> CostModel:
-    """Build the cost model of the terms of one of `GROUPS`.
+    """Build the cost model of the terms of one of `TERM_GROUPS`.
 
     Parameters
     ----------
@@ -72,5 +72,5 @@ def build_group_cost(settings: PrintTimeSettings, group: str) -> CostModel:
     group
         Name of the group.
     """
-    factors = {name: factor if name in GROUPS[group] else 0.0 for name, factor in FACTORS.items()}
+    factors = {name: factor if name in TERM_GROUPS[group] else 0.0 for name, factor in FACTORS.items()}
     return CostModel.from_settings(settings, factors)

@@ -214,8 +214,8 @@ def _sum_slabs(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
         ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
         ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
         vx, vy, vz = triangles[t, 2, 0] - ax, triangles[t, 2, 1] - ay, triangles[t, 2, 2] - az
-        nx, ny, up = (uy * vz - uz * vy) / 2.0, (uz * vx - ux * vz) / 2.0, (ux * vy - uy * vx) / 2.0
-        upright = np.sqrt(nx * nx + ny * ny)
+        nx, ny, nz = (uy * vz - uz * vy) / 2.0, (uz * vx - ux * vz) / 2.0, (ux * vy - uy * vx) / 2.0
+        face_lateral_mm2 = np.sqrt(nx * nx + ny * ny)
         low, high = min(az, az + uz, az + vz), max(az, az + uz, az + vz)
         middle = 3.0 * az + uz + vz - low - high
         for plane in range(SLAB_COUNT + 1):
@@ -228,7 +228,7 @@ def _sum_slabs(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
                 share_below = (z - low) ** 2 / ((middle - low) * (high - low))
             else:
                 share_below = 1.0 - (high - z) ** 2 / ((high - middle) * (high - low))
-            lateral[plane] += share_below * upright
-            section_sums[plane] += (1.0 - share_below) * up
+            lateral[plane] += share_below * face_lateral_mm2
+            section_sums[plane] += (1.0 - share_below) * nz
     section_sums[0] = section_sums[1]  # the section at the bed itself would be 0
     return lateral[1:] - lateral[:-1], np.maximum(0.0, (section_sums[1:] + section_sums[:-1]) / 2.0)

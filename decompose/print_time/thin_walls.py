@@ -95,9 +95,9 @@ def measure_thin_walls(
     # First x, then y, becomes the last axis; `upright_axis` is the index of z in the new order.
     for upright_axis, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):
         turned_mesh = mesh.permute_axes(order)
-        crossings, ray_mm2 = _send_rays(turned_mesh, count)
+        crossings, ray_mm2 = _cast_rays(turned_mesh, count)
         sums += ray_mm2 * _sum_thin_walls(crossings, turned_mesh.normals, upright_axis, widths)
-    crossings, ray_mm2 = _send_rays(mesh, count)
+    crossings, ray_mm2 = _cast_rays(mesh, count)
     single_wall_mm2, gap_mm2, solid_wall_mm2 = sums.tolist()
     overlap_mm3 = ray_mm2 * _sum_overlap_mm(crossings, mesh.normals, sheets)
     return ThinWalls(single_wall_mm2, gap_mm2, solid_wall_mm2, overlap_mm3)
@@ -116,8 +116,8 @@ class _Mesh(NamedTuple):
         return _Mesh(*(np.ascontiguousarray(array[..., order]) for array in self))
 
 
-def _send_rays(mesh: _Mesh, count: int) -> tuple[Crossings, float]:
-    """Send rays along the last axis; return the crossings, and the area in mm2 that a ray stands for."""
+def _cast_rays(mesh: _Mesh, count: int) -> tuple[Crossings, float]:
+    """Cast rays along the last axis; return the crossings, and the area in mm2 that a ray stands for."""
     width_mm, depth_mm = (mesh.hi - mesh.lo)[:2].tolist()
     step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
     crossings = find_crossings(mesh.triangles, mesh.normals, place_rays(mesh.lo, mesh.hi, step_mm))

@@ -1,4 +1,4 @@
-"""Layers that are no whole number of micrometres, in files made by hand and in real slices."""
+"""Layer heights that are not a whole number of micrometres, in files made by hand and in real slices."""
 
 import numpy as np
 import pytest
@@ -59,13 +59,13 @@ def test_layers_of_a_real_slice_have_the_exact_height(make_request, make_setting
     top = [(x, y, height_mm) for x in (-10, 10) for y in (-10, 10)]
     pyramid = trimesh.convex.convex_hull(np.array([*corners, *top]))
     result = slice_plate(make_request(pyramid, settings=settings))
-    path = read_toolpath(result.gcode.read_bytes())
-    is_wall = path.is_feature("WALL-OUTER") & (path.extruded_mm > 0.0)
-    layers = path.layer[is_wall]
+    toolpath = read_toolpath(result.gcode.read_bytes())
+    is_wall = toolpath.is_feature("WALL-OUTER") & (toolpath.extruded_mm > 0.0)
+    layers = toolpath.layer[is_wall]
     assert layers.max() == 150
-    assert path.end[is_wall, 2] == pytest.approx(0.27 + 0.2074 * layers, abs=0.0006)
+    assert toolpath.end[is_wall, 2] == pytest.approx(0.27 + 0.2074 * layers, abs=0.0006)
     for layer in (50, 100, 149):
-        points = path.end[is_wall][layers == layer, :2]
+        points = toolpath.end[is_wall][layers == layer, :2]
         middle_mm = 0.27 + (layer - 0.5) * 0.2074
         assert np.ptp(points, axis=0) == pytest.approx(40.0 - 20.0 * middle_mm / height_mm - 0.4, abs=0.03)
     assert f";MAXZ:{result.height_mm:g}\n" in result.gcode.read_text()[:300]

@@ -1,10 +1,10 @@
 """Places of keys: pins that lie along a joint, half in a V groove of each part.
 
-A key serves joints whose rims have no space for a hole. Its groove is shallow and tapers, so that it stays
-inside a sloping thin wall. The sides of the key hold the parts across its length, and its ends hold them
+Keys are for joints whose rims have no space for a hole. Their grooves are shallow and taper, so that they
+stay inside a sloping thin wall. The sides of a key hold the parts across its length, and its ends hold them
 along it. Where faces slide over each other, keys lie along the direction of the step. The groove of one part
-is closed at both ends; that of the other part has an exit through a face that
-closes, and the key enters through this exit.
+is closed at both ends; that of the other part has an exit through a face that closes, and the key enters
+through this exit.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ MAX_EXIT_DISTANCE_MM = 80.0  # maximum distance that a key slides through its gr
 
 
 def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
-    """Choose the lengths of the long and the short key of a pair, in half millimetres."""
+    """Choose the lengths of the long and the short key of a pair, in steps of 0.5 mm."""
     return math.ceil(2.0 * (SHORT_KEY_MM + key_mm + EXCESS_MM)) / 2.0, SHORT_KEY_MM
 
 
@@ -155,10 +155,11 @@ class KeyMaker:
         for site in sites:
             middles_mm = self._find_sliding_middles(site, length_mm)
             for side, direction in ((site.moved_side, -self.direction), (site.fixed_side, self.direction)):
-                faces = [face for pair in exits for face in (pair.moved_side, pair.fixed_side)]
-                ends = [face for face in faces if face.part == side.part]
-                if len(middles_mm) and ends:
-                    places += self._find_places_with_exit(KeySlide(site, side, direction), middles_mm, ends)
+                exit_sides = [end for pair in exits for end in (pair.moved_side, pair.fixed_side)]
+                exit_sides = [end for end in exit_sides if end.part == side.part]
+                if len(middles_mm) and exit_sides:
+                    slide = KeySlide(site, side, direction)
+                    places += self._find_places_with_exit(slide, middles_mm, exit_sides)
         return sorted(places, key=lambda place: place.exit_distance_mm)
 
     def make_key(self, place: KeyPlace, length_mm: float) -> Pin | None:
@@ -236,15 +237,15 @@ class KeyMaker:
         return site.moved_side.lift(middles[shapely.covers(area, lines)])
 
     def _find_places_with_exit(
-        self, slide: KeySlide, middles_mm: Floats, ends: Sequence[Side]
+        self, slide: KeySlide, middles_mm: Floats, exit_sides: Sequence[Side]
     ) -> Iterator[KeyPlace]:
-        """Yield the places, with one of the middles (n, 3), whose groove can have an exit through a face."""
+        """Yield the places at middles (n, 3) whose groove can have an exit through one of the sides."""
         side, direction = slide.open_side, slide.direction
         half_width_mm = self._compute_depth_mm(slide.site) + KEY_RIM_MM + ROUNDING_MARGIN_MM
         area = self.workpieces.find_solid_area(side, half_width_mm, KEY_RIM_MM)
         shapely.prepare(area)
         across = half_width_mm * compute_cross_product(side.inward_normal, direction)
-        for end in ends:
+        for end in exit_sides:
             end_mm = float(end.face.offset_mm * end.face.normal @ direction)
             for middle_mm in middles_mm:
                 exit_distance_mm = end_mm - float(middle_mm @ direction)

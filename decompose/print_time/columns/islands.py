@@ -23,7 +23,7 @@ class Runs(NamedTuple):
         (rays,) int64 index of the first run of each column, and the number of its runs.
     ends
         (runs, 5) float64: bottom and top of a run, height of air and of support below it, all in mm, and the
-        slope of its lower face.
+        slope (rise over run) of its lower face.
     """
 
     start: Ints

@@ -14,7 +14,7 @@ from decompose.print_time.columns.islands import Runs, sum_islands_mm
 MIN_STEP_MM = 0.4  # minimum distance between columns
 LEVEL_COUNT = 8  # number of heights at which the growing part is measured
 SAME_HEIGHT_MM = 0.01  # maximum difference between heights that count as equal
-MAX_LEAN_TAN = 20.0  # maximum tangent of the lean of a face; a face that leans more counts as upright
+MAX_SLOPE = 20.0  # maximum slope (rise over run) of a face; a steeper one counts as upright
 MAX_BED_GAP_MM = 0.15  # maximum height at which a run begins in the first layer
 MIN_GAP_MM = 0.3  # minimum height of a supported face above the bed or the part
 
@@ -55,7 +55,7 @@ class Sweep(NamedTuple):
 def sweep_columns(
     triangles: Floats, is_marked: Floats, rays: Rays, height_mm: float, overhang_cos: float
 ) -> Sweep:
-    """Send vertical rays through a closed mesh, and sum the solid and the air along them.
+    """Cast vertical rays through a closed mesh, and sum the solid and the air along them.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def sweep_columns(
             passing_sums[upper_level] += ending_sums[level]
     min_carrier_drop_mm = step_mm * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
     towers_mm, strip_sides_mm2 = _sum_towers_mm(runs, supports_mm, min_carrier_drop_mm, step_mm)
-    paths = sum_islands_mm(runs, rays.shape, height_mm, step_mm)
+    island_sums = sum_islands_mm(runs, rays.shape, height_mm, step_mm)
     is_standing = _find_standing_columns(runs, rays.shape)
     return Sweep(
         touched_count,
@@ -101,7 +101,7 @@ def sweep_columns(
         supports_mm,
         towers_mm,
         strip_sides_mm2,
-        *paths,
+        *island_sums,
         is_standing,
     )
 
@@ -139,9 +139,9 @@ def _follow_ray(
         if bottom == end:
             continue
         bottom_mm, lower_face = crossings.z_mm[bottom], crossings.face[bottom]
-        up = normals[lower_face, 2]
+        n = normals[lower_face, 2]
         air_mm, run_support_mm = bottom_mm - support_start_mm, 0.0
-        if -up > overhang_cos and air_mm > MIN_GAP_MM:
+        if -n > overhang_cos and air_mm > MIN_GAP_MM:
             support_mm += air_mm
             air_mm, run_support_mm = 0.0, air_mm
             touched_count += is_marked[lower_face] + mark_at_start
@@ -152,7 +152,7 @@ def _follow_ray(
         run = first + count
         ends[run, 0], ends[run, 1] = bottom_mm, support_start_mm
         ends[run, 2], ends[run, 3] = air_mm, run_support_mm
-        ends[run, 4] = min(MAX_LEAN_TAN, np.sqrt(1.0 - up * up) / -up)
+        ends[run, 4] = min(MAX_SLOPE, np.sqrt(1.0 - n * n) / -n)
         count += 1
     return count, support_mm, touched_count, is_bed_support
 

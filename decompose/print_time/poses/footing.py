@@ -1,4 +1,4 @@
-"""Adhesion of a part to the bed: its first layer, the brim that it needs, and its elephant foot."""
+"""Adhesion of a part to the bed: its first layer, the brim that it needs, and its elephant's foot."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ REFERENCE_SHRINKAGE = 0.007
 """Shrinkage (of ABS) to which `WARP_LENGTHS_MM` applies: a corner lifts by shrinkage times length squared."""
 MIN_BRIM_MM = 2.0  # a narrower brim is omitted
 
-# [assumed] Width that the squeezed first layer adds to each side, and minimum width of walls that are
-# corrected for it.
+# [assumed] Width that the squeezed first layer adds to each side, and minimum width of walls whose expansion
+# compensates for it.
 ELEPHANT_FOOT_MM = 0.2
 MIN_WALL_MM = 2.0
 
@@ -42,9 +42,10 @@ class Footing:
     length_mm, sharp_corner_count
         Greatest extent of the convex outline of the first layer, and the number of its corners under
         `MAX_SHARP_DEG`.
-    width_mm, edges
+    width_mm, half_planes
         Least extent of the convex outline around the first layer and the supports on the bed, and that
-        outline as (q, 3) half-planes: ``edges[:, :2] @ p + edges[:, 2] <= 0`` in mm; empty without area.
+        outline as (q, 3) half-planes: ``half_planes[:, :2] @ p + half_planes[:, 2] <= 0``
+        in mm; empty without area.
     """
 
     contact_mm2: float
@@ -52,7 +53,7 @@ class Footing:
     length_mm: float
     sharp_corner_count: int
     width_mm: float
-    edges: Floats
+    half_planes: Floats
 
     @classmethod
     def from_mesh(cls, triangles: Floats, bed_support_border_mm: Floats) -> Footing:
@@ -78,21 +79,21 @@ class Footing:
             if len(bed_support_border_mm)
             else rim
         )
-        edges = find_half_planes(outline)
+        half_planes = find_half_planes(outline)
         return cls(
             contact_mm2=contact_mm2,
             wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
             length_mm=float(pdist(rim).max(initial=0.0)),
             sharp_corner_count=int((bend_deg > 180.0 - MAX_SHARP_DEG).sum()),
-            width_mm=float(np.ptp(outline @ edges[:, :2].T, axis=0).min()) if len(outline) else 0.0,
-            edges=edges,
+            width_mm=float(np.ptp(outline @ half_planes[:, :2].T, axis=0).min()) if len(outline) else 0.0,
+            half_planes=half_planes,
         )
 
     def measure_margin_mm(self, points: Floats) -> float:
         """Measure how far inside the outline the outermost of points (n, 2) lies; negative outside."""
-        if not len(self.edges):
+        if not len(self.half_planes):
             return -math.inf
-        return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
+        return -float((points @ self.half_planes[:, :2].T + self.half_planes[:, 2]).max())
 
     def choose_brim_width_mm(
         self, height_mm: float, margin_mm: float, max_brim_mm: float, shrinkage: float = REFERENCE_SHRINKAGE

@@ -33,6 +33,7 @@ MAX_MEASURED_POSES = 24  # maximum number of measured candidates, in the order o
 ESTIMATE_COLUMN_COUNT = 1_500  # approximate number of columns for an estimate
 CERTAIN_SUPPORT_SHARE = 0.8  # share of an estimated support that is certainly needed
 YAWS_RAD: Floats = np.radians(np.arange(90.0))
+"""Yaws that are tried, from that of the smallest rectangle around the outline."""
 
 
 def find_best_pose(

@@ -111,7 +111,7 @@ class Pose:
     def rank(self) -> tuple[int, float, float, float]:
         """Sort key, lower is better: stability, area of touched cut faces, price.
 
-        The tilt ratio of a part that falls takes precedence over the last two.
+        The tilt ratio of a part that tips over takes precedence over the last two.
         """
         touched_mm2 = self.touched_mm2 if self.touched_mm2 > MIN_TOUCHED_MM2 else 0.0
         if self.stands:

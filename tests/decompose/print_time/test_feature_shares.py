@@ -5,7 +5,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.print_time import GROUPS, PrintTimeSettings, estimate_feature_shares
+from decompose.print_time import TERM_GROUPS, PrintTimeSettings, estimate_feature_shares
 
 SIDES_MM = st.floats(5.0, 400.0)
 
@@ -19,7 +19,7 @@ def estimate_shares(mesh, **changes):
 @given(SIDES_MM, SIDES_MM, SIDES_MM)
 def test_shares_sum_to_one(width_mm, depth_mm, height_mm):
     shares = estimate_shares(trimesh.creation.box((width_mm, depth_mm, height_mm)))
-    assert shares.keys() == GROUPS.keys()
+    assert shares.keys() == TERM_GROUPS.keys()
     assert sum(shares.values()) == pytest.approx(1.0)
     assert min(shares.values()) >= 0.0
     assert shares["supports"] == 0.0  # cuts avoid supports

@@ -39,14 +39,14 @@ G28
 """
 
 
-def simulate_move_times_s(path):
+def simulate_move_times_s(toolpath):
     """Return the seconds (n,) that each move of a file takes in a planner that is kept full."""
     ends_s = []
     planner = Planner(Limits.from_profile(PROFILE), (0.0,) * 4, lambda e_mm, z_mm: None)
     position, queued_moves, now_s = np.zeros(4), [], 0.0
-    seconds = np.zeros(len(path.end))
+    seconds = np.zeros(len(toolpath.end))
     for index, (move, feed_mm_s) in enumerate(
-        zip(path.end - path.start, np.maximum(path.feed_mm_min / 60, 1.0), strict=True)
+        zip(toolpath.end - toolpath.start, np.maximum(toolpath.feed_mm_min / 60, 1.0), strict=True)
     ):
         position = position + move
         now_s = max(now_s, planner.compute_next_free_s())
@@ -75,21 +75,21 @@ def test_time_of_a_layer_is_divided_among_its_features():
 
 
 def test_features_take_no_time_in_a_file_without_layer_times():
-    path = read_toolpath(TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING"))
-    assert astuple(measure_feature_times(path, LIMITS)) == (0.0,) * 5
+    toolpath = read_toolpath(TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING"))
+    assert astuple(measure_feature_times(toolpath, LIMITS)) == (0.0,) * 5
 
 
 def test_feature_times_match_the_firmware_planner(make_request):
     model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
     result = slice_plate(make_request(model))
-    path = read_toolpath(result.gcode.read_bytes())
+    toolpath = read_toolpath(result.gcode.read_bytes())
     assert sum(astuple(result.features)) == pytest.approx(result.sliced_s, rel=1e-6)
     assert min(astuple(result.features)) > 0.0
-    planned_s = simulate_move_times_s(path)
-    estimated_s = estimate_move_seconds(path, LIMITS)
-    is_extrusion = (path.extruded_mm > 0.0) & path.is_head_move & (path.layer >= 0)
+    planned_s = simulate_move_times_s(toolpath)
+    estimated_s = estimate_move_seconds(toolpath, LIMITS)
+    is_extrusion = (toolpath.extruded_mm > 0.0) & toolpath.is_head_move & (toolpath.layer >= 0)
     for name in ("WALL-OUTER", "WALL-INNER", "SKIN", "FILL", "SKIRT"):
-        mask = path.is_feature(name) & is_extrusion
+        mask = toolpath.is_feature(name) & is_extrusion
         assert estimated_s[mask].sum() == pytest.approx(planned_s[mask].sum(), rel=0.03), name
 
 
@@ -109,8 +109,8 @@ def test_move_takes_at_least_its_length_divided_by_its_feed(moves, feed_mm_min):
     for dx_mm, dy_mm, de_mm in moves:
         x_mm, y_mm, e_mm = x_mm + dx_mm, y_mm + dy_mm, e_mm + de_mm
         lines.append(b"G1 X%.4f Y%.4f E%.4f" % (x_mm, y_mm, e_mm))
-    path = read_toolpath(b"\n".join(lines) + b"\n")
-    seconds = estimate_move_seconds(path, LIMITS)
-    delta_mm = np.linalg.norm((path.end - path.start)[:, :3], axis=1)
+    toolpath = read_toolpath(b"\n".join(lines) + b"\n")
+    seconds = estimate_move_seconds(toolpath, LIMITS)
+    delta_mm = np.linalg.norm((toolpath.end - toolpath.start)[:, :3], axis=1)
     assert np.all(np.isfinite(seconds))
-    assert np.all(seconds >= delta_mm / np.maximum(path.feed_mm_min / 60.0, 1.0 / 60.0) - 1e-9)
+    assert np.all(seconds >= delta_mm / np.maximum(toolpath.feed_mm_min / 60.0, 1.0 / 60.0) - 1e-9)

@@ -48,12 +48,12 @@ G28
 BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
 
 
-def check_gcode(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
+def check_gcode(gcode, *, height_mm=0.4, removed_mm=0.0, is_top_checked=True, bed=BED):
     facts = gather_facts(read_toolpath(gcode), 170.0)
     check_facts(
         facts,
         height_mm=height_mm,
-        removed_mm=cut_mm,
+        removed_mm=removed_mm,
         is_top_checked=is_top_checked,
         layer_height_mm=0.27,
         min_extrusion_c=170.0,
@@ -108,7 +108,7 @@ def test_file_without_extrusion_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("height_mm", "cut_mm", "is_top_checked", "is_valid"),
+    ("height_mm", "removed_mm", "is_top_checked", "is_valid"),
     [
         (0.3, 0.0, True, True),
         (0.2, 0.0, True, False),
@@ -120,12 +120,12 @@ def test_file_without_extrusion_is_refused():
         (2.5, 2.0, True, False),
     ],
 )
-def test_wrong_height_is_refused(height_mm, cut_mm, is_top_checked, is_valid):
+def test_wrong_height_is_refused(height_mm, removed_mm, is_top_checked, is_valid):
     if is_valid:
-        check_gcode(VALID_GCODE, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
+        check_gcode(VALID_GCODE, height_mm=height_mm, removed_mm=removed_mm, is_top_checked=is_top_checked)
         return
     with pytest.raises(SliceRejected) as error:
-        check_gcode(VALID_GCODE, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
+        check_gcode(VALID_GCODE, height_mm=height_mm, removed_mm=removed_mm, is_top_checked=is_top_checked)
     assert error.value.rule is Rule.HEIGHT
 
 

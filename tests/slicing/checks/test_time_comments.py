@@ -60,15 +60,15 @@ def test_layers_with_a_reset_take_as_long_as_their_neighbours(make_request):
     run = run_engine(
         request.engine, request.stl, settings.global_, settings.extruder, EngineLimits(1000, 60.0)
     )
-    path = read_toolpath(run.gcode)
+    toolpath = read_toolpath(run.gcode)
     resets = [
         command.next_move
-        for command in path.commands
-        if command.code == "G92" and path.layer[command.next_move] > 0
+        for command in toolpath.commands
+        if command.code == "G92" and toolpath.layer[command.next_move] > 0
     ]
     assert len(resets) >= 2
-    layers = path.layer[resets]
-    corrected_gcode = remove_reset_times(run.gcode, path, MotionLimits.from_settings(settings.global_))
+    layers = toolpath.layer[resets]
+    corrected_gcode = remove_reset_times(run.gcode, toolpath, MotionLimits.from_settings(settings.global_))
     added_s, corrected_s = read_layers_s(run.gcode)[layers], read_layers_s(corrected_gcode)
     assert corrected_s[layers] == pytest.approx(corrected_s[layers - 2], rel=0.02)
     assert (added_s > corrected_s[layers] + 30.0).all()

@@ -43,11 +43,11 @@ def test_file_without_times_is_unchanged():
     assert add_times(untimed_gcode, read_toolpath(untimed_gcode)) == untimed_gcode
 
 
-def compute_start_times_s(path):
+def compute_start_times_s(toolpath):
     """Return the times (n,) in seconds at which a planner that is kept full accepts each move."""
     planner = Planner(Limits.from_profile(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
     position, now_s, times_s = np.zeros(4), 0.0, []
-    for move, feed_mm_s in zip(path.end - path.start, path.feed_mm_min / 60, strict=True):
+    for move, feed_mm_s in zip(toolpath.end - toolpath.start, toolpath.feed_mm_min / 60, strict=True):
         position = position + move
         now_s = max(now_s, planner.compute_next_free_s())
         planner.advance(now_s)
@@ -70,12 +70,14 @@ def test_times_within_layers_equal_those_of_the_planner_of_the_firmware(make_req
     seconds = [mark.time_s for mark in program.timeline]
     assert seconds == sorted(seconds)
 
-    path = read_toolpath(result.gcode.read_bytes())
-    planned_s = compute_start_times_s(path)
-    first_move = next(comment.next_move for comment in path.comments if comment.text.startswith("LAYER:"))
+    toolpath = read_toolpath(result.gcode.read_bytes())
+    planned_s = compute_start_times_s(toolpath)
+    first_move = next(comment.next_move for comment in toolpath.comments if comment.text.startswith("LAYER:"))
     # A move begins when the queue has accepted as many more moves as fit into it.
     expected_times_s = planned_s[CAPACITY:] - planned_s[first_move + CAPACITY]
-    marks = [(c.next_move, float(c.text[13:])) for c in path.comments if c.text.startswith("TIME_ELAPSED:")]
+    marks = [
+        (c.next_move, float(c.text[13:])) for c in toolpath.comments if c.text.startswith("TIME_ELAPSED:")
+    ]
     errors_s = np.array(
         [seconds - expected_times_s[move] for move, seconds in marks if move < len(expected_times_s)]
     )

@@ -32,8 +32,8 @@ G1 X1 E.5
 
 
 def test_modes_resets_and_notations_are_read():
-    path = read_toolpath(GCODE)
-    assert path.end.tolist() == [
+    toolpath = read_toolpath(GCODE)
+    assert toolpath.end.tolist() == [
         [5, 10, 0, 0],
         [6, 10, 0, 1.5],
         [6, -11.25, 0, 1.5],
@@ -42,23 +42,23 @@ def test_modes_resets_and_notations_are_read():
         [0, 8, 2, 1.5],
         [1, 8, 2, 2],
     ]
-    assert path.extruded_mm.tolist() == [0, 1.5, 0, 2, -1, 0.5, 0.5]
-    assert path.feed_mm_min.tolist() == [1200] + 6 * [600]
-    assert path.layer.tolist() == [NO_LAYER, 0, 0, 0, 0, 1, 1]
-    assert np.flatnonzero(path.is_feature("WALL-OUTER")).tolist() == [3, 4, 5, 6]
-    assert not path.is_feature("SKIN").any()
-    assert path.is_head_move.tolist() == [True] * 7
-    wait_command = next(command for command in path.commands if command.code == "M109")
+    assert toolpath.extruded_mm.tolist() == [0, 1.5, 0, 2, -1, 0.5, 0.5]
+    assert toolpath.feed_mm_min.tolist() == [1200] + 6 * [600]
+    assert toolpath.layer.tolist() == [NO_LAYER, 0, 0, 0, 0, 1, 1]
+    assert np.flatnonzero(toolpath.is_feature("WALL-OUTER")).tolist() == [3, 4, 5, 6]
+    assert not toolpath.is_feature("SKIN").any()
+    assert toolpath.is_head_move.tolist() == [True] * 7
+    wait_command = next(command for command in toolpath.commands if command.code == "M109")
     assert (wait_command.next_move, wait_command.words) == (1, {"S": 210.0})
-    comment = path.comments[1]
+    comment = toolpath.comments[1]
     assert (comment.next_move, comment.text) == (1, "LAYER:0")
     assert GCODE[comment.offset :].startswith(b";LAYER:0\n")
 
 
 @pytest.mark.parametrize("text", [b"", b"\n\n", b";only a comment", b"G28", b"G1 X1"])
 def test_empty_and_tiny_files_are_read(text):
-    path = read_toolpath(text)
-    assert len(path.end) == len(path.layer) == len(path.feed_mm_min) == text.count(b"G1")
+    toolpath = read_toolpath(text)
+    assert len(toolpath.end) == len(toolpath.layer) == len(toolpath.feed_mm_min) == text.count(b"G1")
 
 
 @pytest.mark.parametrize("line", [b"g1 is no command here", b"G1X7Y8E2", b"G1 X", b"\xff", b"M104 S2e5 x"])
@@ -98,9 +98,9 @@ def test_block_of_moves_without_an_end_takes_little_memory():
     text = b"G1 X10.125 Y10.125 E10.125\n" * 40_000
     tracemalloc.start()
     try:
-        path = read_toolpath(text)
+        toolpath = read_toolpath(text)
         peak_bytes = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert len(path.end) == 40_000
+    assert len(toolpath.end) == 40_000
     assert peak_bytes < 20 * len(text)

@@ -1,4 +1,4 @@
-"""Stretched infill in a short file."""
+"""Extension of infill to the outer wall in a short file."""
 
 import pytest
 

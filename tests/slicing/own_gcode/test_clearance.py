@@ -148,7 +148,7 @@ def test_output_of_cura_is_accepted(model, style, engine, make_settings, tmp_pat
 
 
 @pytest.mark.parametrize(("distance_mm", "is_accepted"), [(150.0, True), (25.0, False)])
-def test_one_at_a_timeoutput_is_accepted_with_clearance_for_the_head(
+def test_one_at_a_time_output_is_accepted_with_clearance_for_the_head(
     distance_mm, is_accepted, engine, make_settings, tmp_path
 ):
     """Add the bed's centre to the first object, because the engine adds it only to the later ones."""

@@ -53,11 +53,13 @@ EXTRUDER_TRAIN = {"settings": {"nozzle": make_entry(default_value=0.4)}}
 
 def make_resolver(user=(), extruder=(), global_values=()):
     user = dict(user)
-    layers = {
+    profiles = {
         Scope.GLOBAL: {ProfileIndex.USER: user, ProfileIndex.QUALITY: dict(global_values)},
         Scope.EXTRUDER: {ProfileIndex.USER: user, ProfileIndex.MATERIAL: dict(extruder)},
     }
-    return Resolver(merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([EXTRUDER_TRAIN]), layers)
+    return Resolver(
+        merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([EXTRUDER_TRAIN]), profiles
+    )
 
 
 def test_formula_of_a_parent_precedes_a_plain_value_of_a_child():
@@ -168,8 +170,8 @@ def test_only_keys_of_the_extruder_are_listed_for_it():
 @pytest.mark.parametrize(
     ("formula", "value"),
     [
-        ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the layer of the user and all lower ones
-        ("extruderValueFromContainer(0, 'width', 3)", 2.0),  # the layer of the quality and all lower ones
+        ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the profile of the user and all lower ones
+        ("extruderValueFromContainer(0, 'width', 3)", 2.0),  # the profile of the quality and all lower ones
         ("extruderValueFromContainer(0, 'width', 7)", 0.5),  # the definition
         ("extruderValueFromContainer(0, 'child', 4)", 20),  # its inputs are read from the definition too
         ("valueFromContainer('height', 3)", 0.2),

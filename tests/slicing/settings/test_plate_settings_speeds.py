@@ -41,7 +41,7 @@ def test_faster_lines_have_a_flow_that_is_melted(resources, printer, nozzle_mm, 
     max_flow_mm3_s = min(8.5, 5.5 * max(1.0, nozzle_mm / 0.4)) + 1e-6
     hidden_flow_mm3_s = hidden_mm_s * settings.line_width_0_mm * settings.layer_height_mm
     assert hidden_mm_s == settings.speed_wall_0_mm_s or hidden_flow_mm3_s <= max_flow_mm3_s
-    own_speeds = {"speed_print": settings.extruder["speed_print"]}  # with it, Cura's own formulas apply
-    own_mm_s = resolve_settings(replace(request, overrides=own_speeds), resources).speed_wall_x_mm_s
+    overrides = {"speed_print": settings.extruder["speed_print"]}  # with it, Cura's formulas apply
+    cura_mm_s = resolve_settings(replace(request, overrides=overrides), resources).speed_wall_x_mm_s
     inner_flow_mm3_s = settings.speed_wall_x_mm_s * settings.line_width_mm * settings.layer_height_mm
-    assert settings.speed_wall_x_mm_s == own_mm_s or inner_flow_mm3_s <= max_flow_mm3_s
+    assert settings.speed_wall_x_mm_s == cura_mm_s or inner_flow_mm3_s <= max_flow_mm3_s

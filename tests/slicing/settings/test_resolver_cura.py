@@ -59,8 +59,8 @@ def test_every_setting_equals_that_of_cura(version, number):
         key: Formula(value[1:]) if isinstance(value, str) and value.startswith("=") else value
         for key, value in user_changes.items()
     }
-    layers = {scope: {ProfileIndex.USER: changes, **profiles} for scope, profiles in stacks.profiles.items()}
-    resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
+    profiles = {scope: {ProfileIndex.USER: changes, **items} for scope, items in stacks.profiles.items()}
+    resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, profiles)
     for scope in Scope:
         values = {key: row[number] for key, row in recording[scope].items() if row[number] is not None}
         resolved_values = {key: str(resolver.compute_value(scope, key)) for key in resolver.list_keys(scope)}

@@ -114,7 +114,7 @@ def remove_lines(lines, number, end_layer):
 
 @WRITERS
 @pytest.mark.parametrize("end_layer", [7, 9])
-def test_lines_missing_between_two_layers_are_detected_by_the_feed(write, end_layer):
+def test_lines_missing_between_two_layers_are_detected_by_the_filament(write, end_layer):
     assert_refused(
         remove_lines(write(SMALL_TOWER), 6, end_layer),
         r"line \d+: the move feeds 0\.\d+ mm of filament more than its line",
