@@ -102,13 +102,13 @@ def _find_fast_share(
     """
     share = np.zeros(len(wall_moves))
     lengths_mm = np.hypot(*(ends_mm[1] - ends_mm[0]).T)
-    lines = list(list_side_runs(wall_moves, ends_mm, side, wall_depth_mm))
-    seams = find_hidden_seams(wall_moves, ends_mm, side, wall_depth_mm, lines)
-    for number, line in enumerate(lines):
-        transition_mm = 0.0 if number in seams.lines_before else TRANSITION_MM
-        to_end_mm = np.cumsum(lengths_mm[line][::-1])[::-1]  # from the start of each move
-        if to_end_mm[0] >= 2.0 * transition_mm:  # shorter lines keep their speed
-            share[line] = np.clip((to_end_mm - transition_mm) / lengths_mm[line], 0.0, 1.0)
+    runs = list(list_side_runs(wall_moves, ends_mm, side, wall_depth_mm))
+    seams = find_hidden_seams(wall_moves, ends_mm, side, wall_depth_mm, runs)
+    for number, run in enumerate(runs):
+        transition_mm = 0.0 if number in seams.runs_before else TRANSITION_MM
+        to_end_mm = np.cumsum(lengths_mm[run][::-1])[::-1]  # from the start of each move
+        if to_end_mm[0] >= 2.0 * transition_mm:  # shorter runs keep their speed
+            share[run] = np.clip((to_end_mm - transition_mm) / lengths_mm[run], 0.0, 1.0)
     share[seams.notch_moves] = 1.0
     return share
 

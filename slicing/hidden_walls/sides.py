@@ -105,7 +105,7 @@ def find_bed_points(path: Toolpath, settings: EngineSettings) -> tuple[Floats, F
 
 
 def find_level_lines(path: Toolpath) -> Bools:
-    """Mark the moves (n,) that extrude on one level."""
+    """Mark the moves (n,) that extrude at constant Z."""
     delta_mm = path.end - path.start
     is_moved = (delta_mm[:, :2] != 0.0).any(axis=1)
     return np.asarray((path.extruded_mm > 0.0) & (delta_mm[:, 2] == 0.0) & is_moved)
@@ -168,7 +168,7 @@ class HiddenSeams:
     Moves are indices of all moves of the wall.
     """
 
-    lines_before: frozenset[int]
+    runs_before: frozenset[int]
     notch_moves: Indices
 
 
@@ -193,7 +193,7 @@ def find_hidden_seams(
     loop_starts = np.flatnonzero(np.diff(wall_moves, prepend=-2) != 1)
     loops = np.searchsorted(loop_starts, [run[0] for run in runs], side="right") - 1
     loop_ends = np.append(loop_starts, len(wall_moves))[loops + 1]
-    lines_before, notch_moves = set(), []
+    runs_before, notch_moves = set(), []
     for first in np.flatnonzero(np.diff(loops, prepend=-1)).tolist():
         last = int(np.searchsorted(loops, loops[first], side="right")) - 1
         start, end = int(loop_starts[loops[first]]), int(loop_ends[first])
@@ -201,9 +201,9 @@ def find_hidden_seams(
         lengths_mm = np.hypot(*(ends_mm[1][notch] - ends_mm[0][notch]).T)
         is_closed = np.hypot(*(ends_mm[1][end - 1] - ends_mm[0][start])) < CLOSURE_TOLERANCE_MM
         if is_closed and last > first and is_near[notch].all() and lengths_mm.sum() < MAX_NOTCH_LENGTH_MM:
-            lines_before.add(last)
+            runs_before.add(last)
             notch_moves.append(notch)
-    return HiddenSeams(frozenset(lines_before), np.concatenate([np.zeros(0, np.intp), *notch_moves]))
+    return HiddenSeams(frozenset(runs_before), np.concatenate([np.zeros(0, np.intp), *notch_moves]))
 
 
 def find_notch_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:

@@ -19,7 +19,7 @@ from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
 from slicing.hidden_walls.inner_walls import removes_inner_walls
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
-from slicing.hidden_walls.sides import Indices, find_level_lines, measure_spare_times_s
+from slicing.hidden_walls.sides import CLOSURE_TOLERANCE_MM, Indices, find_level_lines, measure_spare_times_s
 from slicing.hidden_walls.travel import OuterWalls, list_runs, mark_moves_after_commands, shorten_route
 from slicing.settings import EngineSettings
 
@@ -29,7 +29,6 @@ MAX_TRIED_ORDERS = 6  # maximum number of orders whose travel is planned, the be
 _SAVED_TIME_FACTOR = 1.5
 """Factor by which omitted travel saves more time than its length over its speed, because the head also
 accelerates less often. It keeps layers from becoming shorter than the minimum layer time."""
-_CLOSURE_TOLERANCE_MM = 0.02
 
 Point = tuple[float, float]
 Order = tuple[tuple[int, bool], ...]  # pieces by number, and whether each is printed backwards
@@ -46,7 +45,7 @@ class _Piece:
     @property
     def is_closed(self) -> bool:
         """True if the piece ends where it begins."""
-        return dist(self.points_mm[0], self.points_mm[-1]) < _CLOSURE_TOLERANCE_MM
+        return dist(self.points_mm[0], self.points_mm[-1]) < CLOSURE_TOLERANCE_MM
 
     def join(self, following: _Piece) -> _Piece:
         """Join the piece with another that begins where it ends."""
@@ -198,7 +197,7 @@ def _join_pieces(pieces: Sequence[_Piece]) -> list[_Piece]:
     joined: list[_Piece] = []
     for piece in pieces:
         end_mm = piece.points_mm[-1]
-        is_following = [dist(end_mm, other.points_mm[0]) < _CLOSURE_TOLERANCE_MM for other in joined]
+        is_following = [dist(end_mm, other.points_mm[0]) < CLOSURE_TOLERANCE_MM for other in joined]
         if True not in is_following:
             joined.append(piece)
         else:
