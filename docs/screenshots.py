@@ -32,7 +32,7 @@ PICTURES = ROOT / "docs" / "pictures" / "dashboard"
 FARM = Path(sys.executable).with_name("farm")
 FOLDER = ROOT / "build" / "screenshots"
 PORT = 8479
-SCALE = 120
+TIME_SCALE = 120
 TIMEOUT_S = 900.0
 WIDTHS_PX = (390, 1280, 1920)
 THEMES = ("light", "dark")
@@ -105,7 +105,7 @@ class DemoFarm:
             f'  - {{name: um2-{n:02d}, model: {model}, port: "sim://{model}?seed={n}"}}\n'
             for n, model in enumerate(models, 1)
         ]
-        text = FLEET.format(zone=find_afternoon(), scale=SCALE, port=PORT) + "".join(rows)
+        text = FLEET.format(zone=find_afternoon_zone(), scale=TIME_SCALE, port=PORT) + "".join(rows)
         (self._folder / "fleet.yaml").write_text(text)
 
     def clear(self) -> None:
@@ -148,7 +148,7 @@ class DemoFarm:
         return status
 
 
-def find_afternoon() -> str:
+def find_afternoon_zone() -> str:
     """Return the time zone in which the time is closest to 15:00, so that prints begin in attended hours."""
     now_s = time.time()
     return min(ZONES, key=lambda zone: abs(datetime.fromtimestamp(now_s, ZoneInfo(zone)).hour - 15))

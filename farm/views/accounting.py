@@ -10,7 +10,7 @@ from farm.state import Books, PlateState
 
 _PRINTED_STATES = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
-"""Seconds before now that count as the last night; in the morning, they begin in the afternoon before."""
+"""Length of the last night, which ends now: in the morning, it began in the previous afternoon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def is_wasted(attempt: Print) -> bool:
     return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
 
 
-def summarise_job(books: Books, job: Job) -> JobTotals:
+def compute_job_totals(books: Books, job: Job) -> JobTotals:
     """Count the plates of a job, and add up the time and filament wasted."""
     states = [books.find_plate_state(plate) for plate in books.list_plates(job)]
     numbers = [books.parts[plate.parts[0]].copy_number for plate in books.list_plates(job)]
@@ -72,7 +72,7 @@ def summarise_job(books: Books, job: Job) -> JobTotals:
     )
 
 
-def summarise_night(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightTotals | None:
+def compute_night_totals(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightTotals | None:
     """Count the prints of the last night; return None if no print ended during that night.
 
     Parameters

@@ -5,7 +5,12 @@ from __future__ import annotations
 from farm import api
 from farm.model import Job, JobState, Print, PrintState
 from farm.state import Books
-from farm.views.accounting import compute_duration_s, is_wasted, summarise_job, summarise_night
+from farm.views.accounting import (
+    compute_duration_s,
+    compute_job_totals,
+    compute_night_totals,
+    is_wasted,
+)
 from farm.views.context import ViewContext
 from farm.views.jobs import describe_print
 
@@ -31,7 +36,7 @@ def select_shown_jobs(books: Books) -> list[Job]:
 
 def describe_night(context: ViewContext) -> api.NightView | None:
     """Describe the last night; return None if no print ended in it."""
-    night = summarise_night(context.books, context.books.prints.values(), context.now_s)
+    night = compute_night_totals(context.books, context.books.prints.values(), context.now_s)
     if night is None:
         return None
     return api.NightView(
@@ -89,7 +94,7 @@ def list_jobs(context: ViewContext, state: JobState | None, max_count: int) -> l
 
 
 def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:
-    summary = summarise_job(context.books, job)
+    totals = compute_job_totals(context.books, job)
     return api.JobRow(
         id=job.id,
         name=job.name,
@@ -99,8 +104,8 @@ def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:
         ended=context.format_time(job.ended_s),
         note=job.options.note,
         plates=len(job.plates),
-        printed=summary.printed_count,
-        good=summary.good_count,
+        printed=totals.printed_count,
+        good=totals.good_count,
         error=job.error,
         reason=job.reason,
         assembled=context.format_time(job.assembled_s),

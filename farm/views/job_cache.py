@@ -52,10 +52,10 @@ class JobCache:
     ----------
     contents
         Parts and plates of each job.
-    summaries
+    totals
         Totals of each job.
     """
 
     def __init__(self) -> None:
         self.contents = RevisionCache[PartsAndPlates]()
-        self.summaries = RevisionCache[JobTotals]()
+        self.totals = RevisionCache[JobTotals]()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from farm.model import JobState, PrintState
 from farm.state import FAULTS_BY_PEOPLE, Books
-from farm.text import format_duration
+from farm.text import format_count, format_duration
 from farm.views.host_losses import describe_lost_hosts, group_host_losses
 
 _UNFINISHED_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
@@ -71,7 +71,7 @@ def _list_job_notices(books: Books) -> Iterator[Notice]:
         if job.state in (JobState.PRINTED, JobState.DONE):
             prints = (attempt for plate in books.list_plates(job) for attempt in books.list_prints(plate))
             start_s = min((p.started_s for p in prints if p.started_s is not None), default=job.ended_s)
-            parts = "1 part" if len(job.parts) == 1 else f"{len(job.parts)} parts"
+            parts = format_count(len(job.parts), "part")
             text = f"{title} is printed: {parts} in {format_duration(job.ended_s - start_s)}"
             yield Notice(f"job {job.id} printed {job.ended_s:.0f}", job.ended_s, text)
         elif job.state is JobState.FAILED:

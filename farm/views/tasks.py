@@ -48,7 +48,7 @@ _MAX_NAMED_PARTS = 8
 
 
 def list_tasks(context: ViewContext) -> list[api.Todo]:
-    """List the tasks for people, most urgent first; each printer appears once."""
+    """List the tasks for people, most urgent first."""
     outage = context.books.outage
     lost_printers = () if outage is None else outage.printers
     tasks = list(_list_farm_tasks(context))
@@ -155,9 +155,9 @@ def _describe_inspection(context: ViewContext, printer: Printer, reason: str) ->
         since = TextTime(text=format_recent_moment(moment, now), at=moment.isoformat("T", "seconds"))
         since_text, times = f" ({since.text})", [since]
     text = f"inspect {name}: {reason}; then `farm cleared {name}`{question}"
-    whole = _find_possibly_good_part(context, name)
+    good_part = _find_possibly_good_part(context, name)
     brief = f"{name}: {reason}{since_text}{question}"
-    good = {} if whole is None else {name: whole}
+    good = {} if good_part is None else {name: good_part}
     return api.Todo(code="look", printers=[name], text=text, brief=brief, good=good, times=times)
 
 
@@ -179,7 +179,7 @@ def _find_possibly_good_part(context: ViewContext, printer: str) -> str | None:
 
 
 def _sort_by_gluing_order(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
-    """Return printers in the gluing order of their parts, and their names, each with the part."""
+    """Return printers in the gluing order of their parts, and a text for each: its name and its part."""
     part_by_printer = {name: _find_part_on_bed(context.books, name) for name in printers}
     unknown_rank = (math.inf, 0, 0)
 
@@ -263,7 +263,7 @@ def list_deadline_tasks(
 
 
 def list_request_tasks(books: Books, plate_holds: Mapping[str, Hold]) -> list[api.Todo]:
-    """List the tasks to approve jobs, decide on stopped parts, and change or weigh reels, each once."""
+    """List the tasks to approve jobs, decide on stopped parts, and change or weigh reels."""
     return [
         *_list_approval_tasks(books),
         *_list_stopped_part_tasks(books),

@@ -72,11 +72,11 @@ class AddressLimitedServer(BoundedServer):
         client = find_client_network(connection.getpeername()[0])
         while (
             client is not None
-            and len(own_connections := self._list_connections(client)) >= self._address_limit
+            and len(client_connections := self._list_connections(client)) >= self._address_limit
         ):
-            waiting_connection = find_longest_waiting_connection(own_connections)
+            waiting_connection = find_longest_waiting_connection(client_connections)
             if waiting_connection is None:
-                raise RefusedError(f"{client} has {len(own_connections)} connections")
+                raise RefusedError(f"{client} has {len(client_connections)} connections")
             waiting_connection.transport.abort()
             await asyncio.sleep(0.0)
         await super().make_room(connection)
@@ -86,9 +86,11 @@ class AddressLimitedServer(BoundedServer):
     ) -> asyncio.Task[None] | None:
         """Return the oldest handshake of an address at its limit; otherwise decide as the base class does."""
         client = _find_peer_network(connection)
-        own_handshakes = [task for task, other in handshakes.items() if _find_peer_network(other) == client]
-        if client is not None and len(own_handshakes) >= self._address_limit:
-            return own_handshakes[0]
+        client_handshakes = [
+            task for task, other in handshakes.items() if _find_peer_network(other) == client
+        ]
+        if client is not None and len(client_handshakes) >= self._address_limit:
+            return client_handshakes[0]
         return super().find_abandoned_handshake(handshakes, connection)
 
     def _list_connections(self, client: str) -> list[WaitingConnection]:

@@ -186,7 +186,7 @@ class Guard:
         self._caller_finder = caller_finder
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":  # the farm has no web sockets
+        if scope["type"] != "http":  # the farm has no WebSockets
             return
 
         async def send_with_headers(message: Message) -> None:

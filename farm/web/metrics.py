@@ -53,7 +53,10 @@ class _FarmCollector(Collector):
     def collect(self) -> Iterator[Metric]:
         yield InfoMetricFamily("farm_build", "Version of farm.", {"version": self._status.daemon.version})
         yield _make_gauge(
-            "farm_clock_scale", "Speed of the clock.", (), [((), self._status.fleet.time_scale)]
+            "farm_clock_scale",
+            "Speed of the farm's clock; 1 is real time.",
+            (),
+            [((), self._status.fleet.time_scale)],
         )
         yield from _collect_jobs(self._context)
         yield from _collect_printers(self._status)
@@ -102,18 +105,18 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
     )
     yield _make_printer_gauge(
         "farm_printer_bed_clear",
-        "Whether the bed is clear.",
+        "1 if the bed is clear.",
         printers,
         lambda printer: printer.bed is Bed.CLEAR,
     )
     yield _make_printer_gauge(
         "farm_printer_heaters_off",
-        "Whether the board reports that the heaters are off.",
+        "1 if the board reports that the heaters are off.",
         printers,
         lambda printer: printer.heaters_off,
     )
     yield _make_printer_gauge(
-        "farm_agent_up", "Whether the agent runs.", printers, lambda printer: printer.agent_pid is not None
+        "farm_agent_up", "1 if the agent runs.", printers, lambda printer: printer.agent_pid is not None
     )
     yield from _collect_readings(printers)
 
@@ -161,18 +164,18 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
 
 
 def _collect_prints(books: Books) -> Iterator[Metric]:
-    numbers: Counter[tuple[str, str]] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     seconds: dict[tuple[str, str], float] = {}
     grams: dict[tuple[str, str], float] = {}
     for attempt in books.prints.values():
         if attempt.state.ended:
             key = attempt.printer, str(attempt.state)
-            numbers[key] += 1
+            counts[key] += 1
             seconds[key] = seconds.get(key, 0.0) + compute_duration_s(attempt)
             grams[key] = grams.get(key, 0.0) + attempt.grams
     labels = ("printer", "outcome")
     families: tuple[tuple[str, str, Mapping[tuple[str, str], float]], ...] = (
-        ("farm_prints", "Prints that have ended.", numbers),
+        ("farm_prints", "Prints that have ended.", counts),
         ("farm_print_seconds", "Time of prints that have ended.", seconds),
         ("farm_filament_grams", "Filament of prints that have ended.", grams),
     )

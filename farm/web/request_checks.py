@@ -108,7 +108,7 @@ def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal |
 
 
 class WrongKeys:
-    """Count of wrong keys by address; after ten within a minute, the address must wait for a minute."""
+    """Count of wrong keys by address; after ten, each within a minute of the last, the address must wait."""
 
     def __init__(self) -> None:
         # by address: number of wrong keys, and time until which they count
@@ -116,15 +116,15 @@ class WrongKeys:
 
     def check(self, address: str, now_s: float) -> Refusal | None:
         """Return a refusal if an address must wait."""
-        number, end_s = self._counts.get(address, (0, 0.0))
-        if number < MAX_WRONG_KEYS or now_s >= end_s:
+        count, end_s = self._counts.get(address, (0, 0.0))
+        if count < MAX_WRONG_KEYS or now_s >= end_s:
             return None
         return Refusal(429, f"too many wrong keys from {address}: wait for a minute")
 
     def add(self, address: str, now_s: float) -> None:
         """Count a wrong key."""
-        number, end_s = self._counts.pop(address, (0, 0.0))
-        self._counts[address] = (number + 1 if now_s < end_s else 1, now_s + WRONG_KEY_WAIT_S)
+        count, end_s = self._counts.pop(address, (0, 0.0))
+        self._counts[address] = (count + 1 if now_s < end_s else 1, now_s + WRONG_KEY_WAIT_S)
         if len(self._counts) > _MAX_ADDRESSES:
             del self._counts[next(iter(self._counts))]  # the address whose last wrong key is oldest
 

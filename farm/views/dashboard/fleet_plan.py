@@ -41,9 +41,9 @@ class FleetPlan:
     def find_job_ends_s(self) -> dict[int, float]:
         """Find the end of the last running or planned print of each job, by the job's number."""
         ends_s: dict[int, float] = {}
-        for slot in self.prints:
-            if slot.kind in (PLANNED_KIND, "printing"):
-                ends_s[slot.job] = max(slot.end_s, ends_s.get(slot.job, slot.end_s))
+        for entry in self.prints:
+            if entry.kind in (PLANNED_KIND, "printing"):
+                ends_s[entry.job] = max(entry.end_s, ends_s.get(entry.job, entry.end_s))
         return ends_s
 
 
@@ -73,7 +73,7 @@ def build_fleet_plan(context: ViewContext, situation: Situation, since_s: float)
         for slot in forecast.slots
     )
     prints = [*_list_started_prints(context, since_s), *planned_prints]
-    prints.sort(key=lambda slot: (slot.start_s, slot.printer))
+    prints.sort(key=lambda entry: (entry.start_s, entry.printer))
     return FleetPlan(tuple(prints), forecast.unprintable_plates)
 
 

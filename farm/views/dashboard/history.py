@@ -173,8 +173,8 @@ def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
 def write_csv(rows: Iterable[api.HistoryRow]) -> str:
     """Write prints as CSV (RFC 4180) with a line of headings; durations in seconds.
 
-    Text that a spreadsheet would take for a formula is prefixed with an apostrophe, because any user
-    chooses the names of models and notes.
+    Text that a spreadsheet would take for a formula is prefixed with an apostrophe, because users choose the
+    names of models, and write notes.
     """
     text = StringIO()
     writer = csv.writer(text)

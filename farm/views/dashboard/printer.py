@@ -23,7 +23,7 @@ _MAX_FAULTS = 10
 
 @dataclass(frozen=True, slots=True)
 class PrintStill:
-    """Picture of a print: its moment and time, and its name among the files of its job."""
+    """Picture of a print: the moment that it shows (such as `first layer`), its time, and its file."""
 
     moment: str
     taken: str

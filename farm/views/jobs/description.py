@@ -20,7 +20,7 @@ from farm.model import (
     share_field_set,
 )
 from farm.state import Books
-from farm.views.accounting import summarise_job
+from farm.views.accounting import compute_job_totals
 from farm.views.context import ViewContext
 from farm.views.job_cache import PartsAndPlates
 from farm.views.jobs.times import Run, measure_assembly, measure_times
@@ -86,7 +86,7 @@ def _describe_figures(
 ) -> api.JobFigures:
     """Describe a job without its parts and plates."""
     books = context.books
-    summary = context.job_cache.summaries.find(books, job.id, lambda: summarise_job(books, job))
+    totals = context.job_cache.totals.find(books, job.id, lambda: compute_job_totals(books, job))
     times = measure_times(context, job)
     assembly = measure_assembly(job, times.end_s, assembly_ratio)
     return api.JobFigures(
@@ -115,12 +115,12 @@ def _describe_figures(
         serial_s=job.serial_s,
         speedup=times.speedup,
         utilisation=times.utilisation,
-        printed=summary.printed_count,
-        good=summary.good_count,
-        printed_copies=summary.printed_copy_count,
+        printed=totals.printed_count,
+        good=totals.good_count,
+        printed_copies=totals.printed_copy_count,
         current_s=times.makespan_s,
-        wasted_s=summary.wasted_s,
-        wasted_grams=summary.wasted_grams,
+        wasted_s=totals.wasted_s,
+        wasted_grams=totals.wasted_grams,
         grams=sum(plate.grams for plate in plates) if plates else None,
         filament_mm=sum(plate.filament_mm for plate in plates) if plates else None,
         price=sum_prices(plates),
@@ -147,8 +147,8 @@ def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> P
 def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> list[api.PlateStatus]:
     """Return the views of plates with their current holds; copy only views whose hold has changed."""
     updated_views: list[api.PlateStatus] = []
+    # The last two holds that were found equal: most plates of a job share a hold, which is compared once.
     old_hold: Hold | None = None
-    # `new_hold` is equal to `old_hold`. Most plates of a job share a hold, so it is rarely compared again.
     new_hold: Hold | None = None
     for view in views:
         hold = context.plate_holds.get(view.id)
@@ -266,6 +266,5 @@ def _make_plate_view(context: ViewContext, plate: Plate, files_folder: str | Non
 
 def _make_file_path(files_folder: str | None, name: str) -> str | None:
     """Return the path of a file; None if it was pruned."""
-    return (
-        None if files_folder is None else f"{files_folder}/{name}"
-    )  # text, because thousands of `Path` objects are slow
+    # text, because thousands of `Path` objects are slow
+    return None if files_folder is None else f"{files_folder}/{name}"

@@ -59,7 +59,7 @@ class JobTimes:
     utilisation
         Share of the printers' time during the runs in which they printed parts that are not wasted.
     starved_share
-        Share of the printing time that simulated printers waited for the host.
+        Share of the printing time during which simulated printers waited for the host.
     """
 
     runs: tuple[Run, ...]

@@ -18,8 +18,8 @@ class Joint(_Record):
     glued: bool = True  # whether the glued area suffices without other joints
 
 
-class Code(_Record):
-    """Text on a glued face of a part."""
+class MarkText(_Record):
+    """Text of the mark on a glued face of a part."""
 
     part: str
     text: str
@@ -58,7 +58,7 @@ class Step(_Record):
     pins
         Numbers of its pins.
     codes
-        Codes on its faces.
+        Texts of the marks on its faces.
     """
 
     number: int
@@ -69,7 +69,7 @@ class Step(_Record):
     level: int = 1
     seam_mm: float = 0.0
     pins: tuple[int, ...] = ()
-    codes: tuple[Code, ...] = ()
+    codes: tuple[MarkText, ...] = ()
 
 
 class Assembly(_Record):
@@ -100,7 +100,7 @@ class Report(_Record):
     seam_mm
         Length of all seams on the outer surface.
     thin_rims
-        Sentence about rims that are thinner than two lines at seams; empty if there are none.
+        Sentence about rims at seams that are thinner than two printed lines; empty if there are none.
     """
 
     joints: tuple[Joint, ...] = ()

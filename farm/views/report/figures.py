@@ -9,7 +9,7 @@ from farm.wording import format_copies, format_runs, format_share, format_time, 
 
 def list_figures(view: api.JobView) -> list[tuple[str, str]]:
     """List the figures of a job, each with its name."""
-    actual = "actual" if view.state in ("printed", "done") else "as known now"
+    actual = "actual" if view.state in ("printed", "done") else "current estimate"
     rows = [
         (
             "submitted",

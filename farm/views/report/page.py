@@ -21,7 +21,7 @@ from farm.text import format_duration
 from farm.views.charts import lay_out_gantt, list_bars, load_palette, name_outcome
 from farm.views.report.decomposition import Report
 
-_SIGNS = str.maketrans({"^": "", ".": "●"})  # characters of codes as they appear on parts
+_SIGNS = str.maketrans({"^": "", ".": "●"})  # characters of marks, as they look on the parts
 _JPEG_PREFIX = b"\xff\xd8"
 
 
@@ -36,7 +36,7 @@ class JobContents:
     assembly_picture
         PNG of all parts in an exploded view; None if there is none.
     decomposition
-        Joints, steps and codes; None if unknown.
+        Joints, steps and marks; None if unknown.
     """
 
     pictures: Mapping[str, bytes] = field(default_factory=dict)
@@ -107,7 +107,7 @@ def render_page(
 
 
 def _list_steps(report: Report) -> list[tuple[str, ...]]:
-    """List number, moved and fixed body, codes, pins and seam of each step of the assembly."""
+    """List number, moved and fixed body, marks, pins and seam of each step of the assembly."""
     return [
         (
             str(step.number),

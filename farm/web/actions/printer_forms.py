@@ -78,6 +78,6 @@ def make_print_form_routes(printers: PrinterCommands, parts: PartCommands) -> AP
 def describe_cleared_bed(printer: str, response: api.ClearedResponse) -> str:
     """Describe the result of clearing a bed in a sentence."""
     if response.good is not None:
-        others = f"; {' '.join(response.printed_on)} already print it again" if response.printed_on else ""
+        others = "".join(f"; {name} is already printing it again" for name in response.printed_on)
         return f"{printer} is clear, and part {response.good} is good{others}."
     return f"{printer} is clear" + (f"; part {response.again} is printed again." if response.again else ".")

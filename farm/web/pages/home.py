@@ -27,7 +27,7 @@ _MAX_ENDED_JOBS = 8
 
 @dataclass(frozen=True, slots=True)
 class Bed:
-    """Bed to clear, with its printer, the plate on it, and the questions about the part.
+    """Bed to clear, with its printer, the plate on it, and what a person has to decide about the part.
 
     Attributes
     ----------
@@ -207,7 +207,7 @@ def _describe_task(
 
 
 def describe_bed(printer: api.PrinterView, good_part: str | None = None) -> Bed:
-    """Describe the plate on the bed of a printer, and the questions about its part."""
+    """Describe the plate on the bed of a printer, and what a person has to decide about its part."""
     last_print = printer.last
     awaits_verdict = (
         last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
@@ -273,7 +273,7 @@ def describe_night(night: api.NightView | None) -> str | None:
     if night is None:
         return None
     counts = {"failed": night.failed, "still printing": night.printing, "not started": night.waiting}
-    other_counts = "".join(f", {count} {words}" for words, count in counts.items() if count)
+    other_counts = "".join(f", {count} {label}" for label, count in counts.items() if count)
     waste = f", {format_mass(night.wasted_grams)} of it wasted" if night.wasted_grams >= 0.5 else ""
     plates = f"{night.printed} of {format_count(night.plates, 'plate')} printed{other_counts}"
     return f"{plates}; {format_mass(night.grams)} of filament{waste}"

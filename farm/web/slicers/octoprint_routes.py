@@ -129,7 +129,7 @@ def _add_file_routes(router: APIRouter, services: Services) -> None:
 
 def _describe_printer(services: Services, name: str) -> api.PrinterView:
     controller = services.controller
-    (section,) = (section for section in controller.fleet.printers if section.name == name)
+    section = controller.fleet.find_printer(name)
     return describe_printer(controller.build_view_context(services.state), section, None)
 
 

@@ -186,10 +186,10 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
         URL of the profiles.
     """
     shown_sections = list(sections)
-    smallest = min(
+    lowest = min(
         (PROFILES[section.model] for section in shown_sections), key=lambda profile: profile.height_mm
     )
-    width_mm, depth_mm = smallest.bed_mm
+    width_mm, depth_mm = lowest.bed_mm
     profile = {
         "id": _PROFILE_ID,
         "name": name,
@@ -205,11 +205,11 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
             "origin": "lowerleft",
             "width": width_mm,
             "depth": depth_mm,
-            "height": smallest.height_mm,
+            "height": lowest.height_mm,
             "custom_box": False,
         },
         "extruder": {"count": 1, "nozzleDiameter": shown_sections[0].nozzle_mm, "offsets": [[0.0, 0.0]]},
-        "axes": _describe_axes(smallest),
+        "axes": _describe_axes(lowest),
     }
     return {"profiles": {_PROFILE_ID: profile}}
 

@@ -4,7 +4,9 @@ import json
 
 import pytest
 
+from farm import api
 from farm.model import Role
+from farm.web.actions.printer_forms import describe_cleared_bed
 from farm.web.notes import Note, Notes
 from farms.network_farm import HOST, NetworkFarm
 
@@ -105,3 +107,17 @@ def read_note(notes, reader):
     """Return the note that a page shows to a reader."""
     with notes.show(reader) as note:
         return note
+
+
+@pytest.mark.parametrize(
+    ("response", "expected_text"),
+    [
+        (api.ClearedResponse(again="1/p01"), "a is clear; part 1/p01 is printed again."),
+        (
+            api.ClearedResponse(good="1/p01", printed_on=["b"]),
+            "a is clear, and part 1/p01 is good; b is already printing it again.",
+        ),
+    ],
+)
+def test_note_on_a_cleared_bed_names_the_part_and_the_printers_that_print_it_again(response, expected_text):
+    assert describe_cleared_bed("a", response) == expected_text

@@ -53,14 +53,14 @@ class JobView {
     this.addControls(container);
     this.setApart(0.35);
     this.paint();
-    this.stage.frame();
+    this.stage.fitView();
     this.stage.onPick((mesh) => this.pick(mesh ? findName(mesh) : null));
   }
 
   addControls(container) {
     const controls = document.createElement("div");
     controls.className = "tools";
-    this.apartInput = addInput(controls, "Apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
+    this.apartInput = addInput(controls, "Pull apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
       if (this.stepInput) this.stepInput.value = this.stepInput.max;
       this.setApart(input.value / 100);
     });

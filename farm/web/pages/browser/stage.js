@@ -66,7 +66,7 @@ export class Stage {
   }
 
   /** Move the camera so that the content fills the view. */
-  frame() {
+  fitView() {
     const box = new Box3().setFromObject(this.content);
     if (box.isEmpty()) return;
     const centre = box.getCenter(new Vector3());

@@ -125,7 +125,7 @@ class UploadView {
     grid.rotation.x = Math.PI / 2;
     content.add(volume, grid);
     this.stage.resize();
-    if (isNew) this.stage.frame();
+    if (isNew) this.stage.fitView();
     this.stage.requestFrame();
   }
 }

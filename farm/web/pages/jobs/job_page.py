@@ -136,21 +136,21 @@ def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
 
 def _describe_plan(job: api.JobView, timeline: api.Timeline | None) -> str:
     printers = len({plate.printer for plate in job.plates})
-    words = [
+    figures = [
         f"{format_count(len(job.parts), 'part')} on {format_count(printers, 'printer')}",
         format_duration(job.estimated_s if timeline is None else timeline.makespan_s),
     ]
     if job.grams is not None:
-        words.append(format_mass(job.grams))
+        figures.append(format_mass(job.grams))
     if job.price is not None:
-        words.append(f"{job.price:.2f} {job.currency or ''}".strip())
-    return f"Planned: {', '.join(words)}."
+        figures.append(f"{job.price:.2f} {job.currency or ''}".strip())
+    return f"Planned: {', '.join(figures)}."
 
 
 def _format_end(end: str, now: str) -> Markup:
     remaining_s = (datetime.fromisoformat(end) - datetime.fromisoformat(now)).total_seconds()
-    words = format_time_element(end, now), format_duration(max(0.0, remaining_s))
-    return Markup(", ends {}, in {}").format(*words)
+    end_element = format_time_element(end, now)
+    return Markup(", ends {}, in {}").format(end_element, format_duration(max(0.0, remaining_s)))
 
 
 def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:

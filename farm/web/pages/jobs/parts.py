@@ -32,7 +32,7 @@ class PartRow:
         Completed share of the open print, from 0 to 1; None if there is none.
     end
         Expected or actual end of its print, as ISO 8601; None if unknown.
-    expected_time, total_time, actual_time
+    expected_time, current_estimate, actual_time
         Printing times: the planned time, the expected time of the open print according to its progress, and
         the actual time of the last print.
     reason
@@ -50,7 +50,7 @@ class PartRow:
     progress: float | None
     end: str | None
     expected_time: str
-    total_time: str
+    current_estimate: str
     actual_time: str
     filament: str
     reason: Sentence
@@ -96,7 +96,7 @@ def list_part_rows(
                 progress=None if open_print is None else open_print.progress,
                 end=slot.ends if slot is not None else (last_print.ended if last_print is not None else None),
                 expected_time=format_duration(plate.estimated_s),
-                total_time=_estimate_total_time(last_print, open_print, job.now),
+                current_estimate=_format_current_estimate(last_print, open_print, job.now),
                 actual_time=_describe_actual_time(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
                 reason=_explain_wait_or_failure(plate, last_print),
@@ -130,7 +130,7 @@ def _format_remark(part: api.PartView, printer: api.PrinterView | None) -> str:
     return ", ".join(remarks)
 
 
-def _estimate_total_time(
+def _format_current_estimate(
     last_print: api.PrintView | None, open_print: api.PrintProgress | None, now: str
 ) -> str:
     if open_print is None or last_print is None or last_print.started is None:

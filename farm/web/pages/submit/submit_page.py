@@ -67,12 +67,12 @@ class SubmitChoices:
 def list_choices(fleet: Fleet) -> SubmitChoices:
     """List the materials, colours and build volumes of the enabled printers, each once."""
     printers = [printer for printer in fleet.printers if printer.enabled]
-    beds = {_describe_build_volume(printer) for printer in printers if printer.model in PROFILES}
+    build_volumes_mm = {_describe_build_volume(printer) for printer in printers if printer.model in PROFILES}
     return SubmitChoices(
         printer_count=len(printers),
         materials=sorted({printer.material_kind or printer.material for printer in printers}),
         colours=sorted({printer.colour for printer in printers if printer.colour}),
-        build_volumes_mm=sorted(beds),
+        build_volumes_mm=sorted(build_volumes_mm),
         timezone=fleet.fleet.timezone,
         can_read_step=can_read_step(),
     )

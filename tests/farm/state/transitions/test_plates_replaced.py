@@ -12,7 +12,7 @@ from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import MAX_ATTEMPTS, PlateState
 from farm.views import describe_job
-from farm.views.accounting import summarise_job
+from farm.views.accounting import compute_job_totals
 
 
 def make_replaced_event(books, plate, letters=("a", "b")):
@@ -67,7 +67,7 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
     assert books.parts["1/p02a"].cut_from == "1/p02"
     assert {plate.id for plate in books.list_waiting_plates()} == set(job.plates)
-    assert summarise_job(books, job).wasted_s == 198.0  # the failed print is counted once
+    assert compute_job_totals(books, job).wasted_s == 198.0  # the failed print is counted once
     for attempt in range(1, MAX_ATTEMPTS):
         name = f"y{attempt}"
         events = (

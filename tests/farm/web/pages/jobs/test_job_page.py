@@ -63,13 +63,13 @@ def test_rows_show_the_state_of_each_part_with_its_expected_and_actual_times():
         "p05": "printing",
     }
     first_row, failed_row, last_row = rows["p01"], rows["p04"], rows["p05"]
-    assert (first_row.expected_time, first_row.total_time, first_row.actual_time) == (
+    assert (first_row.expected_time, first_row.current_estimate, first_row.actual_time) == (
         "100 s",
         "",
         "102 s (+2 %)",
     )
     assert (first_row.remark, failed_row.reason.text) == ("on the bed of um2-01", "it does not get warm")
-    assert (last_row.progress, last_row.total_time, last_row.actual_time) == (1.0, "7h00", "")
+    assert (last_row.progress, last_row.current_estimate, last_row.actual_time) == (1.0, "7h00", "")
 
 
 def make_slot(printer="um2-01", plate="1/01"):
