@@ -86,7 +86,7 @@ def render_page(
     values
         Variables of the template.
     """
-    links = [(address, label) for address, label, role in NAVIGATION if reader.role.allows(role)]
+    links = [(page_path, label) for page_path, label, role in NAVIGATION if reader.role.allows(role)]
     return load_template(template).render(
         fleet=fleet, path=path, links=links, reader=reader, note=note, **values
     )

@@ -24,7 +24,7 @@ from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
 from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
 from farm.web.pages.rendering import FleetInfo, render_page
 
-RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
+PERIODS = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
 """Periods before now that the page can show, each as a number of hours and a label."""
 MOVES = (("", "unchanged"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
 """What-if moves of a job, each as a value of `api.QueuePlace` and a label."""
@@ -153,11 +153,11 @@ def render_timeline(
         note,
         view=view,
         problem=problem,
-        ranges=RANGES,
+        periods=PERIODS,
         moves=MOVES,
         move=query.to or "",
         at=query.at,
-        address=f"/timeline?{query.format_query()}",
+        page_url=f"/timeline?{query.format_query()}",
         start=format_start(view),
         change_text=describe_change(view.change, query),
         describe_shift=describe_shift,
