@@ -13,7 +13,7 @@ class PortError(DriverError):
     """A port cannot be opened, is in use, or was disconnected."""
 
 
-class PortNotIdle(PortError):
+class IdleNotConfirmed(PortError):
     """A port may be opened only after a person has confirmed that its printer is idle."""
 
 
@@ -49,14 +49,14 @@ class Fault(StrEnum):
     """Reason for which a print failed, named as in the database."""
 
     STOPPED = "stopped"  # the firmware called Stop(): heaters are off; it answers but does not move
-    MAXTEMP = "maxtemp"  # a sensor reads too hot, or is broken
-    MINTEMP = "mintemp"  # a sensor reads too cold, or is shorted
-    KILL = "kill"  # the firmware called kill(), as when its dead-man timer expires
+    MAXTEMP = "maxtemp"  # a sensor reads too hot, or is defective
+    MINTEMP = "mintemp"  # a sensor reads too cold, or is defective
+    KILL = "kill"  # the firmware called kill(), for example because its dead-man timer expired
     REBOOT = "reboot"  # the board restarted during a print
     ENDSTOP = "endstop"  # an endstop was not reached, or stayed pressed
     COLD_EXTRUSION = "cold_extrusion"  # the firmware refused to extrude
     NO_ANSWER = "no_answer"  # the board is silent
-    NOISY_LINE = "noisy_line"  # too many lines had to be resent
+    NOISY_LINE = "noisy_line"  # too many lines or their answers were lost
     HEATER_TIMEOUT = "heater_timeout"  # a heater does not reach its target
     THERMAL_RUNAWAY = "thermal_runaway"  # a heater fell below its target
     HEATER_STUCK_ON = "heater_stuck_on"  # a heater exceeds its target, or does not cool when off

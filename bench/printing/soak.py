@@ -102,7 +102,7 @@ def print_over_noisy_wire(lines: int, damage: float, seed: int = 0) -> Outcome:
         moves=moves,
         altered=firmware.noise.altered_line_count if firmware.noise is not None else 0,
         damaged_bytes=firmware.noise.damaged_byte_count if firmware.noise is not None else 0,
-        repeated=link.repeat_count,
+        repeated=link.resend_count,
         cpu_s=round(time.process_time() - start_s, 1),
     )
 

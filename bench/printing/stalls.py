@@ -331,7 +331,7 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
     is_exact = received_lines == expected_lines[: len(received_lines)] and len(received_lines) > len(
         expected_lines
     ) - len(END_LINES)
-    return Outcome(fault, fault is None and is_exact and is_at_end and has_fed, stalls_s, link.repeat_count)
+    return Outcome(fault, fault is None and is_exact and is_at_end and has_fed, stalls_s, link.resend_count)
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from drivers.agent.emulator_control import EmulatorControl
 from drivers.agent.idle_watch import SD_PRINT_REASON, IdleWatch
 from drivers.clock import Clock, read_wall_s
-from drivers.errors import AgentError, Fault, PortError, PortNotIdle
+from drivers.errors import AgentError, Fault, IdleNotConfirmed, PortError
 from drivers.link import BoardConnected, Event, Events, Link, LinkFault, Phase, Report, UnknownLine
 from drivers.ports import Port, WireRecord, identify_device, open_port
 from drivers.printers import Profile
@@ -143,14 +143,14 @@ class Board:
             device = identify_device(self._url)
             is_same_device = device is not None and device == self.state.device_id
             if not (self.is_simulated or self._is_responsible or self._is_idle_confirmed or is_same_device):
-                raise PortNotIdle(MAY_PRINT_REASON)
+                raise IdleNotConfirmed(MAY_PRINT_REASON)
             if not is_same_device:
                 self.idle_watch.filament.note_reset()
             baud_rate = self._firmware.baud_rate
             self._port = open_port(self._url, self._folder, self._clock, baud_rate, self.wire_record)
             self.state.device_id = device
         except PortError as error:
-            self.needs_permission = isinstance(error, PortNotIdle)
+            self.needs_permission = isinstance(error, IdleNotConfirmed)
             if self.absent_reason != str(error):
                 log.warning("%s", error)
             self.absent_reason = str(error)
@@ -248,8 +248,8 @@ class Board:
             self._is_idle_confirmed = False  # the confirmed printer is no longer connected
         self.has_changed = True
 
-    def switch_off(self) -> None:
-        """Reset the board before the agent ends, if the agent may have used heaters or motors."""
+    def switch_off_heaters(self) -> None:
+        """Switch heaters and motors off by a reset before the agent ends, if the agent may have used them."""
         if self._port is None or not self._is_responsible:
             return
         (send_abort_until_accepted if self.reset_failed else send_abort)(self._port, self._firmware)

@@ -59,7 +59,7 @@ class Link:
         self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
         self._answer_s = math.inf  # time at which that answer is complete
         self._recovery = Recovery()
-        self.repeat_count = 0
+        self.resend_count = 0
         self._outbox = Outbox(self._firmware)
 
     # --- called by the owner ---
@@ -78,7 +78,7 @@ class Link:
         self._reset()
         self.phase = Phase.OPENING
         self._opening = Opening(self._firmware, self._min_timeout_s, unconfirmed_commands)
-        self._due_s = now_s + self._opening.first_query_s
+        self._due_s = now_s + self._opening.first_query_delay_s
 
     def on_restarted(self, now_s: float) -> None:
         """Accept an unrequested restart of the board, and continue by reading its banner."""
@@ -92,9 +92,9 @@ class Link:
         self._reset()
 
     def send(self, now_s: float, *commands: bytes) -> None:
-        """Append commands to the queue. Raises ValueError while a program is streamed: `halt` it first."""
+        """Append commands to the queue. Raises ValueError while a program is streamed."""
         if self._outbox.is_streaming:
-            raise ValueError("a program is being streamed: halt it first")
+            raise ValueError("a program is being streamed: drop its unsent lines first")
         self._outbox.queue(commands)
         self._send_next(now_s)
 
@@ -103,9 +103,9 @@ class Link:
         self._outbox.stream(source, start, stop)
         self._send_next(now_s)
 
-    def halt(self) -> None:
+    def drop_unsent(self) -> None:
         """Drop all unsent lines; the line in flight stays."""
-        self._outbox.halt()
+        self._outbox.drop_unsent()
 
     def poll(self, now_s: float) -> None:
         """Request a temperature report as soon as no line is in flight."""
@@ -212,7 +212,7 @@ class Link:
 
     def _handle_boot_line(self, line: bytes, now_s: float, events: list[Event]) -> None:
         kind = self._opening.classify_line(line)
-        if kind is OpeningLine.START:
+        if kind is OpeningLine.BANNER:
             self.phase = Phase.BANNER
             self._due_s = now_s + self._opening.banner_timeout_s
         elif kind is OpeningLine.REFUSAL:
@@ -306,8 +306,8 @@ class Link:
             case Action.ACCEPT_UP_TO:
                 outbox.rewind_to(line)
                 self._accept_line(now_s)
-            case Action.REPEAT:
-                self.repeat_count += 1
+            case Action.RESEND:
+                self.resend_count += 1
                 if self._count_repair(events):
                     self._transmit(outbox.rewind_to(line), now_s)
             case _:
@@ -366,7 +366,7 @@ class Link:
     def _place(self) -> Place:
         """Place of the last sent line; an answer to a query from another place is out of date."""
         confirmation_count = self._recovery.confirmation_count
-        return Place(self._outbox.number, self.repeat_count, self._outbox.highest_number, confirmation_count)
+        return Place(self._outbox.number, self.resend_count, self._outbox.highest_number, confirmation_count)
 
     # --- sending ---
 
@@ -388,9 +388,9 @@ class Link:
         self._due_s = now_s + self._silence_s
 
     def _count_repair(self, events: list[Event]) -> bool:
-        """Count a resent line; return False if there are too many and the link gives up."""
+        """Count a line that was lost, or whose ok was; return False if the link gives up after too many."""
         if not self._recovery.count_repair(self._outbox.number):
-            text = f"{NOISE_REPAIRS} of {NOISE_LINES} lines resent"
+            text = f"{NOISE_REPAIRS} of {NOISE_LINES} lines or their answers were lost"
             self._give_up(Fault.NOISY_LINE, text, events)
         return self.phase is Phase.LIVE
 
@@ -400,7 +400,7 @@ class Link:
         events.append(LinkFault(fault, text))
         if self.ignore_faults and fault not in (Fault.NO_ANSWER, Fault.REBOOT, Fault.NOISY_LINE):
             return
-        self.halt()
+        self.drop_unsent()
         self.phase = Phase.DEAD
         self._awaits_ok = self._is_refused = False
         self._recovery.resend_number = -1

@@ -28,7 +28,7 @@ class OpeningLine(Enum):
     """Meaning of a line while the port opens."""
 
     NOTHING = 0
-    START = 1  # the banner begins or continues
+    BANNER = 1  # the banner begins or continues
     READY = 2  # the banner has ended, or a board that did not restart answers
     REFUSAL = 3  # the unconfirmed commands may be lost
 
@@ -62,7 +62,7 @@ class Opening:
         self._query_count = 0
 
     @property
-    def first_query_s(self) -> float:
+    def first_query_delay_s(self) -> float:
         """Seconds to wait for ``start`` before the first query."""
         return (
             max(UNCONFIRMED_QUERY_DELAY_S, self._min_timeout_s / 8)
@@ -86,12 +86,12 @@ class Opening:
         """Classify a line from the board."""
         if line.endswith(b"start"):  # a reset may put noise in front of it
             self.has_restarted, self.banner = True, b""
-            return OpeningLine.START
+            return OpeningLine.BANNER
         if self.has_restarted:
             self.banner += line + b"\n"
             end = self._firmware.banner_end
             if end is None:
-                return OpeningLine.START  # the banner continues
+                return OpeningLine.BANNER
             return OpeningLine.READY if end in line else OpeningLine.NOTHING
         if self._unconfirmed_commands and b"Resend" in line:
             self.is_refused = True

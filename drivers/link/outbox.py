@@ -131,7 +131,7 @@ class Outbox:
         self._source_number = self._base + len(self._frames) + len(self._queue)
         self.source_error = None
 
-    def halt(self) -> None:
+    def drop_unsent(self) -> None:
         """Drop all unsent lines."""
         sent_count = self._cursor + 1
         self._highest_sent = self.number

@@ -26,7 +26,7 @@ class Place(NamedTuple):
     ----------
     number
         Number of the line in flight.
-    repeat_count
+    resend_count
         Number of lines resent so far.
     highest_number
         Highest number sent so far.
@@ -35,7 +35,7 @@ class Place(NamedTuple):
     """
 
     number: int
-    repeat_count: int
+    resend_count: int
     highest_number: int
     confirmation_count: int
 
@@ -52,7 +52,7 @@ class Action(Enum):
     WAIT = "the line was accepted: either it is queued, or its ok was lost"
     ACCEPT = "the line was accepted, but its ok was lost"
     ACCEPT_UP_TO = "the lines to be resent were accepted up to this one"
-    REPEAT = "all lines from this one on are resent"
+    RESEND = "all lines from this one on are resent"
 
 
 class Decision(NamedTuple):
@@ -187,14 +187,14 @@ class Recovery:
             self.confirmation_count += 1
             return Decision(Action.ACCEPT if self.confirmation_count >= needed_answers else Action.WAIT)
         if number == 0:
-            return Decision(Action.REPEAT, 0)  # the M110 that restarts the count was lost
+            return Decision(Action.RESEND, 0)  # the M110 that restarts the count was lost
         if number < last_line <= highest_number:
             return Decision(Action.ACCEPT_UP_TO, last_line)
         if last_line > highest_number or last_line < 0 or not can_resend:
             return Decision(Action.GIVE_UP_REBOOT)
-        return Decision(Action.REPEAT, last_line + 1)
+        return Decision(Action.RESEND, last_line + 1)
 
     def count_repair(self, number: int) -> bool:
-        """Count a line that was lost or that lost its ok; return False if there are too many."""
+        """Count a line that was lost, or whose ok was; return False if there are too many."""
         self._repairs.append(number)
         return len(self._repairs) < NOISE_REPAIRS or number - self._repairs[0] >= NOISE_LINES

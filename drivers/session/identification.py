@@ -29,16 +29,16 @@ def identify_printer(context: SessionContext) -> Script:
             source = "banner does not say" if firmware.version_pattern is not None else "settings do not say"
             problem = f"its {source} which printer it is"
         elif identity.suffix != profile.banner_suffix:
-            problem = f"not the board of an {profile.title}"
+            problem = f"its banner is not that of the model {profile.title}"
         elif context.identity is not None and identity.offset != context.identity:
             offsets = f"home offset {identity.offset}, not {context.identity}"
             problem = f"another printer, or levelled again: {offsets}"
         else:
             answer = yield from query(context, firmware.identity_query)
             if firmware.identity_text not in answer:
-                problem = f"M115 reports another firmware than {firmware.title}"
+                problem = f"M115 reports a firmware other than {firmware.title}"
             elif profile.machine_text not in answer:
-                problem = f"M115 reports another machine than the {profile.title}"
+                problem = f"M115 reports a machine other than the {profile.title}"
             else:
                 context.identity = identity.offset
                 return
@@ -59,5 +59,5 @@ def check_height(context: SessionContext, home_command: bytes) -> Script:
         raise PrintEnded(
             Fault.WRONG_PRINTER,
             f"its bed homes at {context.position_mm[2]:g} mm, not near {home_mm:g}: "
-            f"not an {context.profile.title}",
+            f"it is not the model {context.profile.title}",
         )

@@ -43,7 +43,7 @@ def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
     Source: docs/explanation/ultimaker2-serial.md, section 5.
     """
     firmware = context.firmware
-    context.link.halt()
+    context.link.drop_unsent()
     if not (yield from send(context, *firmware.abort_commands, limit_s=STOP_TIMEOUT_S)):
         return False
     if is_homed:  # before homing, the distance that the bed may move is unknown

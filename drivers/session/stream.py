@@ -88,7 +88,7 @@ def _stream_lines(context: SessionContext, program: Program, start: int, stop: i
             raise link.source_error
         if link.is_drained:
             return
-        link.halt()
+        link.drop_unsent()
         yield Wait(lambda: link.is_drained)
         start = link.streamed_lines
         if can_pause(context):  # the line in flight may have switched the nozzle off

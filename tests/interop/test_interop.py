@@ -130,7 +130,7 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
     # Only lines that the virtual printer dropped are missing; a dropped line may also be an M105.
     assert len(program) - len(printed_lines) <= len(dropped_lines)
-    assert link.repeat_count >= 8  # no line is repeated after a lost ok
+    assert link.resend_count >= 8  # no line is repeated after a lost ok
 
 
 def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path: Path):

@@ -32,7 +32,7 @@ def test_clean_wire_executes_every_line_once_without_resends(count: int, piece_b
     bench.run()
     assert bench.firmware.executed_lines == list(enumerate(program, 1))
     assert bench.link.streamed_lines == count
-    assert bench.link.repeat_count == 0
+    assert bench.link.resend_count == 0
     assert not bench.list_faults()
 
 
@@ -63,13 +63,13 @@ def test_resent_line_is_counted_once():
         """Wire that loses the third line."""
 
         def transmit(self, data: bytes) -> list[bytes]:
-            is_lost = data.startswith(b"N3 ") and not bench.link.repeat_count
+            is_lost = data.startswith(b"N3 ") and not bench.link.resend_count
             return [] if is_lost else super().transmit(data)
 
     bench = Bench(LossyWire(0.0, 0.0, 10_000, 0)).boot()
     stream_program(bench, make_lines(5))
     bench.run()
-    assert (bench.link.repeat_count, len(bench.firmware.executed_lines)) == (1, 5)
+    assert (bench.link.resend_count, len(bench.firmware.executed_lines)) == (1, 5)
 
 
 @given(
@@ -161,7 +161,7 @@ def test_slow_board_is_queried_and_no_line_is_sent_twice():
     bench.link.receive(bench.firmware.feed(late_bytes), bench.now_s)
     bench.run()
     assert [number for number, _ in bench.firmware.executed_lines] == list(range(1, 51))
-    assert bench.link.repeat_count == 0
+    assert bench.link.resend_count == 0
 
 
 def test_timeout_is_reset_by_an_ordinary_ok():
@@ -201,7 +201,7 @@ def test_timeout_is_never_below_the_minimum():
     bench = Bench(min_timeout_s=200.0).boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X1")
-    assert bench.link.deadline_s >= bench.now_s + 25.0  # a query is sent after an eighth of the time limit
+    assert bench.link.deadline_s >= bench.now_s + 25.0  # a query is sent after an eighth of the timeout
 
 
 @pytest.mark.parametrize(
@@ -310,11 +310,11 @@ def test_resend_of_a_board_that_lost_its_count_is_ignored():
     assert bench.now_s < 1.0 + (MAX_ATTEMPTS + 1) * 60.0
 
 
-def test_halting_completes_the_line_in_flight_and_sends_no_more_of_the_program():
+def test_dropping_unsent_lines_completes_the_line_in_flight_and_sends_no_more_of_the_program():
     bench = Bench().boot()
     stream_program(bench, make_lines(300))
     bench.run(until_s=0.5)
-    bench.link.halt()
+    bench.link.drop_unsent()
     bench.link.send(bench.now_s, b"M401")
     streamed_lines = bench.link.streamed_lines
     bench.run()
@@ -323,10 +323,10 @@ def test_halting_completes_the_line_in_flight_and_sends_no_more_of_the_program()
     assert len(bodies) - 1 <= streamed_lines + 1 == bench.link.streamed_lines
 
 
-def test_commands_wait_for_the_program_to_be_halted():
+def test_commands_are_refused_while_a_program_is_streamed():
     bench = Bench().boot()
     stream_program(bench, make_lines(300))
-    with pytest.raises(ValueError, match="halt"):
+    with pytest.raises(ValueError, match="unsent"):
         bench.link.send(0.0, b"M401")
         bench.link.send(0.0, b"M401")
 

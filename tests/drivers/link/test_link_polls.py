@@ -14,7 +14,7 @@ BANNER = b"start\necho:Marlin 1.0.0\necho:   M301 P10 I1 D70\n"
 REPORT = b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
 
 
-class Board:
+class FakeBoard:
     """Board that executes numbered lines in order, each once."""
 
     def __init__(self, poll_interval_s: float) -> None:
@@ -63,7 +63,7 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
     first_line: int, commands: tuple[bytes, ...], poll_interval_s: float
 ):
     """Check after every answer that the count for the journal equals that of the acknowledged lines."""
-    board = Board(poll_interval_s)
+    board = FakeBoard(poll_interval_s)
     if commands:
         board.link.send(0.0, *commands)
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], first_line, len(PROGRAM))
@@ -73,13 +73,13 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
         assert not board.link.is_drained or first_line + printed_count == len(PROGRAM)
     assert board.link.is_drained
     assert board.executed == [b"M110", *commands, *PROGRAM[first_line:]]
-    assert board.link.repeat_count == 0
+    assert board.link.resend_count == 0
     assert board.report_count >= len(PROGRAM) * 0.2 / poll_interval_s
     assert len(board.link._outbox._frames) < 400  # a print may have a million lines
 
 
 def test_late_report_does_not_answer_a_refused_poll():
-    board = Board(1e9)
+    board = FakeBoard(1e9)
     while board.step():
         pass
     board.link.poll(board.now_s)
@@ -90,7 +90,7 @@ def test_late_report_does_not_answer_a_refused_poll():
 
 
 def test_line_in_flight_is_not_counted_as_printed():
-    board = Board(1e9)
+    board = FakeBoard(1e9)
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], 0, 3)
     while board.last_number < 2:
         board.step()
@@ -127,4 +127,4 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
         if not change_share:
             assert [body for _, body in bench.firmware.executed_lines] == [b"M82", *program]
             assert line_counts == sorted(line_counts)
-            assert bench.link.repeat_count == 0
+            assert bench.link.resend_count == 0

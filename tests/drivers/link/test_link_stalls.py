@@ -40,17 +40,17 @@ def test_print_is_exact_and_continues_within_3_s_after_any_damage(name: str, see
 
 @given(
     moves=st.lists(st.sampled_from([0.5, 3.0, 40.0, 180.0]), min_size=1, max_size=40),
-    feed_mm_min=st.sampled_from([120, 600, 3000]),
+    feedrate_mm_min=st.sampled_from([120, 600, 3000]),
     lost_answers=st.sets(st.integers(0, 39), max_size=2),
 )
-@example(moves=[0.5, 180.0] + [0.5] * 18, feed_mm_min=120, lost_answers=set())
+@example(moves=[0.5, 180.0] + [0.5] * 18, feedrate_mm_min=120, lost_answers=set())
 @settings(max_examples=60, deadline=None)
 def test_lost_ok_during_slow_moves_causes_no_resend(
-    moves: list[float], feed_mm_min: int, lost_answers: set[int]
+    moves: list[float], feedrate_mm_min: int, lost_answers: set[int]
 ):
     """Use a move of 90 s, during which the board is silent and is queried."""
     x_positions_mm = [20.0 + (mm if index % 2 else 0.0) for index, mm in enumerate(moves)]
-    program = [b"G1 F%d X%.1f" % (feed_mm_min, x) for x in x_positions_mm]
+    program = [b"G1 F%d X%.1f" % (feedrate_mm_min, x) for x in x_positions_mm]
     firmware, link = (
         EmulatedFirmware(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0),
         Link(ULTIMAKER2),
@@ -73,4 +73,4 @@ def test_lost_ok_during_slow_moves_causes_no_resend(
     now_s += 200.0
     firmware.feed(b"", now_s)
     assert firmware.machine.planner.move_count == len(program)
-    assert link.repeat_count == 0
+    assert link.resend_count == 0

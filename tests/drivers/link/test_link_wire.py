@@ -22,7 +22,7 @@ from printers.link_bench import pass_to_link
 NAMED_FAULTS = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
 
 
-class Recorder(EmulatedFirmware):
+class RecordingFirmware(EmulatedFirmware):
     """Board that records the numbered lines that it accepted."""
 
     def __init__(self, faults: Faults, seed: int) -> None:
@@ -64,10 +64,10 @@ class Wire:
 
 def print_program(
     program: list[bytes], faults: Faults, piece_bytes: int, max_delay_s: float, seed: int
-) -> tuple[Recorder, Link, list[Fault]]:
+) -> tuple[RecordingFirmware, Link, list[Fault]]:
     """Stream a program until it ends or the link gives up; return the board, the link and the faults."""
     rng = random.Random(seed)
-    firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
+    firmware, link = RecordingFirmware(faults, seed), Link(ULTIMAKER2)
     to_board, to_host = Wire(piece_bytes, max_delay_s, rng), Wire(piece_bytes, max_delay_s, rng)
     now_s, is_connected, link_faults = 0.0, False, []
     link.on_opened(now_s)
@@ -139,7 +139,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
 
 def test_checksum_collision_is_counted():
     """Swap two digits, which keeps the XOR: the firmware accepts the line, and the emulator counts it."""
-    firmware = Recorder(Faults(noise=1e-9), 0)
+    firmware = RecordingFirmware(Faults(noise=1e-9), 0)
     assert firmware.noise is not None
     firmware.feed(b"", 10.0)
 

@@ -1,4 +1,4 @@
-"""Outbox: time limit of each line, and lines that can be sent again."""
+"""Outbox: timeout of each line, and lines that can be sent again."""
 
 import pytest
 
@@ -15,7 +15,7 @@ SLOW_MOVE, SLOWER_MOVE, FAST_MOVE = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10
 
 
 def send_commands(commands, polls_before=()):
-    """Send all commands through an outbox; return it with the time limit of each."""
+    """Send all commands through an outbox; return it with the timeout of each."""
     outbox, timeouts_s = Outbox(ULTIMAKER2), []
     outbox.begin()
     assert outbox.take_next() is not None  # M110
@@ -29,20 +29,20 @@ def send_commands(commands, polls_before=()):
     return outbox, timeouts_s
 
 
-def test_lines_behind_a_slow_move_have_its_time_limit():
+def test_lines_behind_a_slow_move_have_its_timeout():
     _, timeouts_s = send_commands([SLOW_MOVE, *[FAST_MOVE] * (QUEUED_LINES + 3)])
     assert QUEUED_LINES >= 16 + 8  # moves in the planner, and lines that wait
     assert timeouts_s[: QUEUED_LINES + 1] == [pytest.approx(60 * MAX_MOVE_MM / 60)] * (QUEUED_LINES + 1)
     assert timeouts_s[QUEUED_LINES + 1 :] == [LINE_TIMEOUT_S] * 3
 
 
-def test_time_limit_follows_the_slowest_queued_move():
+def test_timeout_follows_the_slowest_queued_move():
     _, timeouts_s = send_commands([FAST_MOVE, SLOWER_MOVE, SLOW_MOVE, FAST_MOVE])
     assert timeouts_s == [LINE_TIMEOUT_S, *[pytest.approx(60 * MAX_MOVE_MM / 30)] * 3]
 
 
 @pytest.mark.parametrize("lines_before", range(1, 6))
-def test_line_keeps_its_time_limit_if_a_poll_takes_its_number(lines_before):
+def test_line_keeps_its_timeout_if_a_poll_takes_its_number(lines_before):
     commands = [b"G90", b"M400", b"G90", b"G4 P9", b"G28"]
     assert send_commands(commands, [lines_before])[1] == send_commands(commands)[1]
 

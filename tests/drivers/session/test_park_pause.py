@@ -18,7 +18,7 @@ def test_pause_parks_and_keeps_the_bed_warm_and_the_print_resumes_exactly(lines:
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
     board = rig.firmware.board
     paused_at_s = rig.now_s
-    rig.run(until=lambda: rig.now_s > paused_at_s + 1800.0)  # 15 times the time of the dead-man timer
+    rig.run(until=lambda: rig.now_s > paused_at_s + 1800.0)  # 15 times the timeout of the dead-man timer
     assert rig.session.context.phase is PrintPhase.PAUSED
     assert rig.read_targets() == (0.0, 60.0)
     assert rig.session.context.pause_ends_s == pytest.approx(paused_at_s + PAUSE_TIMEOUT_S, abs=60.0)

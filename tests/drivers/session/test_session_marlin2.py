@@ -37,7 +37,7 @@ def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
     printer = make_rig(advanced_ok=advanced_ok).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     board = printer.firmware.board
-    assert printer.firmware.error_count == 0 and printer.link.repeat_count == 0
+    assert printer.firmware.error_count == 0 and printer.link.resend_count == 0
     # The filament moves 8 mm forward and 8 mm back at the start.
     assert board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.01)
     assert board.filament_end_mm == pytest.approx(-ENDER3.park_retraction_mm, abs=0.01)
@@ -53,7 +53,7 @@ def test_part_is_exact_over_a_noisy_wire(seed: int):
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     noise = printer.firmware.noise
     assert noise is not None and noise.damaged_byte_count > 0 and noise.altered_line_count == 0
-    assert printer.link.repeat_count > 0
+    assert printer.link.resend_count > 0
     assert printer.firmware.board.filament_mm == pytest.approx(600.0 + 12.5, abs=0.01)
 
 
@@ -80,7 +80,7 @@ def test_slow_move_has_no_timeout_while_the_board_is_busy():
     slow_gcode = make_gcode(60).replace("F3000", "F120")  # 20 s each, and the planner is full
     printer = Rig(Faults(), slow_gcode, "creality_ender3", profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
-    assert printer.link.repeat_count == 0
+    assert printer.link.resend_count == 0
     query_count = printer.sent_bytes.count(ENDER3.firmware.last_line_query)
     assert query_count < 150  # at most a few queries for each line, not one every 0.3 s
 
@@ -150,7 +150,7 @@ def test_another_machine_with_marlin_2_is_not_heated():
         PrintPhase.FAILED,
         Fault.WRONG_PRINTER,
     )
-    assert "another machine than the CR-10" in (printer.session.context.reason or "")
+    assert "a machine other than the CR-10" in (printer.session.context.reason or "")
     assert b"M104 S2" not in printer.sent_bytes and b"M140 S6" not in printer.sent_bytes
 
 

@@ -57,8 +57,8 @@ def test_dead_man_timer_depends_on_heat_and_pause_and_is_off_when_cold():
     rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
-    pause_s = rig.now_s
-    rig.run(until=lambda: rig.now_s > pause_s + 60.0)
+    paused_at_s = rig.now_s
+    rig.run(until=lambda: rig.now_s > paused_at_s + 60.0)
     assert rig.firmware.machine.dead_man_timeout_s == 120.0
     rig.session.resume(rig.now_s)
     rig.run()
