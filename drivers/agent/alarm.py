@@ -57,13 +57,13 @@ class Alarms:
         """Suspicion to be handed to the first session after an agent died."""
         return None if self.alarm is None else self.alarm.suspicion
 
-    def mark_ended(self) -> None:
+    def mark_over(self) -> None:
         """Mark the alarm as over, because the printer was cold or reconnected: later findings are new."""
         if self.alarm is not None and self.alarm.outcome is not None:
             self.alarm = self.alarm.model_copy(update={"is_over": True})
 
     def clear(self) -> None:
-        """End the alarm."""
+        """Remove the alarm, as a person has checked the printer."""
         self.alarm = None
 
     def take_session_finding(self, session: Session, now_s: float) -> None:
@@ -88,6 +88,7 @@ class Alarms:
         return finding if finding is not None and self._request_power_off(finding, now_s) else None
 
     def _request_power_off(self, text: str, now_s: float) -> bool:
+        """Request that the mains are cut; return False if that was requested already."""
         alarm = self.alarm
         if alarm is not None and alarm.power_off_requested and not alarm.is_over:
             return False

@@ -117,7 +117,7 @@ class Recorder:
         session, board, alarms, now_s = self.board.session, self.board, self.alarms, self._clock.now()
         if board.rearms_alarm:
             board.rearms_alarm = False
-            alarms.mark_ended()
+            alarms.mark_over()
         if session is not None:
             alarms.take_session_finding(session, now_s)
         elif (stuck_text := alarms.take_idle_finding(board.stuck_heater_text, now_s)) is not None:
@@ -199,11 +199,15 @@ class Recorder:
         }
         if self._program is not None:
             readings["line"] = context.acknowledged_lines
-            mark = self._program.compute_progress(context.acknowledged_lines)
-            readings["progress_s"] = mark.time_s
+            progress = self._program.compute_progress(context.acknowledged_lines)
+            readings["progress_s"] = progress.time_s
             readings["layers"] = self._program.layer_count
-            if mark.layer is not None:
-                readings |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
+            if progress.layer is not None:
+                readings |= {
+                    "layer": progress.layer + 1,
+                    "z_mm": progress.z_mm,
+                    "feature": progress.feature,
+                }
             readings["started_s"] = context.started_s
         return saved_print.model_copy(update=readings)
 

@@ -10,18 +10,18 @@ from drivers.gcode.program import (
     ProgramStore,
     read_program,
 )
-from drivers.gcode.timeline import Feature, Mark
+from drivers.gcode.timeline import Feature, Progress
 
 __all__ = [
     "MAX_LINE_BYTES",
     "Feature",
     "HeatCommand",
     "HeaterName",
-    "Mark",
     "MotionState",
     "Point",
     "Program",
     "ProgramStore",
+    "Progress",
     "add_frame",
     "add_frames",
     "compute_checksum",

@@ -17,7 +17,7 @@ from zlib import crc32
 
 from drivers.errors import BadGcode, UnreadableFile
 from drivers.gcode.line import Command, make_length_error, match_plain_move, quote, read_command, read_number
-from drivers.gcode.timeline import Mark, Timeline
+from drivers.gcode.timeline import Progress, Timeline
 from drivers.printers import Profile
 
 MAX_LINE_BYTES = 65536
@@ -146,7 +146,7 @@ class Program:
         skip = first * _BLOCK_LINES
         return lines[start - skip : stop - skip]
 
-    def compute_progress(self, line: int) -> Mark:
+    def compute_progress(self, line: int) -> Progress:
         """Compute the progress after `line` lines."""
         return self.timeline.compute_progress(line, self.line_count)
 

@@ -1,6 +1,6 @@
 """Progress of a print at each line of its file, from the slicer's comments. Pure.
 
-A file of 50 MB has about 200,000 marks: they are stored in columns, 29 bytes per mark.
+A file of 50 MB has about 200,000 entries: they are stored in columns, 29 bytes per entry.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _FEATURE_NUMBERS = {feature: number for number, feature in enumerate(_FEATURES)}
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Progress:
     """Progress of a print at one line of its program.
 
     Attributes
@@ -58,7 +58,7 @@ class Mark:
 
 
 class Timeline:
-    """Marks of a file, in increasing order of line and time. Between marks, time is interpolated by line.
+    """Progress at the lines with a comment, in increasing order; in between, time is interpolated by line.
 
     Call `add_layer`, `add_feature`, `set_layer_height` and `add_time` in the order of the lines; then call
     `close`.
@@ -83,9 +83,9 @@ class Timeline:
     def __len__(self) -> int:
         return len(self._lines)
 
-    def __getitem__(self, index: int) -> Mark:
+    def __getitem__(self, index: int) -> Progress:
         layer, feature = self._layers[index], self._features[index]
-        return Mark(
+        return Progress(
             self._lines[index],
             self._times_s[index],
             None if layer == _NO_LAYER else layer,
@@ -93,13 +93,13 @@ class Timeline:
             None if feature < 0 else _FEATURES[feature],
         )
 
-    def __iter__(self) -> Iterator[Mark]:
+    def __iter__(self) -> Iterator[Progress]:
         return (self[index] for index in range(len(self)))
 
-    def compute_progress(self, line: int, line_count: int) -> Mark:
+    def compute_progress(self, line: int, line_count: int) -> Progress:
         """Compute the progress after `line` of `line_count` lines."""
         index = bisect_right(self._lines, line)
-        previous = self[index - 1] if index else Mark(0, 0.0)
+        previous = self[index - 1] if index else Progress(0, 0.0)
         if line >= line_count or index == len(self):
             return replace(previous, line=line, time_s=self.time_s if line >= line_count else previous.time_s)
         fraction = (line - previous.line) / (self._lines[index] - previous.line)
@@ -114,18 +114,18 @@ class Timeline:
     def add_time(self, line: int, time_s: float) -> None:
         """Add the print time at a line."""
         self.time_s = max(self.time_s, time_s)
-        self._add_mark(line, self.time_s)
+        self._add_entry(line, self.time_s)
 
     def add_layer(self, line: int, layer: int) -> None:
         """Add a layer that begins at a line."""
         self.layer_count = max(self.layer_count, layer + 1)
         self._layer, self._feature = layer, -1
-        self._add_mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first layer
+        self._add_entry(line, math.nan if self._lines else 0.0)  # the slicer counts from the first layer
 
     def add_feature(self, line: int, name: str) -> None:
         """Add a feature that begins at a line."""
         self._feature = _FEATURE_NUMBERS[Feature(name)] if name in _FEATURE_NUMBERS else -1
-        self._add_mark(line, math.nan)
+        self._add_entry(line, math.nan)
 
     def set_layer_height(self, z_mm: float) -> None:
         """Set the height of the current layer; call this before the first feature of the layer."""
@@ -134,7 +134,7 @@ class Timeline:
             self._layers[-1], self._heights_mm[-1], self._features[-1] = self._layer, z_mm, -1
 
     def close(self) -> None:
-        """Interpolate the times of marks without a time."""
+        """Interpolate the times of entries without a time."""
         lines, times_s = self._lines, self._times_s
         last_line, last_s, unknown_start = 0, 0.0, 0
         for index, line in enumerate(lines):
@@ -147,7 +147,7 @@ class Timeline:
         for unknown in range(unknown_start, len(lines)):
             times_s[unknown] = last_s
 
-    def _add_mark(self, line: int, time_s: float) -> None:
+    def _add_entry(self, line: int, time_s: float) -> None:
         if not (self._lines and self._lines[-1] == line):
             self._lines.append(line)
             self._times_s.append(time_s)

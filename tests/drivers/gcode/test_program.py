@@ -1,4 +1,4 @@
-"""Programs read from G-code: sent lines, times, marks and refused lines."""
+"""Programs read from G-code: sent lines, times, progress and refused lines."""
 
 import io
 import math
@@ -11,7 +11,15 @@ from hypothesis import strategies as st
 
 from drivers.errors import BadGcode
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode import Feature, HeaterName, Mark, MotionState, Program, measure_retraction_mm, read_program
+from drivers.gcode import (
+    Feature,
+    HeaterName,
+    MotionState,
+    Program,
+    Progress,
+    measure_retraction_mm,
+    read_program,
+)
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
@@ -91,23 +99,23 @@ G28
 """
 
 
-def test_marks_contain_time_layer_height_and_feature():
+def test_timeline_contains_time_layer_height_and_feature():
     program = parse_program(FEATURE_GCODE)
     assert tuple(program.timeline) == (
-        Mark(1, 0.0, 0, 0.27, None),
-        Mark(2, pytest.approx(2.0), 0, 0.27, Feature.SKIRT),
-        Mark(3, 4.0, 0, 0.27, Feature.WALL_OUTER),
-        Mark(5, 10.0, 1, 0.47, None),
-        Mark(6, pytest.approx(12.5), 1, 0.47, Feature.FILL),
-        Mark(8, pytest.approx(17.5), 1, 0.47, None),
-        Mark(9, 20.0, 1, 0.47, None),
+        Progress(1, 0.0, 0, 0.27, None),
+        Progress(2, pytest.approx(2.0), 0, 0.27, Feature.SKIRT),
+        Progress(3, 4.0, 0, 0.27, Feature.WALL_OUTER),
+        Progress(5, 10.0, 1, 0.47, None),
+        Progress(6, pytest.approx(12.5), 1, 0.47, Feature.FILL),
+        Progress(8, pytest.approx(17.5), 1, 0.47, None),
+        Progress(9, 20.0, 1, 0.47, None),
     )
-    assert program.compute_progress(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
-    assert program.compute_progress(0) == Mark(0, 0.0)
+    assert program.compute_progress(4) == Progress(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
+    assert program.compute_progress(0) == Progress(0, 0.0)
     assert program.compute_progress(program.line_count).time_s == program.time_s == 20.0
 
 
-NOTES = st.one_of(
+COMMENTS = st.one_of(
     st.builds("TIME_ELAPSED:{}".format, st.floats(0, 1e6)),
     st.builds("LAYER:{}".format, st.integers(0, 500)),
     st.builds("TYPE:{}".format, st.sampled_from([*Feature, "OTHER"])),
@@ -116,8 +124,8 @@ NOTES = st.one_of(
 LINES = st.one_of(
     st.builds("G1 X{}".format, st.integers(-99, 99)),
     st.builds("G0 F9000 Z{:.2f}".format, st.floats(0, 300)),
-    st.builds(";{}".format, NOTES),
-    st.builds("G1 X1 ;{}".format, NOTES),
+    st.builds(";{}".format, COMMENTS),
+    st.builds("G1 X1 ;{}".format, COMMENTS),
     st.just(""),
 )
 
@@ -129,12 +137,12 @@ def test_commands_are_kept_and_times_never_decrease(lines: list[str]):
         return
     program = parse_program("\n".join(lines))
     assert [line.decode() for line in program.read_lines(0, program.line_count)] == commands
-    marks = [(mark.line, mark.time_s) for mark in program.timeline]
-    assert marks == sorted(marks)
-    assert len({line for line, _ in marks}) == len(marks)
+    entries = [(progress.line, progress.time_s) for progress in program.timeline]
+    assert entries == sorted(entries)
+    assert len({line for line, _ in entries}) == len(entries)
     times_s = [program.compute_progress(line).time_s for line in range(program.line_count + 1)]
     assert times_s == sorted(times_s)
-    assert times_s[-1] == program.time_s == max((s for _, s in marks), default=0.0)
+    assert times_s[-1] == program.time_s == max((s for _, s in entries), default=0.0)
 
 
 @pytest.mark.parametrize(
@@ -270,10 +278,15 @@ def test_state_at_any_accepted_line_is_finite_and_never_crashes_an_agent(
     ]
     assert all(abs(mm) < 1e9 for mm in values)
     assert 0.0 <= measure_retraction_mm(program, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
-    mark = program.compute_progress(line_count)
+    progress = program.compute_progress(line_count)
     assert all(
         abs(number) < 1e9
-        for number in (mark.time_s, mark.z_mm, program.compute_max_height_mm(line_count), program.time_s)
+        for number in (
+            progress.time_s,
+            progress.z_mm,
+            program.compute_max_height_mm(line_count),
+            program.time_s,
+        )
     )
     sent_lines = program.read_lines(0, program.line_count)
     assert (
@@ -306,7 +319,7 @@ def test_g92_is_not_counted_as_extrusion():
     assert program.extrusion_line == 2
 
 
-def test_long_files_and_their_marks_take_little_memory():
+def test_long_files_and_their_timelines_take_little_memory():
     layers_text = "".join(f";TYPE:FILL\n{'G1 X1 Y1 E1' + chr(10)}" * 50 + f"G0 Z{i}\n" for i in range(1, 400))
     tracemalloc.start()
     try:
