@@ -22,7 +22,7 @@ from drivers.printers import PROFILES
 from drivers.records import JOURNAL, Journal
 from drivers.remote import AgentClient
 
-LINKS_FOLDER = Path("/dev/serial/by-path")
+SYMLINKS_FOLDER = Path("/dev/serial/by-path")
 _BOARD_TIMEOUT_S = 40.0  # wall seconds for the board to answer
 _AGENT_TIMEOUT_S = 60.0  # wall seconds for the agent to report the result
 
@@ -50,7 +50,9 @@ class PluggedDevice:
 
 
 def list_plugged_devices(
-    fleet: Iterable[tuple[str, str]], devices: list[Device] | None = None, links_folder: Path = LINKS_FOLDER
+    fleet: Iterable[tuple[str, str]],
+    devices: list[Device] | None = None,
+    symlinks_folder: Path = SYMLINKS_FOLDER,
 ) -> list[PluggedDevice]:
     """List all serial devices on USB, without opening them.
 
@@ -58,9 +60,9 @@ def list_plugged_devices(
     ----------
     fleet
         Name and port of each printer.
-    devices, links_folder
-        Devices to list (default: all devices of the host), and the folder of links named after USB sockets.
-        Tests replace both.
+    devices, symlinks_folder
+        Devices to list (default: all devices of the host), and the folder of symbolic links named after USB
+        sockets. Tests replace both.
 
     Returns
     -------
@@ -68,12 +70,14 @@ def list_plugged_devices(
         The devices, in the order of `devices`.
     """
     printer_by_path = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
-    links = {link.resolve(): link for link in sorted(links_folder.glob("*"), reverse=True)}
+    symlinks = {path.resolve(): path for path in sorted(symlinks_folder.glob("*"), reverse=True)}
     result = []
     for device in list_devices() if devices is None else devices:
         path = device.path.resolve()
         result.append(
-            PluggedDevice(links.get(path, device.path), path, device.description, printer_by_path.get(path))
+            PluggedDevice(
+                symlinks.get(path, device.path), path, device.description, printer_by_path.get(path)
+            )
         )
     return result
 
@@ -179,8 +183,8 @@ def find_model(identity: bytes) -> str:
             matches = firmware.read_suffix(identity) == profile.banner_suffix
         if matches:
             return profile.model
-    marks = (b"Vers:", b"MACHINE_TYPE:")
-    version = next((line for line in identity.split(b"\n") if any(mark in line for mark in marks)), b"")
+    labels = (b"Vers:", b"MACHINE_TYPE:")
+    version = next((line for line in identity.split(b"\n") if any(label in line for label in labels)), b"")
     raise DriverError(f"the board restarted, but its firmware version is unknown: {version!r}")
 
 

@@ -1,4 +1,4 @@
-"""Bounded log files of processes that log to stdout and stderr; no line is lost."""
+"""Bounded log files of processes that log to stdout and stderr; a rotation loses no line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = LOG_COU
     Parameters
     ----------
     path
-        The log. Renamed logs are `path.1`, the newest, to `path.LOG_COUNT`.
+        The log. Renamed logs are `path.1`, the newest, to `path.N` with N = `file_count`.
     max_bytes
         Size at which the log is renamed.
     file_count
@@ -62,8 +62,9 @@ def _number_path(path: Path, number: int) -> Path:
     return path.with_name(f"{path.name}.{number}") if number else path
 
 
-def _is_open_as(descriptor: int, file: os.stat_result) -> bool:
+def _is_open_as(descriptor: int, status: os.stat_result) -> bool:
+    """Return True if the descriptor refers to the file with this status."""
     try:
-        return os.path.samestat(os.fstat(descriptor), file)
+        return os.path.samestat(os.fstat(descriptor), status)
     except OSError:  # closed
         return False

@@ -22,7 +22,7 @@ snapshot contains the version of its agent; the first agents sent no version, wh
 
 @dataclass(frozen=True, slots=True)
 class AddedField:
-    """Protocol version that added a field of a request."""
+    """Annotation of a request's field with the protocol version that added it."""
 
     protocol: int
 
@@ -63,7 +63,7 @@ class LinkState(StrEnum):
 class Filament(StrEnum):
     """Position of the filament's end."""
 
-    PARKED = "parked"  # retracted by 20 mm, as by the end code or the printer's own menu
+    PARKED = "parked"  # retracted by `Profile.park_retraction_mm`, as by the end code
     AT_NOZZLE = "at_nozzle"
     UNKNOWN = "unknown"
 

@@ -83,7 +83,7 @@ class IdleWatch:
         """Forget all answers: the board was reset, or has printed for the farm."""
         self.is_printing_from_card = False
         self._position: bytes | None = None
-        self._first_position: bytes | None = None  # the answer before there is a position
+        self._first_position: bytes | None = None  # first answer since the reset
         self._unconfirmed_position: bytes | None = None  # last answer that differs from the known position
         self._was_heated = False
         self._coolest_c = [float("inf"), float("inf")]

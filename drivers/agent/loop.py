@@ -65,7 +65,7 @@ class Agent:
         self._push_wall_s = 0.0
         self._log_wall_s = 0.0
         self._server: Server | None = None
-        self._signals = self._listen_to_signals()
+        self._signal_sockets = self._listen_to_signals()
 
     def run(self) -> None:
         """Serve until the agent has to end; then switch off heaters, as nothing would watch them any more."""
@@ -75,14 +75,14 @@ class Agent:
             log.exception("the agent ends because of an internal error")
             raise
         finally:
-            self._board.switch_off()
+            self._board.switch_off_heaters()
             self._board.close()
             self._inhibitor.set_lock(False)
             if self._server is not None:
                 self._server.close()
             signal.set_wakeup_fd(-1)
-            for end in self._signals:
-                end.close()
+            for signal_socket in self._signal_sockets:
+                signal_socket.close()
             self._selector.close()
 
     def _serve(self) -> None:
@@ -182,8 +182,8 @@ class Agent:
     def _listen_to_signals(self) -> tuple[socket.socket, socket.socket]:
         """Let SIGTERM and SIGINT wake the loop through a socket, so it handles them between two steps."""
         read_end, write_end = socket.socketpair()
-        for end in (read_end, write_end):
-            end.setblocking(False)
+        for signal_socket in (read_end, write_end):
+            signal_socket.setblocking(False)
         signal.set_wakeup_fd(write_end.fileno(), warn_on_full_buffer=False)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: None)
@@ -192,7 +192,7 @@ class Agent:
 
     def _on_signal(self, _: int) -> None:
         """End after the open print on SIGTERM; on SIGINT, end the print safely first."""
-        ends_print = signal.SIGINT in self._signals[0].recv(64)
+        ends_print = signal.SIGINT in self._signal_sockets[0].recv(64)
         if self._board.session is None and (ends_print or not self._board.state.hot):
             self._request_handler.must_end = True
             return

@@ -65,7 +65,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
     else:
         filament = journal_state.filament if board.idle_watch.filament.is_certain else Filament.UNKNOWN
         if filament is Filament.UNKNOWN and emulator is not None and board.state.bed_unknown_reason is None:
-            filament = _read_filament(emulator.filament_end_mm, board.profile.park_retraction_mm)
+            filament = _classify_filament(emulator.filament_end_mm, board.profile.park_retraction_mm)
     heaters_off = report is not None and report.targets_off
     return Snapshot(
         protocol=PROTOCOL,
@@ -111,8 +111,8 @@ def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]
     return tuple(prints)
 
 
-def _read_filament(end_mm: float, park_retraction_mm: float) -> Filament:
-    """Return the filament position of an emulator."""
+def _classify_filament(end_mm: float, park_retraction_mm: float) -> Filament:
+    """Classify the position of the filament's end in an emulator."""
     if abs(end_mm + park_retraction_mm) <= _POSITION_TOLERANCE_MM:
         return Filament.PARKED
     return Filament.AT_NOZZLE if abs(end_mm) <= _POSITION_TOLERANCE_MM else Filament.UNKNOWN

@@ -68,11 +68,11 @@ class Faults:
     no_reset: bool = False  # DTR is not connected: neither opening the port nor a pulse resets the board
     # not faults: an option of some firmwares, and a difference between two printers
     advanced_ok: bool = False  # an ok has the line number and the free space of both buffers
-    home_offset_hundredths_mm: int = 0  # hundredths of a millimetre by which the Z of M206 is below -10
+    home_offset_hundredths_mm: int = 0  # by which the Z of M206 is below its usual value
 
     @property
     def affects_lines(self) -> bool:
-        """True if a fault may change any line."""
+        """True if a fault may act on a line."""
         probabilities = (
             self.checksum, self.no_number, self.no_checksum, self.wrong_number,
             self.drop_ok, self.garble_ok, self.swallow, self.resend,
@@ -81,7 +81,7 @@ class Faults:
 
     @property
     def affects_bytes(self) -> bool:
-        """True if a fault may change any byte."""
+        """True if a fault may act on a byte."""
         return bool(self.noise or self.lost or self.doubled)
 
     @property
@@ -107,7 +107,7 @@ class FaultSampler:
         self._rng = rng
 
     def disturb_line(self, line: bytes) -> bytes:
-        """Return the line as received: unchanged, with one flipped bit, or without its number or checksum."""
+        """Return the line as received: unchanged, or with a flipped bit, a wrong number or a missing part."""
         faults = self._faults
         if b"M110" not in line:
             if faults.no_number and self._rng.random() < faults.no_number:
@@ -189,19 +189,23 @@ _TYPES_BY_NAME: dict[str, type[float] | type[int] | type[bool]] = {"float": floa
 
 def parse_faults(fault_arguments: Iterable[str], source: str = "--fault") -> Faults:
     """Parse faults of the form ``NAME`` or ``NAME=VALUE``. Raises PortError as `parse_url` does."""
-    kinds = {field.name: _TYPES_BY_NAME[str(field.type)] for field in fields(Faults)}
+    types = {field.name: _TYPES_BY_NAME[str(field.type)] for field in fields(Faults)}
     values: dict[str, float | int | bool] = {}
     for argument in fault_arguments:
         name, _, value = argument.partition("=")
-        kind = kinds.get(name)
-        if kind is None:
-            raise PortError(f"{source}: no fault {name!r}; use one of {', '.join(sorted(kinds))}")
+        value_type = types.get(name)
+        if value_type is None:
+            raise PortError(f"{source}: no fault {name!r}; use one of {', '.join(sorted(types))}")
         try:
             number = float(value or "1")
         except ValueError:
             raise PortError(f"{source}: {name} needs a number, not {value!r}") from None
-        if number < 0 or (kind is float and number > 1) or (kind is int and number != int(number)):
-            expected_value = "a probability from 0 to 1" if kind is float else "a whole number from 0"
+        if (
+            number < 0
+            or (value_type is float and number > 1)
+            or (value_type is int and number != int(number))
+        ):
+            expected_value = "a probability from 0 to 1" if value_type is float else "a whole number from 0"
             raise PortError(f"{source}: {name} needs {expected_value}, not {value!r}")
-        values[name] = kind(number)
+        values[name] = value_type(number)
     return Faults(**values)  # type: ignore[arg-type]

@@ -115,7 +115,7 @@ class Port:
                 self._link.unlink()
 
     def discard_bytes(self) -> None:
-        """Drop all bytes in transit in both directions, after a host has reopened the port."""
+        """Drop the bytes from the host that were in transit when it reopened the port."""
         while self.read():
             pass
 

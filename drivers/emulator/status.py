@@ -32,13 +32,13 @@ class EmulatorStatus:
     filament_mm
         Net filament through the feeder.
     filament_end_mm
-        Position of the filament's end relative to the nozzle: -20 if it is parked, 0 at the nozzle.
+        Position of the filament's end relative to the nozzle's tip; negative if it is retracted.
     starvation_s
         Seconds of a print in which the planner was empty for lack of lines, minus the transmission time.
     errors
         Number of `Error` lines sent.
     resets
-        Number of boots since power-on, including those caused by opening the port.
+        Number of resets since power-on, including those caused by opening the port.
     printing_s
         Total duration of the finished moves, in seconds.
     damaged_byte_count

@@ -53,6 +53,10 @@ class AgentWatch:
         Number of attempts to start an agent.
     last_ended_start
         Number of the last attempt whose agent has ended or could not be started; 0 if there is none.
+    snapshot
+        Latest report of the agent; None before the first, and while no agent is connected.
+    is_wanted
+        True while the printer is in the fleet.
     """
 
     def __init__(
@@ -122,7 +126,7 @@ class AgentWatch:
             # If systemctl ended with 0, it has started the agent's unit.
             if self._process.returncode or not agents_are_units():
                 self.last_ended_start = self.start_count
-                self._reason = f"its agent ended with {self._process.returncode}"
+                self._reason = f"its agent ended with exit code {self._process.returncode}"
                 log.warning("%s: %s", self.printer, self._reason)
             self._process = None
         if self._process is not None or self.is_alive:

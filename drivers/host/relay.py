@@ -31,12 +31,13 @@ async def relay_stream(stream: MuxStream, folder: Path, report_interval_s: float
         See `ReportFilter`.
     """
     reader, writer = stream.make_pair()
-    agent = await _connect_to_agent(folder)
-    if agent is None:
+    agent_streams = await _connect_to_agent(folder)
+    if agent_streams is None:
         stream.close(f"no agent answers; see {folder / AGENT_LOG} there")
         return
-    to_daemon = asyncio.create_task(_relay_lines(agent[0], writer, report_interval_s))
-    to_agent = asyncio.create_task(_relay_bytes(reader, agent[1]))
+    agent_reader, agent_writer = agent_streams
+    to_daemon = asyncio.create_task(_relay_lines(agent_reader, writer, report_interval_s))
+    to_agent = asyncio.create_task(_relay_bytes(reader, agent_writer))
     try:
         await asyncio.wait((to_daemon, to_agent), return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -44,9 +45,9 @@ async def relay_stream(stream: MuxStream, folder: Path, report_interval_s: float
             task.cancel()
         await asyncio.gather(to_daemon, to_agent, return_exceptions=True)
         stream.close()
-        agent[1].close()
+        agent_writer.close()
         with suppress(OSError):
-            await agent[1].wait_closed()
+            await agent_writer.wait_closed()
 
 
 async def _connect_to_agent(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWriter] | None:

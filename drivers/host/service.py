@@ -187,7 +187,7 @@ class HostService:
             self._update.begin()
             self._send_state()  # the daemon ignores results until it has seen that the update is running
         elif message.do == "halt":
-            self._update.halt()
+            self._update.stop()
         self._change_event.set()
 
     def _on_stream(self, stream: MuxStream, name: str) -> None:

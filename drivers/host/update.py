@@ -79,7 +79,7 @@ class AgentsUpdate:
         """Begin the update, or begin it again after a fault."""
         self._is_running, self._reason = True, None
 
-    def halt(self) -> None:
+    def stop(self) -> None:
         """Stop the update, as an agent on another host had a fault."""
         self._is_running = False
 

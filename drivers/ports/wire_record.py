@@ -48,11 +48,11 @@ class WireRecord:
         Only as many bytes as needed are read, as the agent's loop waits for the result.
         """
         chunks: deque[tuple[float, bool, bytes]] = deque()
-        newlines = 0
+        newline_count = 0
         for chunk in reversed(self._chunks):
             chunks.appendleft(chunk)
-            newlines += chunk[2].count(b"\n")
-            if newlines > _MAX_LINES:
+            newline_count += chunk[2].count(b"\n")
+            if newline_count > _MAX_LINES:
                 break
         return list(split_lines(chunks))[-_MAX_LINES:]
 

@@ -1,9 +1,9 @@
 """The record that describes one printer model. Pure.
 
-Coordinates are bed-centred, in millimetres. Sizes and clips are those of Cura's machine definitions
-(``machine_width/depth/height``, ``machine_disallowed_areas``); accelerations and feed rates are those that
-the firmware prints in its banner (``M201/M203/M204/M205``). The heating figures are [assumed], not measured
-on a printer.
+Rectangles are relative to the centre of the bed; positions are in the firmware's coordinates. Sizes and clips
+are those of Cura's machine definitions (``machine_width/depth/height``, ``machine_disallowed_areas``);
+accelerations and feed rates are those that the firmware prints in its banner (``M201/M203/M204/M205``). The
+heating figures are [assumed], not measured on a printer.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from drivers.remote.process import (
     find_agent_pid,
     is_alive,
     kill_agent,
-    spawn_agent,
+    start_agent,
 )
 from drivers.remote.ssh import NO_AGENT_REASON, BridgeRequest, BridgeTask
 from drivers.safety import StopTarget, stop_printer
@@ -69,7 +69,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
     if not is_alive(folder):
         if request.do is BridgeTask.REACH:
             raise AgentError(f"{start.printer}: {NO_AGENT_REASON}")
-        spawn_agent(start.printer, start.model, start.port, folder, start.clock, start.power_off_cmd)
+        start_agent(start, folder)
     with _connect_to_agent(folder) as agent:
         heartbeat = Heartbeat()
         while True:

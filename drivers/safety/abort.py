@@ -4,10 +4,10 @@ The sequence is sent before any wait, because a failed reset is noticed only whe
 arrives in time.
 
 * It begins with a newline; otherwise it would be appended to a line that was cut off.
-* M401 empties the planner's queue of moves within 10 ms (docs/explanation/ultimaker2-serial.md, section 3.1);
-  then heaters and fan are switched off.
+* `Firmware.stop_command` empties the planner's queue of moves: M401 within 10 ms
+  (docs/explanation/ultimaker2-serial.md, section 3.1); then heaters and fan are switched off.
 * Its lines have no numbers. The firmware accepts them, and then refuses numbered lines.
-* It has no M84, which waits for moves and would block the rest of the sequence if M401 was lost.
+* It has no M84, which waits for moves and would block the rest of the sequence if the stop was lost.
 * It is short: after M105 and the longest line of a print, it just fits into the firmware's receive buffer of
   127 bytes. A longer sequence would be truncated, and an ``M1`` left over from a truncated M104 would block
   the board forever. So the sequence is repeated only after the board has sent something, which shows that

@@ -135,7 +135,7 @@ class AgentConnection:
         """Start the agent if it is not running; kill it if it hangs."""
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # otherwise systemd has started the agent
-                self._log.warning("its agent ended with %s", self._process.returncode)
+                self._log.warning("its agent ended with exit code %s", self._process.returncode)
             self._process = None
         if self._is_stopping or self._is_remote:
             return  # the bridge on the other host starts and watches it

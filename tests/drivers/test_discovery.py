@@ -49,9 +49,9 @@ def test_plugged_device_is_named_by_its_socket_and_the_fleet(tmp_path: Path):
     by_path.mkdir()
     (by_path / "usb-0:2:1.0").symlink_to(tmp_path / "ttyACM0")
     (by_path / "usb-0:3:1.0").symlink_to(tmp_path / "ttyACM1")
-    results = [Device(tmp_path / name, "a board") for name in ("ttyACM0", "ttyACM1", "ttyS0")]
+    devices = [Device(tmp_path / name, "a board") for name in ("ttyACM0", "ttyACM1", "ttyS0")]
     fleet = [("um2-01", str(by_path / "usb-0:3:1.0")), ("um2-02", "sim://ultimaker2_plus")]
-    rows = list_plugged_devices(fleet, results, by_path)
+    rows = list_plugged_devices(fleet, devices, by_path)
     assert [(row.port.name, row.printer) for row in rows] == [
         ("usb-0:2:1.0", None),
         ("usb-0:3:1.0", "um2-01"),

@@ -95,28 +95,26 @@ def home(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
     named_axes = [letter in line for letter in (b"X", b"Y", b"Z")]
-    axes = named_axes if any(named_axes) else [True, True, True]
+    is_homing = named_axes if any(named_axes) else [True, True, True]
     home_mm = machine.board.profile.home_mm
     x, y, z, e = machine.planner.target_mm
     position_mm = [x, y, z]
     travel_s = [abs(h - p) / v for h, p, v in zip(home_mm, position_mm, HOMING_SPEED_MM_S, strict=True)]
     duration_s = 0.0
-    if axes[0] or axes[1]:
-        duration_s += (
-            max(t for t, axis in zip(travel_s[:2], axes[:2], strict=True) if axis) + BUMP_DURATION_S[0]
-        )
-    if axes[2]:
+    if is_homing[0] or is_homing[1]:
+        duration_s += max(travel_s[axis] for axis in (0, 1) if is_homing[axis]) + BUMP_DURATION_S[0]
+    if is_homing[2]:
         duration_s += travel_s[2] + BUMP_DURATION_S[1]
     yield begin_s + duration_s
     faults = machine.board.faults
-    if faults.no_endstop and axes[faults.no_endstop - 1]:
+    if faults.no_endstop and is_homing[faults.no_endstop - 1]:
         machine.stop(machine.fault_messages.no_endstop, begin_s + duration_s)
         return
-    if faults.stuck_endstop and axes[2]:
+    if faults.stuck_endstop and is_homing[2]:
         machine.stop(machine.fault_messages.stuck_endstop, begin_s + duration_s)
         return
     for i in range(3):
-        if axes[i]:
+        if is_homing[i]:
             position_mm[i] = machine.position_mm[i] = home_mm[i]
             machine.shift_mm[i] = 0.0
             machine.homed_axes[i] = True
@@ -303,7 +301,7 @@ def beep(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
 
 
 def park(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
-    """Execute ``M601`` outside an SD print: move the bed down and the head aside, without waiting."""
+    """Execute ``M601`` outside an SD print: move the bed down and the head aside, and wait for no person."""
     yield from wait_for_moves(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
     x, y, z, e = machine.position_mm

@@ -80,7 +80,7 @@ class EmulatedFirmware(Listener):
         self._drop_input()
         self._running_command: ResumeTimes | None = None
         self._resume_s = math.inf
-        self._stopped_number = 0
+        self._stopped_number = 0  # last accepted line at the last Stop()
         self._asleep_until_s = -math.inf
         start_s = now_s + boot_s
         self._schedule: deque[tuple[float, Callable[[float], None]]] = deque(

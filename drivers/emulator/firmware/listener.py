@@ -42,7 +42,7 @@ class Phase(StrEnum):
     BOOTLOADER = "bootloader"  # bytes are lost
     BOOTING = "booting"  # bytes wait in the ring buffer
     RUNNING = "running"
-    HALTED = "halted"  # kill(): waits for its watchdog
+    HALTED = "halted"  # kill(): waits for a reset by the watchdog or by the host
     MUTE = "mute"  # a fault: reads and sends nothing, and keeps heating
 
 
@@ -78,7 +78,7 @@ class Listener(ABC):
         self._affects_lines = faults.affects_lines
         self._sampler = FaultSampler(faults, rng)
         self._output: list[bytes] = []
-        self._time_s = 0.0
+        self._time_s = 0.0  # time that the main loop has reached
         self._drop_input()
 
     def _drop_input(self) -> None:

@@ -133,22 +133,22 @@ class Machine:
         """
         if f is not None and f > 0.0:
             self.feedrate_mm_s = f / 60.0
-        position, top, relative = self.position_mm, self.max_position_mm, self.is_relative
+        position, max_mm, relative = self.position_mm, self.max_position_mm, self.is_relative
         x0, y0, z0, e0 = position
         x = x0 if x is None else (x0 + x if relative else x)
         y = y0 if y is None else (y0 + y if relative else y)
         z = z0 if z is None else (z0 + z if relative else z)
         e = e0 if e is None else (e0 + e if relative or self.is_e_relative else e)
-        position[0] = x = 0.0 if x < 0.0 else (x if x < top[0] else top[0])
-        position[1] = y = 0.0 if y < 0.0 else (y if y < top[1] else top[1])
-        position[2] = z = 0.0 if z < 0.0 else (z if z < top[2] else top[2])
+        position[0] = x = 0.0 if x < 0.0 else (x if x < max_mm[0] else max_mm[0])
+        position[1] = y = 0.0 if y < 0.0 else (y if y < max_mm[1] else max_mm[1])
+        position[2] = z = 0.0 if z < 0.0 else (z if z < max_mm[2] else max_mm[2])
         position[3] = e
-        rate_mm_s = self.feedrate_mm_s
+        feedrate_mm_s = self.feedrate_mm_s
         if x != x0 or y != y0:
-            rate_mm_s *= self.feed_factor
-        self.queue(x, y, z, e - e0, rate_mm_s, now_s)
+            feedrate_mm_s *= self.feed_factor
+        self.queue(x, y, z, e - e0, feedrate_mm_s, now_s)
 
-    def queue(self, x: float, y: float, z: float, e_mm: float, rate_mm_s: float, now_s: float) -> None:
+    def queue(self, x: float, y: float, z: float, e_mm: float, feedrate_mm_s: float, now_s: float) -> None:
         """Queue a move to `position_mm`, which the caller has updated already.
 
         Parameters
@@ -157,7 +157,7 @@ class Machine:
             The same position in mm, in the host's coordinates.
         e_mm
             Extrusion in mm.
-        rate_mm_s
+        feedrate_mm_s
             Feed rate.
         now_s
             Time at which the line is executed.
@@ -169,18 +169,18 @@ class Machine:
                 shift[3] += extruded_mm - e_mm  # counted for the host, but not extruded
         target = (x + shift[0], y + shift[1], z + shift[2], self.position_mm[3] + shift[3])
         if self.waiting_moves or len(planner) >= CAPACITY:
-            self.waiting_moves.append((target, rate_mm_s))
+            self.waiting_moves.append((target, feedrate_mm_s))
             return
         if not len(planner):
             self._note_starvation(now_s)
         if e_mm > 0.0:
             self.is_streaming = True
-        planner.add(target, rate_mm_s, now_s)
+        planner.add(target, feedrate_mm_s, now_s)
 
     def queue_waiting_move(self, now_s: float) -> None:
         """Pass the first waiting move to the planner, which must have a free place."""
-        target, rate_mm_s = self.waiting_moves.popleft()
-        self.planner.add(target, rate_mm_s, now_s)
+        target, feedrate_mm_s = self.waiting_moves.popleft()
+        self.planner.add(target, feedrate_mm_s, now_s)
 
     def _note_starvation(self, now_s: float) -> None:
         if self.is_streaming:
@@ -219,9 +219,9 @@ class Machine:
     def power_down(self, now_s: float) -> None:
         """Stop all motion, and switch motors and heaters off."""
         x, y, z, _ = self.planner.stop(now_s)
-        home, top = self.board.profile.home_mm, self.max_position_mm
-        ends = [home[axis] or top[axis] for axis in range(3)]  # an axis may home at its maximum
-        x, y, z = (min(max(value, 0.0), end) for value, end in zip((x, y, z), ends, strict=True))
+        home_mm, max_mm = self.board.profile.home_mm, self.max_position_mm
+        ends_mm = [home_mm[axis] or max_mm[axis] for axis in range(3)]  # an axis may home at its maximum
+        x, y, z = (min(max(value, 0.0), end) for value, end in zip((x, y, z), ends_mm, strict=True))
         self.board.head_position_mm = (x, y, z)
         self.board.switch_heaters_off(now_s)
 

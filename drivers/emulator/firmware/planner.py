@@ -283,13 +283,13 @@ class Planner:
         limits = self.limits
         steps = [abs(d) * per_mm for d, per_mm in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
         max_steps = max(steps)
-        rate = acceleration_mm_s2 * max_steps / length_mm
+        acceleration_steps_s2 = acceleration_mm_s2 * max_steps / length_mm
         for count, per_mm, limit_mm_s2 in zip(
             steps, limits.steps_per_mm, limits.acceleration_mm_s2, strict=True
         ):
-            if rate * count > limit_mm_s2 * per_mm * max_steps:
-                rate = limit_mm_s2 * per_mm
-        return rate * length_mm / max_steps
+            if acceleration_steps_s2 * count > limit_mm_s2 * per_mm * max_steps:
+                acceleration_steps_s2 = limit_mm_s2 * per_mm
+        return acceleration_steps_s2 * length_mm / max_steps
 
     def _limit_junction_speed(self, vx: float, vy: float, vz: float, ve: float, speed_mm_s: float) -> float:
         """Compute the highest entry speed of the new move, in mm/s."""
@@ -351,16 +351,16 @@ class Planner:
             self._final_count = 1
         entry_mm2_s2 = block.entry_mm2_s2
         entry_mm_s, exit_mm_s = math.sqrt(entry_mm2_s2), math.sqrt(exit_mm2_s2)
-        top_mm_s, rate_mm_s2 = block.speed_mm_s, block.acceleration_mm_s2
+        top_mm_s, acceleration_mm_s2 = block.speed_mm_s, block.acceleration_mm_s2
         cruise_mm = block.length_mm - (2.0 * top_mm_s * top_mm_s - entry_mm2_s2 - exit_mm2_s2) / (
-            2.0 * rate_mm_s2
+            2.0 * acceleration_mm_s2
         )
         if cruise_mm < 0.0:  # the block is too short to reach its nominal speed
             peak_mm2_s2 = 0.5 * (block.gain_mm2_s2 + entry_mm2_s2 + exit_mm2_s2)
             top_mm_s = math.sqrt(max(peak_mm2_s2, entry_mm2_s2, exit_mm2_s2))
             cruise_mm = 0.0
-        acceleration_time_s = (top_mm_s - entry_mm_s) / rate_mm_s2
+        acceleration_time_s = (top_mm_s - entry_mm_s) / acceleration_mm_s2
         cruise_s = cruise_mm / top_mm_s
         self._ramps = (entry_mm_s, top_mm_s, acceleration_time_s, cruise_s)
         self._start_s = now_s
-        self._end_s = now_s + acceleration_time_s + cruise_s + (top_mm_s - exit_mm_s) / rate_mm_s2
+        self._end_s = now_s + acceleration_time_s + cruise_s + (top_mm_s - exit_mm_s) / acceleration_mm_s2

@@ -27,13 +27,14 @@ class Noise:
         self._rng = rng
         self._probabilities = faults.noise, faults.lost, faults.doubled
         self._rate = sum(self._probabilities)
-        self._scale = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
+        # Logarithm of the probability that a byte is not damaged.
+        self._log_intact = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
         self._gap_bytes = self._draw_gap()  # bytes until the next damaged one
         self._sent_lines: dict[bytes, bytes] = {}  # the last lines as sent, by number
         self._incomplete_line = b""
 
     def _draw_gap(self) -> int:
-        return int(math.log(1.0 - self._rng.random()) / self._scale)
+        return int(math.log(1.0 - self._rng.random()) / self._log_intact)
 
     def carry(self, data: bytes) -> bytes:
         """Return the bytes as the other end receives them."""

@@ -23,7 +23,7 @@ DEADLINE_S = 120.0
 CUT_OUTCOME = "power_off_cmd cut its mains"
 
 
-class Agent:
+class AgentRig:
     """Recorder and board of one agent, without a loop, a port or a print."""
 
     def __init__(self, folder: Path, command: str | None) -> None:
@@ -80,7 +80,7 @@ def count_runs(run_log: Path) -> int:
 
 
 def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, run_log: Path):
-    agent = Agent(tmp_path, write_relay_script(run_log))
+    agent = AgentRig(tmp_path, write_relay_script(run_log))
     agent.report(21.0)
     agent.report(90.0, 50)
     alarm = agent.wait_for_outcome()
@@ -90,7 +90,7 @@ def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, run_log:
 
 
 def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, run_log: Path):
-    agent = Agent(tmp_path, write_relay_script(run_log))
+    agent = AgentRig(tmp_path, write_relay_script(run_log))
     agent.board.state.attention_reason = "its print failed"
     agent.report(21.0)
     agent.report(90.0)
@@ -102,7 +102,7 @@ def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, run_
 
 def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, run_log: Path):
     """Cut the mains immediately, because no report can show a rise without a link."""
-    agent = Agent(tmp_path, write_relay_script(run_log))
+    agent = AgentRig(tmp_path, write_relay_script(run_log))
     agent.report(21.0)
     agent.board._on_idle_fault(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
     agent.report(21.0)
@@ -115,23 +115,23 @@ def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, run_log: Path):
 
 
 def test_person_is_notified_once_without_a_command(tmp_path: Path):
-    agent = Agent(tmp_path, None)
+    agent = AgentRig(tmp_path, None)
     agent.report(21.0)
     agent.report(90.0, 50)
     assert agent.attention_reason.count(NO_COMMAND_OUTCOME) == 1 and len(agent.attention_reason) < 200
 
 
 def test_finding_counts_again_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, run_log: Path):
-    agent = Agent(tmp_path, write_relay_script(run_log))
+    agent = AgentRig(tmp_path, write_relay_script(run_log))
 
-    def make_hot_reports(count: int) -> None:
+    def check_run_after_hot_reports(expected_count: int) -> None:
         agent.report(21.0)
         agent.report(90.0, 5)
         agent.wait_for_outcome()
-        assert count_runs(run_log) == count
+        assert count_runs(run_log) == expected_count
 
-    make_hot_reports(1)
-    make_hot_reports(2)  # the printer was cold in between
+    check_run_after_hot_reports(1)
+    check_run_after_hot_reports(2)  # the printer was cold in between
     agent.board.absent_reason, agent.board.rearms_alarm = None, True  # the printer is connected again
     agent.board.idle_watch.reset()
     agent.report(60.0)
@@ -140,11 +140,13 @@ def test_finding_counts_again_after_the_printer_was_cold_absent_or_checked(tmp_p
     assert count_runs(run_log) == 3
     agent.recorder.alarms.clear()
     assert agent.alarm is None
-    make_hot_reports(4)
+    check_run_after_hot_reports(4)
 
 
 def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, run_log: Path):
-    agent = Agent(tmp_path, write_relay_script(run_log, f"cp {tmp_path / JOURNAL} {tmp_path}/journal_copy"))
+    agent = AgentRig(
+        tmp_path, write_relay_script(run_log, f"cp {tmp_path / JOURNAL} {tmp_path}/journal_copy")
+    )
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_for_outcome()
@@ -157,7 +159,7 @@ def test_next_agent_completes_a_requested_power_off(tmp_path: Path, run_log: Pat
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
     assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
     for _ in range(2):  # the second agent does not run the command again
-        agent = Agent(tmp_path, write_relay_script(run_log))
+        agent = AgentRig(tmp_path, write_relay_script(run_log))
         agent.recorder.record_changes()
         assert agent.wait_for_outcome().outcome == CUT_OUTCOME
         agent.recorder.record_changes()
@@ -168,14 +170,14 @@ def test_next_agent_completes_a_requested_power_off(tmp_path: Path, run_log: Pat
 def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, run_log: Path):
     alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
-    agent = Agent(tmp_path, write_relay_script(run_log))
+    agent = AgentRig(tmp_path, write_relay_script(run_log))
     agent.recorder.record_changes()
     agent.wait_for_outcome()
     assert count_runs(run_log) == 1 and alarm.text in agent.attention_reason
 
 
 def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, run_log: Path):
-    agent = Agent(tmp_path, write_relay_script(run_log))
+    agent = AgentRig(tmp_path, write_relay_script(run_log))
 
     def fail_on_full_disk(at_s: float, **record: object) -> None:
         raise JournalError("full")
@@ -189,7 +191,7 @@ def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, run_log: Path)
 def test_hanging_command_does_not_block_the_agent(tmp_path: Path, run_log: Path):
     """Check that reports are handled while the command runs, and its outcome is recorded when it ends."""
     os.mkfifo(tmp_path / "gate")
-    agent = Agent(tmp_path, write_relay_script(run_log, f"read go < {tmp_path}/gate"))
+    agent = AgentRig(tmp_path, write_relay_script(run_log, f"read go < {tmp_path}/gate"))
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_until(lambda: count_runs(run_log) == 1)
@@ -202,15 +204,15 @@ def test_hanging_command_does_not_block_the_agent(tmp_path: Path, run_log: Path)
 # --- during a print ---
 
 
-def start_print(folder: Path, command: str | None) -> tuple[Agent, Rig]:
-    agent, rig = Agent(folder, command), Rig(text=make_gcode(4000)).run_until_printing(300)
+def start_print(folder: Path, command: str | None) -> tuple[AgentRig, Rig]:
+    agent, rig = AgentRig(folder, command), Rig(text=make_gcode(4000)).run_until_printing(300)
     print_snapshot = PrintSnapshot(print_id="p-1", phase=PrintPhase.PRINTING, extruded=True)
     agent.journal.write(0.0, print=print_snapshot.model_dump(mode="json"), filament=Filament.AT_NOZZLE.value)
     agent.board.session = rig.session
     return agent, rig
 
 
-def step_until(agent: Agent, rig: Rig, condition: Callable[[], bool]) -> None:
+def step_until(agent: AgentRig, rig: Rig, condition: Callable[[], bool]) -> None:
     """Run session and recorder together until a condition holds; after the session, wait for the command."""
     while not condition():
         if rig.session.context.has_ended:

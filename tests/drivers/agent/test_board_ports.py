@@ -44,8 +44,7 @@ def test_missing_port_is_reported_as_absent_and_the_agent_continues(tmp_path: Pa
 def test_port_is_opened_after_a_person_confirms_that_the_printer_is_idle(
     tmp_path: Path,
 ):
-    tty = tmp_path / "emulator" / "tty"
-    rig = Printer(tmp_path / "agent", str(tty))
+    rig = Printer(tmp_path / "agent", str(tmp_path / "emulator" / "tty"))
 
     def is_link_open() -> bool:
         return read_status(tmp_path / "emulator").link_open
@@ -228,7 +227,7 @@ def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path
     try:
         while not port.has_unsent_bytes:
             port.write(b"G1 X1 Y1\n" * 100)
-        board.switch_off()
+        board.switch_off_heaters()
         # The command replaces the data that the board has not read, whose amount depends on the host.
         assert read_buffered_bytes(master).endswith(ULTIMAKER2.unnumbered_abort)
     finally:

@@ -12,7 +12,7 @@ FED_POSITION = b"X:0.00Y:224.50Z:215.00E:5.00 Count X: 0.00Y:224.50Z:215.00"
 def test_moved_position_is_detected_when_reported_twice():
     for position in (MOVED_POSITION, FED_POSITION):
         watch = IdleWatch()
-        verdicts = [
+        results = [
             watch.judge_answer(text)
             for text in (
                 HOME_POSITION,
@@ -26,8 +26,8 @@ def test_moved_position_is_detected_when_reported_twice():
                 HOME_POSITION,
             )
         ]
-        reasons = [reason for _, reason in verdicts]
-        assert all(is_understood for is_understood, _ in verdicts)
+        reasons = [reason for _, reason in results]
+        assert all(is_understood for is_understood, _ in results)
         assert reasons == [None, None, None, None, None, MOVED_REASON, None, None, MOVED_REASON]
 
 
@@ -93,10 +93,10 @@ def test_rising_heater_is_stuck_on_and_cooling_heater_is_not():
     watch = IdleWatch()
     falling_reports = [Report(float(t), 0.0, 60.0, 0.0) for t in range(210, 40, -5)]
     assert all(watch.judge_report(report) == (None, None) for report in falling_reports)
-    rising_verdicts = [watch.judge_report(Report(float(t), 0.0, 60.0, 0.0))[1] for t in range(45, 100, 5)]
-    findings = [finding for finding in rising_verdicts if finding is not None]
+    rising_results = [watch.judge_report(Report(float(t), 0.0, 60.0, 0.0))[1] for t in range(45, 100, 5)]
+    findings = [finding for finding in rising_results if finding is not None]
     assert findings and all(finding.fault is Fault.HEATER_STUCK_ON for finding in findings)
-    assert rising_verdicts.index(findings[0]) == 6  # three reports above 60 C
+    assert rising_results.index(findings[0]) == 6  # three reports above 60 C
     assert "nozzle" in findings[0].text
     watch.judge_report(Report(120.0, 200.0, 60.0, 0.0))  # a person may heat the nozzle
     assert watch.judge_report(Report(150.0, 0.0, 60.0, 0.0)) == (None, None)

@@ -24,7 +24,7 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
     emulator = folder / "emulator"
     printer = Printer(folder / "agent", str(emulator / "tty"))
     launch(f"sim://{MODEL}", emulator, printer.clock)
-    dtr = None
+    tty_fd = None
     try:
         printer.spawn()
         await printer.connect()
@@ -38,14 +38,14 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
         assert (await printer.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
         await _wait_for_rest_position(printer, '"X:')
         # DTR stays set while no agent has the port open.
-        dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)
+        tty_fd = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)
         await _shut_down_agent(printer)
         yield printer
     finally:
         await printer.close()
         control(emulator, Command.POWER_OFF)
-        if dtr is not None:
-            os.close(dtr)
+        if tty_fd is not None:
+            os.close(tty_fd)
 
 
 async def _wait_for_rest_position(printer: Printer, record: str) -> None:

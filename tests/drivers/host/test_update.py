@@ -61,15 +61,15 @@ def run_update(watches: list[FakeWatch], condition: Callable[[AgentsUpdate], boo
     """Begin an update, and step until a condition holds."""
 
     async def run() -> AgentsUpdate:
-        agents, tasks = AgentsUpdate(NEW_INSTALLATION, lambda: None), set()
-        assert agents.describe(watches).phase is UpdatePhase.OUTDATED
-        agents.begin()
+        agents_update, tasks = AgentsUpdate(NEW_INSTALLATION, lambda: None), set()
+        assert agents_update.describe(watches).phase is UpdatePhase.OUTDATED
+        agents_update.begin()
         async with asyncio.timeout(20):
-            while not condition(agents):
-                agents.step(watches, lambda work: tasks.add(asyncio.create_task(work)))
+            while not condition(agents_update):
+                agents_update.step(watches, lambda work: tasks.add(asyncio.create_task(work)))
                 await asyncio.sleep(0)
             await asyncio.gather(*tasks)
-        return agents
+        return agents_update
 
     return asyncio.run(run())
 
@@ -81,25 +81,27 @@ def _short_poll_interval(monkeypatch):
 
 def test_idle_agents_are_replaced_one_by_one():
     watches = [FakeWatch("a"), FakeWatch("b")]
-    run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.CURRENT)
+    run_update(watches, lambda agents_update: agents_update.describe(watches).phase is UpdatePhase.CURRENT)
     assert [watch.installation for watch in watches] == [NEW_INSTALLATION, NEW_INSTALLATION]
 
 
 def test_printing_agent_is_not_replaced_before_its_print_has_ended():
     watches = [FakeWatch("a", is_printing=True), FakeWatch("b")]
-    agents = run_update(watches, lambda _: watches[1].installation == NEW_INSTALLATION)
+    agents_update = run_update(watches, lambda _: watches[1].installation == NEW_INSTALLATION)
     assert watches[0].installation == OLD_INSTALLATION
-    assert agents.describe(watches).phase is UpdatePhase.RUNNING
-    assert "a" in str(agents.describe(watches).reason)
+    assert agents_update.describe(watches).phase is UpdatePhase.RUNNING
+    assert "a" in str(agents_update.describe(watches).reason)
 
 
 def test_first_fault_restores_the_old_version_and_ends_the_update(tmp_path, monkeypatch):
     monkeypatch.setattr(Installation, "exists", True)
     watches = [FakeWatch("a", new_link=m.LinkState.FAULT), FakeWatch("b")]
-    agents = run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.FAILED)
+    agents_update = run_update(
+        watches, lambda agents_update: agents_update.describe(watches).phase is UpdatePhase.FAILED
+    )
     assert [watch.installation for watch in watches] == [OLD_INSTALLATION, OLD_INSTALLATION]
     assert watches[0].kept_installation == OLD_INSTALLATION
-    reason = str(agents.describe(watches).reason)
+    reason = str(agents_update.describe(watches).reason)
     assert "a: its new agent reports: its port is gone; its old version is started again" in reason
 
 
@@ -107,7 +109,7 @@ def test_new_agent_that_does_not_end_is_killed_and_replaced_by_the_old_one(monke
     monkeypatch.setattr(Installation, "exists", True)
     watch = FakeWatch("a", new_link=m.LinkState.FAULT)
     watch.ignores_end = True
-    run_update([watch], lambda agents: agents.describe([watch]).phase is UpdatePhase.FAILED)
+    run_update([watch], lambda agents_update: agents_update.describe([watch]).phase is UpdatePhase.FAILED)
     assert watch.installation == OLD_INSTALLATION
 
 

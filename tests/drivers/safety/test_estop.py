@@ -272,7 +272,7 @@ def test_lock_names_its_holder(tmp_path: Path):
     path.write_text("1" * size_bytes)
     lock = acquire_lock(path)
     assert lock is not None
-    assert find_holder(path) is None  # the lock has no signature yet
+    assert find_holder(path) is None  # the lock file has no process id yet
     write_pid(lock)
     assert find_holder(path) == os.getpid()
     assert path.stat().st_size == size_bytes  # a full disk has no space for a longer file

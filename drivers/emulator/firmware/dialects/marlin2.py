@@ -44,7 +44,7 @@ def format_banner(profile: Profile, limits: Limits, home_offset_hundredths_mm: i
 
 def format_settings(limits: Limits, home_offset_hundredths_mm: int = 0) -> bytes:
     """Format the answer to ``M503``, also sent at boot (``MarlinSettings::report``)."""
-    steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
+    steps, feed, accel = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
         "echo:  G21    ; Units in mm (mm)\n"
         "echo:Filament settings: Disabled\n"
@@ -53,7 +53,7 @@ def format_settings(limits: Limits, home_offset_hundredths_mm: int = 0) -> bytes
         "echo:Maximum feedrates (units/s):\n"
         f"echo:  M203 X{feed[0]:.2f} Y{feed[1]:.2f} Z{feed[2]:.2f} E{feed[3]:.2f}\n"
         "echo:Maximum Acceleration (units/s2):\n"
-        f"echo:  M201 X{top[0]:.2f} Y{top[1]:.2f} Z{top[2]:.2f} E{top[3]:.2f}\n"
+        f"echo:  M201 X{accel[0]:.2f} Y{accel[1]:.2f} Z{accel[2]:.2f} E{accel[3]:.2f}\n"
         "echo:Acceleration (units/s2): P<print_accel> R<retract_accel> T<travel_accel>\n"
         f"echo:  M204 P{limits.print_acceleration_mm_s2:.2f} R{limits.retract_acceleration_mm_s2:.2f} "
         f"T{limits.print_acceleration_mm_s2:.2f}\n"

@@ -40,14 +40,14 @@ def format_banner(profile: Profile, limits: Limits, home_offset_hundredths_mm: i
 
 def format_settings(limits: Limits, home_offset_hundredths_mm: int = 0) -> bytes:
     """Format the answer to ``M503``, which also ends the banner."""
-    steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
+    steps, feed, accel = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
         "echo:Steps per unit:\n"
         f"echo:  M92 X{steps[0]:.2f} Y{steps[1]:.2f} Z{steps[2]:.2f} E{steps[3]:.2f}\n"
         "echo:Maximum feedrates (mm/s):\n"
         f"echo:  M203 X{feed[0]:.2f} Y{feed[1]:.2f} Z{feed[2]:.2f} E{feed[3]:.2f}\n"
         "echo:Maximum Acceleration (mm/s2):\n"
-        f"echo:  M201 X{top[0]:.0f} Y{top[1]:.0f} Z{top[2]:.0f} E{top[3]:.0f}\n"
+        f"echo:  M201 X{accel[0]:.0f} Y{accel[1]:.0f} Z{accel[2]:.0f} E{accel[3]:.0f}\n"
         "echo:Acceleration: S=acceleration, T=retract acceleration\n"
         f"echo:  M204 S{limits.print_acceleration_mm_s2:.2f} T{limits.retract_acceleration_mm_s2:.2f}\n"
         "echo:Advanced variables: S=Min feedrate (mm/s), T=Min travel feedrate (mm/s), "

@@ -84,7 +84,7 @@ def test_dead_man_timer_halts_the_firmware_and_the_watchdog_resets_it(host: Host
 
 
 def test_dead_man_timer_is_restarted_by_late_input(host: Host) -> None:
-    """Restart the timer by bytes that are processed in the same step as its time-out."""
+    """Restart the timer by bytes that are processed in the same step as its timeout."""
     host.send("M85 S30")
     host.now_s += 31.0
     assert host.send_burst("M105")[0].startswith("ok T:")

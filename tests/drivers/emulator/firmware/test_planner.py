@@ -181,11 +181,11 @@ def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
 
 def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
     elapsed_s = []
-    for slowdown, fed_every_s in ((False, 0.0), (True, 0.0), (True, 0.004)):
+    for slowdown, feed_interval_s in ((False, 0.0), (True, 0.0), (True, 0.004)):
         planner = Planner(Limits.from_profile(PROFILE), START_POINT, lambda e_mm, z_mm: None, slowdown)
         now_s = 0.0
         for k in range(1, 401):
-            now_s = max(now_s + fed_every_s, planner.compute_next_free_s())
+            now_s = max(now_s + feed_interval_s, planner.compute_next_free_s())
             planner.advance(now_s)
             planner.add((100 + k * 0.2, 100.0, 50.0, 0.0), 100.0, now_s)  # 2 ms each
         planner.advance(math.inf)
