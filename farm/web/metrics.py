@@ -20,7 +20,7 @@ from farm.views import ViewContext, compute_duration_s
 
 CONTENT_TYPE = CONTENT_TYPE_LATEST
 _PRINTER_STATES = (
-    *("idle", "look", "maintenance", "disabled"),
+    *("idle", "look", "maintenance", "disabled", "unknown"),
     *(str(state) for state in PrintState if not state.ended),
     *(str(link) for link in Link if link is not Link.READY),
 )

@@ -51,6 +51,14 @@ def test_each_printer_has_one_state_and_an_absent_reading_has_no_sample(tmp_path
     assert samples["farm_jobs", "printed"] == 1.0
 
 
+def test_printer_on_a_lost_host_has_the_state_unknown(tmp_path):
+    farm = ScrapedFarm(tmp_path)
+    farm.lose_host("a")
+    samples = read_samples(farm.scrape())
+    assert samples["farm_printer_state", "a", "unknown"] == 1.0
+    assert samples["farm_printer_state", "b", "unknown"] == 0.0
+
+
 def test_no_label_names_a_job_or_a_model(tmp_path):
     farm = ScrapedFarm(tmp_path)
     farm.print_plate(DONE)

@@ -59,6 +59,13 @@ class ScrapedFarm:
                 )
             )
 
+    def lose_host(self, printer):
+        """Report that the connection to a printer's host is lost."""
+        snapshot = AgentSnapshot(
+            printer=printer, link=Link.STARTING, reason="no route to host", host_lost=True
+        )
+        self._farm.controller.on_snapshot(snapshot)
+
     def scrape(self):
         """Return the text that Prometheus gets in a scrape."""
         controller, state = self._farm.controller, StateFolder(self._folder)
