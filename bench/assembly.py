@@ -120,10 +120,10 @@ def assemble(folder: Path) -> Outcome:
     true_poses = {
         part["id"]: np.array(part["to_model"]) for part in json.loads((folder / REPORT).read_text())["parts"]
     }
-    names = {part: find_part_number(part) for part in true_poses}
+    numbers = {part: find_part_number(part) for part in true_poses}
     faces = {
-        part: read_part(folder / f"{part}.stl", name, set(names.values()) - {name}, pin_mm)
-        for part, name in names.items()
+        part: read_part(folder / f"{part}.stl", number, set(numbers.values()) - {number}, pin_mm)
+        for part, number in numbers.items()
     }
     outcome = Outcome(folder.name, steps=len(steps))
     poses = {part: np.eye(4) for part in true_poses}  # pose of each part in the frame of its body
@@ -131,11 +131,12 @@ def assemble(folder: Path) -> Outcome:
     for step in steps:
         lettered_codes = [(part, text) for part, text in step.codes if "-" in text]
         read_codes = {
-            (names[part], text) for part in true_poses for face in faces[part] for text in face.codes
+            (numbers[part], text) for part in true_poses for face in faces[part] for text in face.codes
         }
         outcome.misread += sum(code not in read_codes for code in lettered_codes)
         fixed_face, moved_face = (
-            find_mating_face(body, step, faces, poses, names) for body in (step.fixed_parts, step.moved_parts)
+            find_mating_face(body, step, faces, poses, numbers)
+            for body in (step.fixed_parts, step.moved_parts)
         )
         has_pins = step.is_located
         placements = (
@@ -173,22 +174,25 @@ def find_mating_face(
     step: PageStep,
     faces: dict[str, list[CodedFace]],
     poses: dict[str, Floats],
-    names: dict[str, str],
+    numbers: dict[str, str],
 ) -> MatingFace:
     """Find the glued face of a body: its faces that carry the codes of a step, or are coplanar with one."""
-    own_names = {names[part] for part in body}
-    step_codes = {(part, text) for part, text in step.codes if part in own_names}
+    own_numbers = {numbers[part] for part in body}
+    step_codes = {(part, text) for part, text in step.codes if part in own_numbers}
     placed_faces = [
-        (face, names[part], poses[part][:3, :3], poses[part][:3, 3]) for part in body for face in faces[part]
+        (face, numbers[part], poses[part][:3, :3], poses[part][:3, 3])
+        for part in body
+        for face in faces[part]
     ]
     planes = [
         compute_plane(face, rotation, translation)
-        for face, name, rotation, translation in placed_faces
-        if any((name, text) in step_codes for text in face.codes) or (face.holes and name in step.blank_parts)
+        for face, number, rotation, translation in placed_faces
+        if any((number, text) in step_codes for text in face.codes)
+        or (face.holes and number in step.blank_parts)
     ]
     coplanar_faces = [
-        (face, name, rotation, translation)
-        for face, name, rotation, translation in placed_faces
+        (face, number, rotation, translation)
+        for face, number, rotation, translation in placed_faces
         for plane in [compute_plane(face, rotation, translation)]
         if any(
             plane[:3] @ other[:3] > MIN_COSINE and abs(plane[3] - other[3]) < COPLANAR_TOLERANCE_MM
@@ -197,10 +201,10 @@ def find_mating_face(
     ]
     holes = list_open_holes(coplanar_faces, placed_faces)
     arrows = {
-        "-".join(sorted((name, text.split("-")[1]))): rotation @ arrow
-        for face, name, rotation, _ in coplanar_faces
+        "-".join(sorted((number, text.split("-")[1]))): rotation @ arrow
+        for face, number, rotation, _ in coplanar_faces
         for text, arrow in face.codes.items()
-        if arrow is not None and (name, text) in step_codes
+        if arrow is not None and (number, text) in step_codes
     }
     return MatingFace(
         np.array([position_mm for position_mm, _, _, _ in holes]).reshape(-1, 3),
@@ -288,9 +292,9 @@ def compute_placement(
 ) -> Floats | None:
     """Compute the placement (4, 4) that moves two holes onto two others; None if their faces do not meet."""
     frames = []
-    for face_side, (a, b), sign in ((fixed_face, fixed_holes, 1.0), (moved_face, moved_holes, -1.0)):
-        direction = face_side.positions_mm[b] - face_side.positions_mm[a]
-        normal = sign * face_side.normals[a]
+    for face, (a, b), sign in ((fixed_face, fixed_holes, 1.0), (moved_face, moved_holes, -1.0)):
+        direction = face.positions_mm[b] - face.positions_mm[a]
+        normal = sign * face.normals[a]
         direction = direction - (direction @ normal) * normal
         length_mm = np.linalg.norm(direction)
         if length_mm < 1.0:

@@ -66,7 +66,7 @@ MODELS = (
     "stanford-bunny.stl", "utah-teapot.obj", "3DBenchy.stl", "fandisk.stl",
     "thingi10k-1053374.stl", "thingi10k-41084.stl", "thingi10k-77951.stl",
 )  # fmt: skip
-PRINTER = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 FAITHFUL_SUFFIX = "-faithful"  # suffix of an engine's name
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"
@@ -92,7 +92,7 @@ class Run:
 
     @property
     def settings_request(self) -> SettingsRequest:
-        return SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), quality=self.quality)
+        return SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]), quality=self.quality)
 
 
 def cut_model(run: Run, folder: Path) -> dict[str, Any]:
@@ -100,7 +100,9 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     time_settings = make_print_time_settings(run.quality)
     cost = CostModel.from_settings(time_settings)
     settings = resolve_settings(run.settings_request, find_resources())
-    boxes_mm = list_model_sizes(list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm), settings)
+    boxes_mm = list_model_sizes(
+        list_usable_volumes(PROFILES[PRINTER_MODEL], settings.brim_width_mm), settings
+    )
     printers = [TargetPrinter(str(i), boxes_mm) for i in range(run.printers)]
     is_faithful = run.engine.endswith(FAITHFUL_SUFFIX)
     engine = Engine(run.engine.removesuffix(FAITHFUL_SUFFIX))
@@ -179,7 +181,7 @@ def slice_parts(
     """Slice every part; return CuraEngine's times in seconds, None if a slice is refused."""
     request = run.settings_request
     settings = resolve_settings(request, find_resources())
-    volumes = list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm)
+    volumes = list_usable_volumes(PROFILES[PRINTER_MODEL], settings.brim_width_mm)
 
     def slice_report_part(part: dict[str, Any]) -> float | None:
         task = SliceTask(

@@ -45,7 +45,7 @@ from bench.fleets.faults import (
 )
 from bench.fleets.host_services import FARM, HostGroups, find_network_obstacle, make_paths
 from bench.fleets.measured_daemon import fill_books
-from bench.fleets.protocol_agents import MODEL, PORT, ProtocolAgents
+from bench.fleets.protocol_agents import PORT, PRINTER_MODEL, ProtocolAgents
 from drivers.clock import Clock
 from farm.paths import StateFolder, write_anchor
 
@@ -105,7 +105,7 @@ def write_state(size: FleetSize, folder: Path, notify: str) -> dict[str, Path]:
     """Write the fleet, the books and the G-code of the plates; return the folder of each agent."""
     state, rows, folders = StateFolder(folder), [], {}
     for number, name in enumerate([*size.printer_names, *size.idle_names]):
-        host, row = size.find_host(number), {"name": name, "model": MODEL, "port": PORT}
+        host, row = size.find_host(number), {"name": name, "model": PRINTER_MODEL, "port": PORT}
         if number >= size.printers:
             row["material"] = "generic_abs"
         if host:
@@ -132,11 +132,13 @@ def measure(size: FleetSize) -> dict[str, Any]:
         notices = stack.enter_context(contextlib.closing(NoticeReceiver()))
         folders = write_state(size, folder, notices.url)
         agents = stack.enter_context(contextlib.closing(ProtocolAgents(folders, Clock())))
-        names = group_hosts(size.host_names)
+        hosts_by_group = group_hosts(size.host_names)
         (folder / "hosts").mkdir(exist_ok=True)
-        groups = HostGroups(folder / "hosts", names, bool(names) and find_network_obstacle() is None)
+        groups = HostGroups(
+            folder / "hosts", hosts_by_group, bool(hosts_by_group) and find_network_obstacle() is None
+        )
         stack.callback(groups.close)
-        daemon = Daemon(folder, size.profile, groups.ssh if names else None)
+        daemon = Daemon(folder, size.profile, groups.ssh if hosts_by_group else None)
         stack.callback(daemon.kill)
         return _run(daemon, agents, groups, notices, size)
 
@@ -144,10 +146,10 @@ def measure(size: FleetSize) -> dict[str, Any]:
 def _run(
     daemon: Daemon, agents: ProtocolAgents, groups: HostGroups, notices: NoticeReceiver, size: FleetSize
 ) -> dict[str, Any]:
-    names = group_hosts(size.host_names)
+    hosts_by_group = group_hosts(size.host_names)
     figures = _wait_until_printing(daemon, agents, size)
     follower = EventFollower(daemon.socket)
-    fleet = PrintingFleet(daemon, agents, groups, names, follower, notices)
+    fleet = PrintingFleet(daemon, agents, groups, hosts_by_group, follower, notices)
     figures |= _measure_prints(fleet, size)
     figures["memory_mb"] = daemon.read_memory_mb()
     figures |= _measure_faults(fleet, size)
@@ -204,11 +206,13 @@ def _measure_requests(fleet: PrintingFleet, request: Callable[[], object]) -> li
 
 def _measure_faults(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
     """Measure the effects of lost hosts and of a poor network."""
-    if not fleet.names:
+    if not fleet.hosts_by_group:
         return {}
     figures: dict[str, Any] = {
         "one_host_lost": measure_loss(fleet, [FIRST_HOST]),
-        "half_lost": measure_loss(fleet, [name for name in (FIRST_HOST, FIRST_HALF) if name in fleet.names]),
+        "half_lost": measure_loss(
+            fleet, [name for name in (FIRST_HOST, FIRST_HALF) if name in fleet.hosts_by_group]
+        ),
     }
     if fleet.groups.has_network:
         figures["poor_network"] = measure_poor_network(fleet, size.seconds, min(size.plate_changes, 10))

@@ -47,8 +47,14 @@ class Row:
 
     Attributes
     ----------
+    steps_without_pair
+        Number of steps with room for two pins whose parts have no pair of pins.
+    glue_near_share
+        Share of the glued area that is near a pin.
     faces
         Number of glued faces.
+    lettered_share
+        Share of the glued faces that have a mark with letters or digits.
     failures
         Number of connectors omitted because they broke a rule.
     compute_s
@@ -143,9 +149,12 @@ def measure_glue_near_pins(result: Decomposition) -> float:
         pins = [pin.position_mm for pin in result.connectors.pins if pin.step == number]
         for face in (face for joint in step.joints for face in result.joints[joint].faces):
             discs = [
-                shapely.Point(face.axes @ at_mm).buffer(np.sqrt(MAX_PIN_DISTANCE_MM**2 - off_mm**2))
-                for at_mm in pins
-                if (off_mm := abs(float(face.normal @ at_mm) - face.offset_mm)) < MAX_PIN_DISTANCE_MM
+                shapely.Point(face.axes @ position_mm).buffer(
+                    np.sqrt(MAX_PIN_DISTANCE_MM**2 - distance_mm**2)
+                )
+                for position_mm in pins
+                if (distance_mm := abs(float(face.normal @ position_mm) - face.offset_mm))
+                < MAX_PIN_DISTANCE_MM
             ]
             near_mm2 += face.outline.intersection(shapely.union_all(discs)).area
             total_mm2 += face.area_mm2

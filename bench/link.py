@@ -39,7 +39,7 @@ from drivers.remote import AgentClient, spawn_agent
 
 PARTS = ("throughput", "printcore", "agent", "peers", "memory", "estop")
 INTEROP_PYTHON = Path(__file__).parents[1] / ".venv" / "interop" / "bin" / "python"
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 PRINTCORE_SCRIPT = Path(__file__).parents[1] / "tests" / "interop" / "printcore_peer.py"
 START_GCODE = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
 # The nozzle stays cold, and moves take less time than their bytes, so only the link is measured.
@@ -57,10 +57,10 @@ def read_cpu_s(pid: int) -> float:
 
 
 async def print_file(
-    folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep_emulator: bool = False
+    folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{PRINTER_MODEL}", keep_emulator: bool = False
 ) -> tuple[float, float, float]:
     """Print on one printer; return the wall times of first and last line, and the agent's CPU seconds."""
-    process = spawn_agent(folder.name, MODEL, url, folder, clock)
+    process = spawn_agent(folder.name, PRINTER_MODEL, url, folder, clock)
     client = AgentClient(folder)
     try:
         await client.connect()
@@ -140,7 +140,7 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
         agent_rates, printcore_rates = [], []
         try:
             for _ in range(COMPARISON_ROUNDS):  # in turn, so that other load affects both
-                url = f"sim://{MODEL}?wire=1"
+                url = f"sim://{PRINTER_MODEL}?wire=1"
                 start_s, end_s, _ = asyncio.run(
                     print_file(printer_folder, Clock(), whole_file, url, keep_emulator=True)
                 )

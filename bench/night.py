@@ -45,7 +45,7 @@ from farm.state import events as ev
 from farm.state.storage import Store
 from farm.state.transitions import apply
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 SIDE_MM, LAYER_MM, MOVES_PER_LAYER = 20.0, 0.2, 4
 E_PER_MM = 0.4 * LAYER_MM / 6.38  # for lines of 0.4 mm, with filament of 2.85 mm
 AWAY_AFTER_S = 1800.0  # farm time at which the operator's night begins
@@ -119,7 +119,7 @@ class Night:
 
     def _describe_printer(self, seed: int, name: str) -> dict[str, str]:
         """Return a printer's entry in `fleet.yaml`."""
-        return {"name": name, "model": MODEL, "port": f"sim://{MODEL}?seed={seed}"}
+        return {"name": name, "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}?seed={seed}"}
 
     def _add_planned_job(self) -> float:
         """Add a planned job of many equal plates to the books; return the expected time of one."""

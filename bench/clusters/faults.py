@@ -201,7 +201,7 @@ class FaultRounds:
         }
 
     async def _plan_locally(self, number: int) -> Any:
-        """Plan the job of a round on this computer, or return its plan of an earlier round."""
+        """Plan the job of a round on this computer, or return its plan from an earlier round."""
         model_index = number % MODEL_COUNT
         if model_index not in self._local_plans:
             state = StateFolder(self._folder / f"round-{number}" / "local")

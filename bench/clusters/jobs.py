@@ -36,7 +36,7 @@ from farm.planning.tasks import (
     warm_up_planning,
 )
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 MODEL_KIND, MODEL_SEED = "organic", 1
 SIDE_MM = 200.0  # longest side of the model for 20 printers; parts are small, so slices take only seconds
 BUDGET_S = 5.0
@@ -273,5 +273,8 @@ def _make_job(printer_count: int, state: StateFolder) -> tuple[Job, Fleet]:
         options=options,
         submitted_s=0.0,
     )
-    sections = [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(printer_count)]
+    sections = [
+        {"name": f"p{n}", "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"}
+        for n in range(printer_count)
+    ]
     return job, Fleet.model_validate({"printers": sections})

@@ -32,7 +32,7 @@ from slicing.checks.walls import WallLayout, Walls
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
-PRINTER = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 READ_DEPTH_MM = 0.2  # depth below a face at which its grooves are read
 POINT_PITCH = 0.25  # pitch of the points of a letter, on the grid of the letters
 LETTER_MARGIN = 0.75  # margin around the box of a letter, on that grid
@@ -132,7 +132,7 @@ def measure_depth_mm(mark: Mark) -> float:
 def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
     """Slice a part in its pose as in quality `glue`, with its hidden faces, on an endless bed."""
     resources = find_resources()
-    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]))
+    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]))
     plain_settings = resolve_settings(request, resources)
     scale = np.array([plain_settings.scale_xy, plain_settings.scale_xy, plain_settings.scale_z])
     vertices, faces = solid.arrays()

@@ -190,8 +190,8 @@ def _read_codes(
 ) -> dict[str, Floats | None]:
     """Read the codes of a face, each with the direction of its arrow.
 
-    Digits differ by their strokes, not by the ends of these. So each stroke must be a line at the bottom of a
-    groove, and each such line near the text a stroke.
+    Different digits can have strokes with the same ends. So each stroke must be a line at the bottom of a
+    groove, and each such line near the text must be a stroke.
     """
     codes: dict[str, Floats | None] = {}
     depths_mm = offset_mm - vertices @ normal

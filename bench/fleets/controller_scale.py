@@ -37,7 +37,7 @@ from farm.scheduling import StartPlanning
 from farm.state import events as ev
 from farm.state.storage import Store
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 REPEATS = 5
 MAX_TICKS = 200
 PLATE_CHANGES = 40
@@ -97,7 +97,7 @@ def measure(printers: int, plates: int) -> dict[str, float]:
         state.make()
         names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
         fill_books(state.books, names, plates)
-        rows = [{"name": name, "model": MODEL, "port": f"sim://{MODEL}"} for name in names]
+        rows = [{"name": name, "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"} for name in names]
         store = Store(state.books)
         try:
             controller = Controller(Fleet.model_validate({"printers": rows}), store, Clock(), list_bed_boxes)

@@ -33,7 +33,7 @@ class PrintingFleet:
     daemon: Daemon
     agents: ProtocolAgents
     groups: HostGroups
-    names: dict[str, list[str]]
+    hosts_by_group: dict[str, list[str]]
     follower: EventFollower
     notices: NoticeReceiver
 
@@ -78,7 +78,7 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
         lost hosts, of printers in an unknown state, of events, tasks and lines of notices, with their texts;
         number of prints that ended meanwhile; the daemon's share of a core.
     """
-    host_count = sum(len(fleet.names[name]) for name in groups)
+    host_count = sum(len(fleet.hosts_by_group[name]) for name in groups)
     fleet.agents.serve(_NOTICE_S)  # notices on prints and jobs that have ended are sent first
     printing_count, notice_count, start_s = (
         len(fleet.agents.printing_names),
@@ -98,7 +98,8 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
     lines = fleet.notices.lines[notice_count:]
     fleet.groups.reconnect(*groups)
     reconnected_s = fleet.wait(
-        lambda: fleet.count_lost_hosts() == 0 and fleet.count_unknown_printers() == 0, "the hosts"
+        lambda: fleet.count_lost_hosts() == 0 and fleet.count_unknown_printers() == 0,
+        "the hosts to be connected",
     )
     return {
         "hosts": host_count,
@@ -131,7 +132,8 @@ def measure_poor_network(fleet: PrintingFleet, seconds: float, plate_changes: in
     lost_count = fleet.follower.count("HostLost", start_s)
     fleet.groups.break_connections()
     connect_s = fleet.wait(
-        lambda: fleet.count_lost_hosts() == 0 and fleet.count_unknown_printers() == 0, "the hosts"
+        lambda: fleet.count_lost_hosts() == 0 and fleet.count_unknown_printers() == 0,
+        "the hosts to be connected",
     )
     fleet.groups.disturb(0.0, 0.0)
     return {

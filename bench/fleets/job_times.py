@@ -20,7 +20,7 @@ from typing import Any
 import trimesh
 
 FARM = Path(sys.executable).with_name("farm")
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 LENGTH_MM, WIDTH_MM, HEIGHT_MM = 40.0, 18.0, 12.0  # about half an hour for each printer
 MAX_STARVED_SHARE = 0.01  # share of the time in which emulators waited
 TIMEOUT_S = 3600.0
@@ -38,7 +38,10 @@ def run_farm(state: Path, *arguments: str) -> str:
 def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
     """Print a bar that needs all printers; return the job at its end."""
     state, fleet, model = folder / "state", folder / "fleet.yaml", folder / "bar.stl"
-    rows = "".join(f"  - {{name: sim-{i}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for i in range(printers))
+    rows = "".join(
+        f"  - {{name: sim-{i}, model: {PRINTER_MODEL}, port: 'sim://{PRINTER_MODEL}'}}\n"
+        for i in range(printers)
+    )
     fleet.write_text(f"fleet: {{time_scale: {time_scale:g}}}\nprinters:\n{rows}")
     trimesh.creation.box((LENGTH_MM * printers, WIDTH_MM, HEIGHT_MM)).export(model)
     run_farm(state, "up", "--fleet", str(fleet))
@@ -51,8 +54,8 @@ def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
         run_farm(state, "down", "--now")
     return {
         "expected_s": job["estimated_s"],
-        "reached_s": job["elapsed_s"],
-        "off": job["elapsed_s"] / job["estimated_s"] - 1,
+        "actual_s": job["elapsed_s"],
+        "error": job["elapsed_s"] / job["estimated_s"] - 1,
         "starved_share": job["starved_share"],
         "valid": job["starved_share"] <= MAX_STARVED_SHARE,
         "wasted_s": job["wasted_s"],
@@ -60,8 +63,8 @@ def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
             {
                 "printer": printer["printer"],
                 "expected_s": printer["expected_s"],
-                "reached_s": printer["took_s"],
-                "off": printer["took_s"] / printer["expected_s"] - 1,
+                "actual_s": printer["took_s"],
+                "error": printer["took_s"] / printer["expected_s"] - 1,
             }
             for printer in prints
         ],
@@ -82,10 +85,10 @@ def main() -> None:
         print(json.dumps(figures, indent=2))
         return
     print(
-        f"expected {figures['expected_s']:.0f} s, reached {figures['reached_s']:.0f} s: {figures['off']:+.1%}"
+        f"expected {figures['expected_s']:.0f} s, actual {figures['actual_s']:.0f} s: {figures['error']:+.1%}"
     )
     for row in figures["prints"]:
-        print(f"  {row['printer']}: {row['expected_s']:.0f} s, {row['reached_s']:.0f} s: {row['off']:+.1%}")
+        print(f"  {row['printer']}: {row['expected_s']:.0f} s, {row['actual_s']:.0f} s: {row['error']:+.1%}")
     validity = "valid" if figures["valid"] else "not valid"
     print(f"emulators waited {figures['starved_share']:.2%} of the time: {validity}")
 

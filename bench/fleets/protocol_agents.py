@@ -19,8 +19,8 @@ from drivers.agent.server import Server
 from drivers.clock import Clock
 from drivers.locks import AGENT_LOCK, acquire_lock
 
-MODEL = "ultimaker2_plus"
-PORT = f"sim://{MODEL}"
+PRINTER_MODEL = "ultimaker2_plus"
+PORT = f"sim://{PRINTER_MODEL}"
 _IDLE_REPORT_ROUNDS = 5  # an idle agent reports in every fifth round
 
 
@@ -40,7 +40,7 @@ class _Agent:
             printer=self.name,
             agent_pid=os.getpid(),
             now_s=self.clock.now(),
-            model=MODEL,
+            model=PRINTER_MODEL,
             port=PORT,
             link=m.LinkState.BUSY if is_busy else m.LinkState.READY,
             nozzle=m.Heater(now_c=self.nozzle_c, target_c=210.0 if is_busy else 0.0),

@@ -39,7 +39,7 @@ class Row:
     prints: int
     mean_ratio: float
     time_factor: float
-    error_without: float  # mean of |reached / expected - 1|, layers alone
+    error_without: float  # mean of |actual / expected - 1|, layers alone
     error_with: float
     error_by_feature: float  # with factors by feature if earlier prints have shown them, else as `error_with`
 
@@ -57,16 +57,16 @@ def list_rows(books: Books) -> Iterator[Row]:
             plate = books.plates[attempt.plate]
             if attempt.started_s is None or attempt.ended_s is None:
                 continue
-            reached_s = attempt.ended_s - attempt.started_s - plate.overhead_s
-            if not shows_speed(plate.sliced_s, reached_s, attempt.starved_s):
+            actual_s = attempt.ended_s - attempt.started_s - plate.overhead_s
+            if not shows_speed(plate.sliced_s, actual_s, attempt.starved_s):
                 continue
-            ratios.append(reached_s / plate.sliced_s)
+            ratios.append(actual_s / plate.sliced_s)
             factors_before.append(factor)
             learned_factors = TimeFactors(factor, fit_feature_factors(timings[-MAX_PRINTS:]))
             feature_factors.append(learned_factors.compute_factor(plate.feature_shares))
             if plate.feature_shares is not None:
                 timings.append(Timing(plate.feature_shares, ratios[-1]))
-            factor = update_time_factor(factor, plate.sliced_s, reached_s, attempt.starved_s)
+            factor = update_time_factor(factor, plate.sliced_s, actual_s, attempt.starved_s)
         if ratios:
             ratio, factors = np.array(ratios), np.array(factors_before)
             yield Row(
@@ -94,7 +94,7 @@ def main() -> None:
     if arguments.json:
         print(json.dumps({"printers": [asdict(row) for row in rows]}, indent=2))
         return
-    print("printer     prints  reached/expected  time_factor  error without  with  by feature")
+    print("printer     prints  actual/expected   time_factor  error without  with  by feature")
     for row in rows:
         print(
             f"{row.printer:12}{row.prints:5}{row.mean_ratio:18.3f}{row.time_factor:13.3f}"

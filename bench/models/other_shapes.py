@@ -76,11 +76,13 @@ def make_elbow() -> Solid:
 
     def make_bend(radius_mm: float) -> Solid:
         rings = []
-        angle = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
-        for turn in np.linspace(0.0, math.pi / 2.0, 25):
-            r = 95.0 + radius_mm * np.cos(angle)
+        angle_rad = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
+        for turn_rad in np.linspace(0.0, math.pi / 2.0, 25):
+            r = 95.0 + radius_mm * np.cos(angle_rad)
             rings.append(
-                np.stack([r * math.cos(turn), radius_mm * np.sin(angle), r * math.sin(turn)], axis=1)
+                np.stack(
+                    [r * math.cos(turn_rad), radius_mm * np.sin(angle_rad), r * math.sin(turn_rad)], axis=1
+                )
             )
         return make_loft(rings)
 
@@ -139,7 +141,7 @@ def make_propeller() -> Solid:
     """Make three twisted blades around a hub."""
     blades = []
     for i in range(3):
-        turn = rotation_matrix(i * 2.0 * math.pi / 3.0, [0.0, 0.0, 1.0])[:3, :3]
+        rotation = rotation_matrix(i * 2.0 * math.pi / 3.0, [0.0, 0.0, 1.0])[:3, :3]
         rings = []
         for r in np.linspace(10.0, 120.0, 20):
             width_mm, thickness_mm, twist_rad = (
@@ -154,7 +156,7 @@ def make_propeller() -> Solid:
                 y * math.cos(twist_rad) - z * math.sin(twist_rad),
                 y * math.sin(twist_rad) + z * math.cos(twist_rad),
             ]
-            rings.append(np.stack(ring, axis=1) @ turn.T)
+            rings.append(np.stack(ring, axis=1) @ rotation.T)
         blades.append(make_loft(rings))
     hub = make_rod((0.0, 0.0, -24.0), (0.0, 0.0, 24.0), 22.0)
     return Solid.union([hub, *blades]).subtract(make_rod((0.0, 0.0, -30.0), (0.0, 0.0, 30.0), 7.0))
@@ -162,9 +164,9 @@ def make_propeller() -> Solid:
 
 def make_bridge() -> Solid:
     """Make a deck on two arches, between towers with cones."""
-    angle = np.linspace(0.0, math.pi, 30)
+    angles_rad = np.linspace(0.0, math.pi, 30)
     arches = [
-        _make_prism([(x + 40.0 * math.cos(a), 45.0 * math.sin(a) - 1.0) for a in angle], -31.0, 31.0, 1)
+        _make_prism([(x + 40.0 * math.cos(a), 45.0 * math.sin(a) - 1.0) for a in angles_rad], -31.0, 31.0, 1)
         for x in (-60.0, 60.0)
     ]
     body = Solid.box((-130.0, -30.0, 0.0), (130.0, 30.0, 62.0)).subtract(Solid.union(arches))

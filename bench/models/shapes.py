@@ -110,10 +110,10 @@ def make_animal() -> Solid:
 
 def make_gear() -> Solid:
     """Make a gear of eighteen teeth, with a bore and five holes."""
-    angle = np.linspace(0.0, 2.0 * math.pi, 18 * 4, endpoint=False)
+    angle_rad = np.linspace(0.0, 2.0 * math.pi, 18 * 4, endpoint=False)
     radius = np.tile([78.0, 92.0, 92.0, 78.0], 18)
     outline = [
-        np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle + z], axis=1)
+        np.stack([radius * np.cos(angle_rad), radius * np.sin(angle_rad), 0.0 * angle_rad + z], axis=1)
         for z in (0.0, 32.0)
     ]
     holes = [make_rod((0.0, 0.0, -1.0), (0.0, 0.0, 40.0), 14.0)]
@@ -137,12 +137,16 @@ def make_tree() -> Solid:
 
 def make_column() -> Solid:
     """Make a column with a star-shaped section that turns and narrows with height."""
-    angle = np.linspace(0.0, 2.0 * math.pi, 60, endpoint=False)
+    angle_rad = np.linspace(0.0, 2.0 * math.pi, 60, endpoint=False)
     rings = []
     for z in np.linspace(0.0, 220.0, 45):
-        r = (48.0 - 0.09 * z) * (1.0 + 0.16 * np.cos(5.0 * angle))
-        turned_angle = angle + 0.008 * z
-        rings.append(np.stack([r * np.cos(turned_angle), r * np.sin(turned_angle), 0.0 * angle + z], axis=1))
+        r = (48.0 - 0.09 * z) * (1.0 + 0.16 * np.cos(5.0 * angle_rad))
+        turned_angle_rad = angle_rad + 0.008 * z
+        rings.append(
+            np.stack(
+                [r * np.cos(turned_angle_rad), r * np.sin(turned_angle_rad), 0.0 * angle_rad + z], axis=1
+            )
+        )
     return make_loft(rings)
 
 

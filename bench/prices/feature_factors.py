@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.prices.features import cut_piece
-from bench.prices.parts import PRINTER, make_print_time_settings
+from bench.prices.parts import PRINTER_MODEL, make_print_time_settings
 from bench.unseen import KINDS
 from decompose.geometry import write_stl
 from decompose.print_time import CostModel
@@ -46,7 +46,7 @@ BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
 
 def make_limits(**changes: float) -> Limits:
     """Make the limits of the assumed firmware with some of them changed."""
-    limits = Limits.from_profile(PROFILES[PRINTER])
+    limits = Limits.from_profile(PROFILES[PRINTER_MODEL])
     for name, value in changes.items():
         setattr(limits, name, value)
     return limits
@@ -129,7 +129,7 @@ def measure_part(name: str, stl: Path, cache: Path) -> PartTimes:
 
 def slice_part(stl: Path, cache: Path) -> PlateResult:
     """Slice a part with the quality `glue`."""
-    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), "glue")
+    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]), "glue")
     settings = resolve_settings(request, find_resources())
     return slice_plate(PlateRequest(stl, settings, cache / f"{stl.stem}.gcode", find_engine(), BED))
 
@@ -152,13 +152,13 @@ def time_layers_s(path: Toolpath, limits: Limits) -> float:
     return planner.moving_s
 
 
-def learn_factors(parts: Sequence[PartTimes], actual_s: Sequence[float]) -> TimeFactors:
+def learn_factors(parts: Sequence[PartTimes], actual_times_s: Sequence[float]) -> TimeFactors:
     """Learn the factors from parts in their order, as the farm does from a printer's prints."""
     factor, timings = 1.0, []
-    for part, reached_s in zip(parts, actual_s, strict=True):
-        factor = update_time_factor(factor, part.sliced_s, reached_s)
-        if shows_speed(part.sliced_s, reached_s):
-            timings.append(Timing(part.shares, reached_s / part.sliced_s))
+    for part, actual_s in zip(parts, actual_times_s, strict=True):
+        factor = update_time_factor(factor, part.sliced_s, actual_s)
+        if shows_speed(part.sliced_s, actual_s):
+            timings.append(Timing(part.shares, actual_s / part.sliced_s))
     return TimeFactors(factor, fit_feature_factors(timings))
 
 
@@ -176,14 +176,12 @@ def compute_errors(parts: Sequence[PartTimes], firmware: str, splits: int, pause
         shuffled_parts = list(parts)
         rng.shuffle(shuffled_parts)
         training_parts, test_parts = shuffled_parts[:MIN_PRINTS], shuffled_parts[MIN_PRINTS:]
-        actual_s = [
+        actual_times_s = [
             part.actual_s[firmware] * (1.2 if i < pauses else 1.0) for i, part in enumerate(training_parts)
         ]
-        timed_parts = list(zip(training_parts, actual_s, strict=True))
+        timed_parts = list(zip(training_parts, actual_times_s, strict=True))
         rng.shuffle(timed_parts)
-        factors = learn_factors(
-            [part for part, _ in timed_parts], [reached_s for _, reached_s in timed_parts]
-        )
+        factors = learn_factors([part for part, _ in timed_parts], [actual_s for _, actual_s in timed_parts])
         ratios = np.array([part.actual_s[firmware] / part.sliced_s for part in test_parts])
         by_feature = np.array([factors.compute_factor(part.shares) for part in test_parts])
         errors = [np.abs(ratios / expected - 1.0) for expected in (1.0, factors.overall_factor, by_feature)]

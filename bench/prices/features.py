@@ -22,7 +22,7 @@ import numpy as np
 
 from bench.prices.contours import SHAPES
 from bench.prices.move_times import compute_times_by_kind_s
-from bench.prices.parts import PRINTER, make_print_time_settings
+from bench.prices.parts import PRINTER_MODEL, make_print_time_settings
 from bench.unseen import KINDS, draw_model
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import write_stl
@@ -130,7 +130,7 @@ def place_on_bed(name: str, vertices: Floats, faces: Ints, is_cut: Bools, rotati
 
 def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
     """Price and slice a part; None if the slice is refused."""
-    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), quality)
+    request = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]), quality)
     settings = resolve_settings(request, find_resources())
     # Parts are sliced alone, so none of their sides is hidden, and without the height of the part.
     plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False, layer_fit=None)

@@ -1,4 +1,4 @@
-"""Share of heights that can be printed exactly, by the change of the first layer, and the mean layer.
+"""Share of heights that can be printed exactly, by the change of the first layer, and the mean layer height.
 
 Usage: python -m bench.prices.heights [--from-mm 5] [--to-mm 205] [--json]
 
@@ -27,17 +27,20 @@ CASES = ("first layer unchanged", "first layer changed", "missed")
 
 
 def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
-    """Compute the share of each of `CASES` among heights in hundredths of a mm, and the mean layer."""
-    counts, layers_mm = [0] * len(CASES), 0.0
+    """Compute the share of each of `CASES` among heights in hundredths of a mm, and the mean layer height.
+
+    The mean layer height is a share of the nominal one.
+    """
+    counts, layer_height_sum_mm = [0] * len(CASES), 0.0
     for hundredth in hundredths:
         height_mm = hundredth / 100.0
         heights = fit_heights(height_mm, nominal, max_first_layer_mm=MAX_LAYER_SHARE * nozzle_mm)
         is_exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
         case = int(heights.first_layer_mm != nominal.first_layer_mm)
         counts[case if is_exact else -1] += 1
-        layers_mm += heights.other_layers_mm
+        layer_height_sum_mm += heights.other_layers_mm
     shares = {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
-    return shares | {"mean layer": layers_mm / len(hundredths) / nominal.other_layers_mm}
+    return shares | {"mean layer height": layer_height_sum_mm / len(hundredths) / nominal.other_layers_mm}
 
 
 def main() -> int:

@@ -3,8 +3,9 @@
 Usage: python -m bench.prices.hidden_walls FOLDER [--parts 5] [--quality glue] [--cache DIR]
 
 FOLDER was written by `farm decompose` or `bench.decompose`. Each part is sliced with all walls like those of
-a visible side, with faster walls on its hidden sides, and with one faster wall. Times are CuraEngine's, but
-those of the changed walls computed again; the prices are those of the decomposition, for one faster wall.
+a visible side, with faster walls on its hidden sides, and with one faster wall. Times are CuraEngine's,
+except those of the changed walls, which are computed again. The prices are those of the decomposition, for
+one faster wall.
 The last column is the length at each end of a side that saves nothing: `SIDE_END_MM` of the cost model.
 """
 
@@ -23,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from bench.prices.parts import PRINTER, make_print_time_settings
+from bench.prices.parts import PRINTER_MODEL, make_print_time_settings
 from decompose.print_time import CostModel, PartMesh
 from decompose.print_time.hidden_faces import sum_side_ends_mm
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
@@ -47,12 +48,12 @@ def slice_with_sides(
 ) -> float:
     """Slice a part with the given hidden sides and settings; return its time in seconds."""
     request = SettingsRequest(
-        build_slicing_printer(SLICING_PROFILES[PRINTER]), args.quality, overrides=overrides
+        build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]), args.quality, overrides=overrides
     )
     settings = resolve_settings(request, find_resources())
     names = ("brim_width_mm", "layer_0_expansion_mm", "bed_face_hidden", "tops_hidden", "hidden_grooves")
     options = PartPrintOptions.model_validate({name: part[name] for name in names} | {"hidden_sides": sides})
-    volumes = list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm)
+    volumes = list_usable_volumes(PROFILES[PRINTER_MODEL], settings.brim_width_mm)
     stl = args.folder / part["file"]
     task = SliceTask(
         part["id"], stl, request, find_resources(), settings, volumes, find_engine(), out, args.cache, options

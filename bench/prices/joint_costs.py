@@ -5,7 +5,7 @@ again with only their keys, pins or gutters. Marks are sliced together with the 
 seams, and compared with the gutters alone. The time that a kind adds is fitted as a price per piece, or per
 mm of gutter, separately for faces that are upright, on top, and towards the bed. Errors are relative to the
 print time of the bare part, and all models have the same weight. Parts that get support are ignored.
---fit fits the samples of several runs with --json together. The fitted prices are stored in
+--fit fits the samples of several runs, written with --json, together. The fitted prices are stored in
 `decompose.results.connector_prices`.
 
 Usage: python -m bench.prices.joint_costs MODEL|SHAPE... [--printers 8] [--longest-side 330] [--slices 4]

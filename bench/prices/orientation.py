@@ -27,7 +27,7 @@ import numpy as np
 
 from bench.models.other_shapes import OTHER_SHAPES
 from bench.models.shapes import SHAPES
-from bench.prices.parts import ENDLESS_BED, PRINTER, PRINTER_COUNTS, list_models
+from bench.prices.parts import ENDLESS_BED, PRINTER_COUNTS, PRINTER_MODEL, list_models
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Solid, write_stl
@@ -59,7 +59,7 @@ from slicing.settings import (
 
 Shapes = Mapping[str, Callable[[], Solid]]
 
-REQUEST = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), "glue")
+REQUEST = SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]), "glue")
 NO_ROTATION = 4  # index into POSE_ROTATIONS
 
 
@@ -220,7 +220,7 @@ def main() -> int:
     plain_settings = replace(settings, hidden_wall_ratio=1.0, has_single_hidden_walls=False)
     cost = CostModel.from_settings(build_print_time_settings(plain_settings, overhead_s=0.0))
     printer = TargetPrinter(
-        "0", tuple(b.size_mm for b in list_usable_volumes(PROFILES[PRINTER], settings.brim_width_mm))
+        "0", tuple(b.size_mm for b in list_usable_volumes(PROFILES[PRINTER_MODEL], settings.brim_width_mm))
     )
     shapes = OTHER_SHAPES if args.unseen else SHAPES
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from bench.prices.parts import ENDLESS_BED, PRINTER, compute_extrusion_times_s
+from bench.prices.parts import ENDLESS_BED, PRINTER_MODEL, compute_extrusion_times_s
 from drivers.printers import SLICING_PROFILES
 from farm.planning.parts.pricing import build_print_time_settings
 from farm.planning.printer_settings import build_slicing_printer
@@ -56,7 +56,7 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
     """Find the largest angle without support and the smallest with support."""
     overrides = {"layer_height": layer_mm, "support_angle": angle_deg}
     settings = resolve_settings(
-        SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER]), "paper", overrides=overrides),
+        SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]), "paper", overrides=overrides),
         find_resources(),
     )
     bare_deg, supported_deg = angle_deg - SEARCH_RANGE_DEG, angle_deg

@@ -39,7 +39,7 @@ from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
-PRINTER = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 # Larger than any part: only times are measured, so the printer's limits do not matter.
 ENDLESS_BED = ((-500.0, -500.0, 500.0, 500.0, 500.0),)
 PRINTER_COUNTS = (4, 9)  # printers, for parts of two sizes
@@ -155,7 +155,10 @@ def resolve_named_settings(name: str) -> EngineSettings:
     """Resolve one of SETTINGS, or a quality."""
     quality, nozzle_mm, overrides = SETTINGS.get(name, (name, 0.4, {}))
     request = SettingsRequest(
-        build_slicing_printer(SLICING_PROFILES[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
+        build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]),
+        quality,
+        nozzle_mm=nozzle_mm,
+        overrides=overrides,
     )
     return resolve_settings(request, find_resources())
 
@@ -230,7 +233,7 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
     cost = CostModel.from_settings(make_print_time_settings("glue"))
     box_sizes_mm = tuple(
         box.size_mm
-        for box in list_usable_volumes(PROFILES[PRINTER], make_print_time_settings("glue").brim_mm)
+        for box in list_usable_volumes(PROFILES[PRINTER_MODEL], make_print_time_settings("glue").brim_mm)
     )
     for name, model in models:
         for count in PRINTER_COUNTS:

@@ -27,7 +27,7 @@ from farm.planning.printer_settings import build_slicing_printer
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 SIDES_MM = (10.0, 20.0, 40.0)
 
 
@@ -43,7 +43,7 @@ def slice_cube(side_mm: float, settings: EngineSettings, folder: Path) -> PlateR
 
 async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintSnapshot:
     """Print on a new emulator, cold and with parked filament; return the last snapshot of the print."""
-    process = spawn_agent("bench", MODEL, f"sim://{MODEL}", folder, clock)
+    process = spawn_agent("bench", PRINTER_MODEL, f"sim://{PRINTER_MODEL}", folder, clock)
     client = AgentClient(folder)
     await client.connect()
     is_start_sent = False
@@ -79,7 +79,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     settings = resolve_settings(
-        SettingsRequest(build_slicing_printer(SLICING_PROFILES[MODEL])), find_resources()
+        SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL])), find_resources()
     )
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
@@ -93,17 +93,17 @@ def main() -> None:
                 or ended_print.started_s is None
             ):
                 raise SystemExit(f"the print ended {ended_print.phase}: {ended_print.reason}")
-            reached_s = ended_print.ended_s - ended_print.started_s
+            actual_s = ended_print.ended_s - ended_print.started_s
             expected_s = compute_plate_seconds(
-                PROFILES[MODEL], plate.sliced_s, settings.nozzle_c, settings.bed_c
+                PROFILES[PRINTER_MODEL], plate.sliced_s, settings.nozzle_c, settings.bed_c
             )
             rows.append(
                 {
                     "cube_mm": side_mm,
                     "layers_s": plate.sliced_s,
-                    "reached_s": reached_s,
+                    "actual_s": actual_s,
                     "expected_s": expected_s,
-                    "beside_layers_s": reached_s - plate.sliced_s,
+                    "overhead_s": actual_s - plate.sliced_s,
                     "starved_s": ended_print.starved_s,
                 }
             )

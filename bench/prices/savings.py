@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from bench.clusters.calls import add_cluster_options, count_calls, open_calls
-from bench.prices.parts import ENDLESS_BED, PRINTER, UNIFORM_INFILL
+from bench.prices.parts import ENDLESS_BED, PRINTER_MODEL, UNIFORM_INFILL
 from bench.unseen import draw_model
 from decompose.decompose import decompose_model
 from decompose.geometry import write_stl
@@ -78,7 +78,7 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
     for has_hidden_faces in (False, True):
         for gradual in (False, True):
             request = SettingsRequest(
-                build_slicing_printer(SLICING_PROFILES[PRINTER]),
+                build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]),
                 args.quality,
                 overrides={} if gradual else UNIFORM_INFILL,
             )
@@ -94,7 +94,7 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
                 )
             cost = CostModel.from_settings(time_settings)
             box_sizes_mm = tuple(
-                box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], time_settings.brim_mm)
+                box.size_mm for box in list_usable_volumes(PROFILES[PRINTER_MODEL], time_settings.brim_mm)
             )
             target_printers = [TargetPrinter(str(number), box_sizes_mm) for number in range(args.printers)]
             fit_layer = args.quality == "glue"

@@ -32,7 +32,7 @@ from drivers.errors import DriverError
 from drivers.printers import PROFILES
 from drivers.remote import AgentClient, spawn_agent
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 START_GCODE = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
 BOOT_S = 0.3  # the board ignores received bytes during this time
 END_GCODE = "M104 S0\nM140 S0\nG28\nM84\n"
@@ -43,7 +43,7 @@ class FakeBoard:
     """Board that acknowledges lines, and reaches every target temperature at once."""
 
     def __init__(self, link: Path, period_s: float) -> None:
-        profile = PROFILES[MODEL]
+        profile = PROFILES[PRINTER_MODEL]
         self.port = Port(link)
         self.turnarounds_s: list[float] = []
         self._banner = wording.START + ultimaker2.format_banner(profile, Limits.from_profile(profile))
@@ -162,7 +162,7 @@ async def print_file(
     folder: Path, port: Path, gcode: Path, sha256: str, max_lines: int | None
 ) -> dict[str, float]:
     """Print on one printer, to the end or for `max_lines`; measure CPU share and memory of its agent."""
-    process = spawn_agent(folder.name, MODEL, str(port), folder, Clock())
+    process = spawn_agent(folder.name, PRINTER_MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
     is_clear_sent = is_start_sent = False
     first_line: tuple[float, float] | None = None

@@ -3,7 +3,7 @@
 ``python -m bench.printing.emulator_throughput [--lines N] [--scale S] [--json]`` streams a spiral of short
 moves, one line in flight. The first figure is the CPU time of a line in `EmulatedFirmware.feed`, with the
 clock ahead of the moves; the second is the wall time of a round trip through a pseudo-terminal to an emulator
-process whose clock runs fast enough never to wait.
+process whose clock runs fast enough never to wait; the third is the same with a clock of `--scale`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.launch import Command, control, launch, read_status
 from drivers.printers import PROFILES
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 SEGMENT_MM = 0.8
 PREPARATION = (b"M110", b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X112 Y112 Z0.3")
 
@@ -34,12 +34,12 @@ PREPARATION = (b"M110", b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X112 Y112 Z0.3
 def list_moves(lines: int) -> list[bytes]:
     """List numbered, checksummed moves of about 40 bytes, like those of a slicer."""
     bodies = list(PREPARATION)
-    angle, e_mm = 0.0, 0.0
+    angle_rad, e_mm = 0.0, 0.0
     for _ in range(lines):
-        radius_mm = 10.0 + 80.0 * (0.5 + 0.5 * math.sin(angle / 40.0))
-        angle += SEGMENT_MM / radius_mm
+        radius_mm = 10.0 + 80.0 * (0.5 + 0.5 * math.sin(angle_rad / 40.0))
+        angle_rad += SEGMENT_MM / radius_mm
         e_mm += 0.03
-        x, y = 112 + radius_mm * math.cos(angle), 112 + radius_mm * math.sin(angle)
+        x, y = 112 + radius_mm * math.cos(angle_rad), 112 + radius_mm * math.sin(angle_rad)
         bodies.append(f"G1 F3000 X{x:.3f} Y{y:.3f} E{e_mm:.5f}".encode())
     numbered_moves = (b"N%d %b" % (n, body) for n, body in enumerate(bodies))
     return [b"%b*%d\n" % (line, reduce(xor, line)) for line in numbered_moves]
@@ -47,7 +47,7 @@ def list_moves(lines: int) -> list[bytes]:
 
 def measure_firmware_us(lines: list[bytes]) -> float:
     """Measure the CPU microseconds of a move in the firmware, including its wake-ups."""
-    firmware = EmulatedFirmware(PROFILES[MODEL], Faults(), random.Random(0), 0.0)
+    firmware = EmulatedFirmware(PROFILES[PRINTER_MODEL], Faults(), random.Random(0), 0.0)
     now_s = 10.0
     firmware.feed(b"", now_s)
     start_s = 0.0
@@ -65,7 +65,7 @@ def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
     """Measure wall microseconds of a round trip through the port, and the emulator's CPU microseconds."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        tty = launch(f"sim://{MODEL}", folder, Clock(scale, time.time()))
+        tty = launch(f"sim://{PRINTER_MODEL}", folder, Clock(scale, time.time()))
         port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
         try:
             reply = b""

@@ -23,7 +23,7 @@ from drivers import messages as m
 from drivers.emulator.launch import control, is_running, read_status
 from drivers.remote import AgentClient, find_agent_pid, kill_agent
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 FARM = Path(sys.executable).with_name("farm")
 START_GCODE = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\n"
 TIMEOUT_S = 120.0
@@ -69,7 +69,8 @@ def measure(printers: int) -> dict[str, float]:
         root = Path(name)
         state, fleet, gcode = root / "state", root / "fleet.yaml", root / "a.gcode"
         rows = "".join(
-            f"  - {{name: p{i}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for i in range(printers)
+            f"  - {{name: p{i}, model: {PRINTER_MODEL}, port: 'sim://{PRINTER_MODEL}'}}\n"
+            for i in range(printers)
         )
         fleet.write_text(f"fleet: {{time_scale: 60}}\nprinters:\n{rows}")
         moves = (f"G1 F6000 X{50 + i % 2 * 100} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(100_000))

@@ -62,7 +62,7 @@ SLICE_SETTINGS: dict[str, dict[str, str]] = {
 _SIZE_MM = 22.0
 """Longest side of a model, which gives enough layers and a short slicing time."""
 _LAYER = re.compile(rb"(?m)^;LAYER:(-?\d+)\r?\n")
-_FEED = re.compile(rb"(?m)^G1[^\n]* [XY][^\n]* E")
+_EXTRUDING_MOVE = re.compile(rb"(?m)^G1[^\n]* [XY][^\n]* E")
 _END = re.compile(rb"(?m)^;TIME_ELAPSED:[^\n]*\n")
 
 Cut = Callable[[list[bytes], random.Random], list[bytes]]
@@ -124,7 +124,7 @@ class ZeroTimeEstimator:
 
 
 class Slicer:
-    """CuraEngine with the settings of a 2+, and the print target of its files."""
+    """CuraEngine with the settings of an Ultimaker 2+, and the print target of its files."""
 
     def __init__(self, raw: bool) -> None:
         self._resources = find_resources()
@@ -244,7 +244,9 @@ class Findings:
         for kind, cut in CUTS.items():
             for _ in range(cuts):
                 remaining_layers = cut(layers, rng)
-                if len(_FEED.findall(b"".join(remaining_layers))) == len(_FEED.findall(b"".join(layers))):
+                if len(_EXTRUDING_MOVE.findall(b"".join(remaining_layers))) == len(
+                    _EXTRUDING_MOVE.findall(b"".join(layers))
+                ):
                     continue
                 self.cut[kind] += 1
                 if find_refusal(head + b"".join(remaining_layers) + end, target) is not None:

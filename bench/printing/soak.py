@@ -21,7 +21,7 @@ from drivers.firmware import ULTIMAKER2
 from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 START_LINES = [b"M302 S0", b"G28", b"G92 E0", b"G1 F9000 X90 Y90 Z0.3"]
 BARRIERS = [b"M400"] * 3
 
@@ -64,7 +64,7 @@ def print_over_noisy_wire(lines: int, damage: float, seed: int = 0) -> Outcome:
     """Print a number of lines over a wire on which each byte is damaged with the probability `damage`."""
     faults = Faults(noise=damage / 2, lost=damage / 4, doubled=damage / 4)
     now_s = 0.0
-    firmware = EmulatedFirmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
+    firmware = EmulatedFirmware(PROFILES[PRINTER_MODEL], faults, random.Random(seed), now_s)
     link = Link(ULTIMAKER2)
     link.on_opened(now_s)
     fault: str | None = None

@@ -26,7 +26,7 @@ from drivers.gcode import remove_frame
 from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 LINES_PER_FAULT = 30
 TO_BOARD_S, TO_HOST_S = 0.001, 0.004  # transfer times; the USB chip sends its buffer every 4 ms
 START_LINES = [b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X90 Y90 Z0.3", b"M400"]
@@ -211,12 +211,12 @@ def make_move(i: int) -> bytes:
     )
 
 
-class Recorder(EmulatedFirmware):
+class RecordingFirmware(EmulatedFirmware):
     """Firmware that records the numbered lines that it accepts, except requests for reports."""
 
     def __init__(self, rng: random.Random) -> None:
         self.received: list[bytes] = []
-        super().__init__(PROFILES[MODEL], Faults(), rng, 0.0)
+        super().__init__(PROFILES[PRINTER_MODEL], Faults(), rng, 0.0)
 
     @property
     def last_number(self) -> int:
@@ -296,7 +296,7 @@ def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
     rng = random.Random(seed)
     lines = (faults + 2) * LINES_PER_FAULT
     program = [*(make_move(index) for index in range(lines)), *END_LINES]
-    firmware, link, injector = Recorder(rng), Link(ULTIMAKER2), FaultInjector(kind, rng)
+    firmware, link, injector = RecordingFirmware(rng), Link(ULTIMAKER2), FaultInjector(kind, rng)
     link.poll_interval_s = 0.2
     link.on_opened(0.0)
     to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)

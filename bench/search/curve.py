@@ -30,7 +30,7 @@ from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 from drivers.printers import PROFILES, list_usable_volumes
 
-PRINTER = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 def main() -> None:
@@ -45,7 +45,9 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     time_settings = make_print_time_settings("paper")
-    box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], time_settings.brim_mm))
+    box_sizes_mm = tuple(
+        box.size_mm for box in list_usable_volumes(PROFILES[PRINTER_MODEL], time_settings.brim_mm)
+    )
     printers = tuple(TargetPrinter(str(i), box_sizes_mm) for i in range(options.printers))
     model = load_model(options.model, longest_side_mm=options.side)
     problem = Problem(model, printers, CostModel.from_settings(time_settings), Options())

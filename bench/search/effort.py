@@ -31,7 +31,7 @@ from decompose.printers import TargetPrinter
 from decompose.problem import Effort, Problem, Work
 from drivers.printers import PROFILES, list_usable_volumes
 
-PRINTER = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 def measure_search(problem: Problem) -> tuple[Effort, dict[str, float]]:
@@ -74,7 +74,9 @@ def main() -> None:
     options = parser.parse_args()
     time_settings = make_print_time_settings("paper")
     cost = CostModel.from_settings(time_settings)
-    box_sizes_mm = tuple(box.size_mm for box in list_usable_volumes(PROFILES[PRINTER], time_settings.brim_mm))
+    box_sizes_mm = tuple(
+        box.size_mm for box in list_usable_volumes(PROFILES[PRINTER_MODEL], time_settings.brim_mm)
+    )
     small_model = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     for engine in options.engines:  # compiles, or loads compiled code
         target_printers = tuple(TargetPrinter(str(i), box_sizes_mm) for i in range(4))

@@ -92,7 +92,7 @@ async def measure_home(port: int, key: str, seconds: float, folder: Path) -> dic
     viewer = load_static_files().get("viewer.js")
     return {
         "tasks": len(tasks), "stall_ms": max(task for task, _ in tasks),
-        "whole_stall_ms": max(task for _, task in tasks),
+        "stall_wall_ms": max(task for _, task in tasks),
         "paint_ms": paints_ms[0], "median_paint_ms": statistics.median(paints_ms),
         "phone_paint_ms": phone_paints_ms[0], "median_phone_paint_ms": statistics.median(phone_paints_ms),
         "home_kb": home_kb,

@@ -14,7 +14,7 @@ import yaml
 
 FARM = Path(sys.executable).with_name("farm")
 TIMEOUT_S = 600.0
-_MODEL = "ultimaker2_plus"
+_PRINTER_MODEL = "ultimaker2_plus"
 
 
 class WebFarm:
@@ -35,7 +35,9 @@ class WebFarm:
         compilation = [sys.executable, "-m", "decompose.compilation"]
         subprocess.run(compilation, check=True, stdout=subprocess.DEVNULL)
         self.state, self.fleet = folder / "state", folder / "fleet.yaml"
-        rows = [{"name": name, "model": _MODEL, "port": f"sim://{_MODEL}"} for name in printers]
+        rows = [
+            {"name": name, "model": _PRINTER_MODEL, "port": f"sim://{_PRINTER_MODEL}"} for name in printers
+        ]
         self.fleet.write_text(yaml.safe_dump({"printers": rows, "web": {"listen": f"127.0.0.1:{self.port}"}}))
         self.start()
 

@@ -39,7 +39,7 @@ from farm.state.storage import open_books
 from farm.web import NetworkServer, make_web_app
 
 GOALS = {"core_share": 0.3}
-_MODEL = "ultimaker2_plus"
+_PRINTER_MODEL = "ultimaker2_plus"
 _WARM_UP_S = 3.0
 
 
@@ -74,7 +74,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     web = {"listen": f"127.0.0.1:{port}"}
-    rows = [{"name": name, "model": _MODEL, "port": f"sim://{_MODEL}"} for name in names]
+    rows = [{"name": name, "model": _PRINTER_MODEL, "port": f"sim://{_PRINTER_MODEL}"} for name in names]
     clock = Clock()
     store, restored_s = open_books(state, clock.now())
     controller = Controller(

@@ -51,8 +51,8 @@ def test_notices_about_earlier_prints_do_not_count(monkeypatch):
         fetch_hosts=lambda: SimpleNamespace(hosts=[]),
     )
     daemon = SimpleNamespace(client=client, read_cpu_s=lambda: 0.0)
-    names = {FIRST_HOST: ["pc-01"]}
-    figures = measure_loss(PrintingFleet(daemon, fleet, fleet, names, fleet, fleet), [FIRST_HOST])
+    hosts_by_group = {FIRST_HOST: ["pc-01"]}
+    figures = measure_loss(PrintingFleet(daemon, fleet, fleet, hosts_by_group, fleet, fleet), [FIRST_HOST])
     assert figures["notice_texts"] == [LOSS_NOTICE] and figures["notices"] == figures["events"] == 1
 
 
