@@ -88,7 +88,7 @@ def test_bash_completes_commands_with_the_script_of_the_package(share: Path):
 
 
 @pytest.mark.parametrize("name", ["preinst", "postinst", "prerm", "postrm"])
-def test_maintainer_scripts_stop_at_an_error_and_leave_list_agentsning(name: str):
+def test_maintainer_scripts_stop_at_an_error_and_leave_agents_running(name: str):
     path = DEBIAN / name
     subprocess.run(["sh", "-n", path], check=True)
     text = path.read_text()

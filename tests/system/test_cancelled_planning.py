@@ -12,7 +12,7 @@ from farms.real_farm import wait_for
 
 pytestmark = pytest.mark.system
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 @pytest.fixture
@@ -52,7 +52,9 @@ def list_workers(daemon):
 
 
 def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, bar, hanging_engine, tmp_path):
-    farm = make_farm({"one": (MODEL, f"sim://{MODEL}"), "two": (MODEL, f"sim://{MODEL}")})
+    farm = make_farm(
+        {"one": (PRINTER_MODEL, f"sim://{PRINTER_MODEL}"), "two": (PRINTER_MODEL, f"sim://{PRINTER_MODEL}")}
+    )
     farm.up(FARM_CURA_ENGINE=str(hanging_engine))
     daemon = farm.read_status()["daemon"]["pid"]
     farm.run_checked("submit", bar)

@@ -15,8 +15,8 @@ from farms.real_farm import RealFarm, wait_for
 
 pytestmark = pytest.mark.system
 
-MODEL = "ultimaker2_plus"
-SIMULATED_PRINTER = (MODEL, f"sim://{MODEL}")
+PRINTER_MODEL = "ultimaker2_plus"
+SIMULATED_PRINTER = (PRINTER_MODEL, f"sim://{PRINTER_MODEL}")
 
 
 @pytest.fixture(scope="module")
@@ -132,14 +132,14 @@ def test_unknown_material_in_the_fleet_file_is_reported(make_farm):
 
 
 def test_two_printers_on_one_port_are_refused(make_farm, tmp_path):
-    farm = make_farm({"one": (MODEL, "/dev/ttyACM0"), "two": (MODEL, "/dev/ttyACM0")})
+    farm = make_farm({"one": (PRINTER_MODEL, "/dev/ttyACM0"), "two": (PRINTER_MODEL, "/dev/ttyACM0")})
     result = farm.run("up")
     assert result.returncode == 2
     assert "one and two are on one port" in read_error_line(result.stderr)
 
 
 def test_missing_port_is_reported(make_farm, tmp_path):
-    farm = make_farm({"one": (MODEL, str(tmp_path / "ttyACM7"))})
+    farm = make_farm({"one": (PRINTER_MODEL, str(tmp_path / "ttyACM7"))})
     farm.fleet.write_text(farm.fleet.read_text().replace("time_scale: 150", "time_scale: 1"))
     result = farm.run("up")
     assert result.returncode == 0, result.stderr

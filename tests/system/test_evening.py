@@ -11,7 +11,7 @@ from farms.real_farm import BUDGET_S, wait_for
 
 pytestmark = pytest.mark.system
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 @pytest.fixture
@@ -25,7 +25,12 @@ def models(tmp_path):
 @pytest.fixture
 def evening_farm(make_farm):
     """Start a farm of two printers and one worker, with a large budget for the search for parts."""
-    farm = make_farm({"one": (MODEL, f"sim://{MODEL}?seed=1"), "two": (MODEL, f"sim://{MODEL}?seed=2")})
+    farm = make_farm(
+        {
+            "one": (PRINTER_MODEL, f"sim://{PRINTER_MODEL}?seed=1"),
+            "two": (PRINTER_MODEL, f"sim://{PRINTER_MODEL}?seed=2"),
+        }
+    )
     text = farm.fleet.read_text()
     farm.fleet.write_text(text.replace(f"budget_s: {BUDGET_S}", "budget_s: 600, workers: 1"))
     farm.up()

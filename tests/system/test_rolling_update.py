@@ -16,7 +16,7 @@ from hosts.host_pipe import HostPipe
 
 pytestmark = pytest.mark.system
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 OLD_VERSION, BROKEN_VERSION, NEW_VERSION = "1.0.0", "1.1.0", "1.1.1"
 HOSTS = {"pc-a": ("a1", "a2"), "pc-b": ("b1", "b2")}
 PRINTING_PRINTER = "a1"
@@ -36,13 +36,13 @@ class HostsFarm(RealFarm):
             (folder / host).mkdir()
             self.pipes[host] = HostPipe(folder / host)
         monkeypatch.setenv("FARM_SSH", self.pipes["pc-a"].ssh)  # this script serves both hosts
-        super().__init__(folder, {name: (MODEL, "") for names in HOSTS.values() for name in names})
+        super().__init__(folder, {name: (PRINTER_MODEL, "") for names in HOSTS.values() for name in names})
         command = f"{self.versions.link}/bin/farm host"
         rows = [
             {
                 "name": name,
-                "model": MODEL,
-                "port": f"sim://{MODEL}",
+                "model": PRINTER_MODEL,
+                "port": f"sim://{PRINTER_MODEL}",
                 "colour": "red" if name == PRINTING_PRINTER else "white",
                 "host": host,
                 "host_command": f"XDG_STATE_HOME={folder / host / 'there'} {command}",

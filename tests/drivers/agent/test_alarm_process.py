@@ -12,7 +12,7 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control
 from drivers.errors import PortError
-from printers.agent_with_emulator import MODEL, Printer, make_gcode, run, run_printer
+from printers.agent_with_emulator import PRINTER_MODEL, Printer, make_gcode, run, run_printer
 
 SCALE = 6.0  # at a higher scale, the minimum delay of 4 s of wall time would exceed these times
 
@@ -26,7 +26,7 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
     script = tmp_path / "relay.sh"
     script.write_text(f'#!/bin/sh\necho "$1" >> {run_log}\nread go < {fifo}\n')
     script.chmod(0o700)
-    rig = Printer(tmp_path / "agent", f"sim://{MODEL}")
+    rig = Printer(tmp_path / "agent", f"sim://{PRINTER_MODEL}")
     rig.clock, rig.power_off_cmd = Clock(SCALE, time.time()), f"{script} {{printer}}"
 
     async def run_scenario() -> None:

@@ -21,7 +21,14 @@ from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.records import JOURNAL
 from drivers.remote import is_alive
 from drivers.session import Session, SessionContext
-from printers.agent_with_emulator import MODEL, Printer, make_gcode, read_buffered_bytes, run, run_printer
+from printers.agent_with_emulator import (
+    PRINTER_MODEL,
+    Printer,
+    make_gcode,
+    read_buffered_bytes,
+    run,
+    run_printer,
+)
 
 
 @pytest.mark.system
@@ -51,7 +58,7 @@ def test_port_is_opened_after_a_person_confirms_that_the_printer_is_idle(
 
     async def run_scenario() -> None:
         try:
-            launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
+            launch(f"sim://{PRINTER_MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
             await rig.connect()
             snapshot = await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
@@ -71,7 +78,7 @@ def test_port_is_opened_after_a_person_confirms_that_the_printer_is_idle(
             assert snapshot.bed_unknown_reason is not None
             control(tmp_path / "emulator", "power_off")
             await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)
-            launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)  # plug the printer in again
+            launch(f"sim://{PRINTER_MODEL}", tmp_path / "emulator", rig.clock)  # plug the printer in again
             await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
             assert not is_link_open()
             assert (await rig.client.request(m.Commission(id=0))).error is None
@@ -90,7 +97,7 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
     rig = Printer(tmp_path / "agent", str(emulator / "tty"))
 
     async def run_scenario() -> None:
-        launch(f"sim://{MODEL}?no_reset=1", emulator, rig.clock)
+        launch(f"sim://{PRINTER_MODEL}?no_reset=1", emulator, rig.clock)
         rig.spawn()
         try:
             await rig.connect()
@@ -128,7 +135,7 @@ def test_heaters_left_on_by_a_print_are_switched_off_by_command_without_a_reset(
     (tmp_path / "agent" / JOURNAL).write_text(json.dumps({"hot": True, "reset_refuted": url}) + "\n")
 
     async def run_scenario() -> None:
-        launch(f"sim://{MODEL}?no_reset=1", emulator, rig.clock)
+        launch(f"sim://{PRINTER_MODEL}?no_reset=1", emulator, rig.clock)
         control(emulator, "set_nozzle", target_c=180.0)
         rig.spawn()
         try:
@@ -183,7 +190,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
 
     async def run_scenario() -> None:
         try:
-            launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
+            launch(f"sim://{PRINTER_MODEL}", tmp_path / "emulator", rig.clock)
             rig.spawn()
             await rig.connect()
             await rig.wait_for(lambda s: s.link is m.LinkState.FAULT)
@@ -196,7 +203,7 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             assert failed_print.fault == "port_lost" and "mains" in str(failed_print.reason)
             assert (tmp_path / "cut").read_text() == "um2-01\n"
             assert not (await rig.wait_for(lambda s: s.link is m.LinkState.ABSENT)).heaters_off
-            launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
+            launch(f"sim://{PRINTER_MODEL}", tmp_path / "emulator", rig.clock)
             # The heaters may still be on when the port is opened.
             snapshot = await rig.wait_for(lambda s: s.heaters_off)
             assert snapshot.link is m.LinkState.FAULT and "mains" in str(snapshot.reason)
@@ -219,7 +226,9 @@ def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path
     board.state.hot, board.state.failed_reset_port = True, url
     board.open()
     session = Session(
-        SessionContext(board.link, None, PROFILES[MODEL], m.Filament.PARKED, board.pace, rig.clock.now())
+        SessionContext(
+            board.link, None, PROFILES[PRINTER_MODEL], m.Filament.PARKED, board.pace, rig.clock.now()
+        )
     )
     board.session = session
     port = board._port

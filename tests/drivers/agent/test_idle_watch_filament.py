@@ -12,7 +12,7 @@ from drivers import messages as m
 from drivers.agent.idle_watch import FilamentWatch
 from drivers.emulator.launch import Command, control, launch
 from drivers.records import JOURNAL
-from printers.agent_with_emulator import DEADLINE_S, MODEL, Printer, make_gcode, run
+from printers.agent_with_emulator import DEADLINE_S, PRINTER_MODEL, Printer, make_gcode, run
 
 REST_POSITION = b"X:0.00 Y:224.50 Z:205.00 E:-20.00 Count X:0.00 Y:224.50 Z:205.00"
 OTHER_POSITION = REST_POSITION.replace(b"E:-20.00", b"E:80.00")
@@ -23,7 +23,7 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
     """Print a file over a port that does not report the bed, and end the agent; yield the printer."""
     emulator = folder / "emulator"
     printer = Printer(folder / "agent", str(emulator / "tty"))
-    launch(f"sim://{MODEL}", emulator, printer.clock)
+    launch(f"sim://{PRINTER_MODEL}", emulator, printer.clock)
     tty_fd = None
     try:
         printer.spawn()

@@ -12,7 +12,7 @@ from drivers.emulator.launch import control, read_status
 from drivers.remote import is_alive, spawn_agent
 from printers.agent_with_emulator import (
     END_GCODE,
-    MODEL,
+    PRINTER_MODEL,
     START_GCODE,
     Printer,
     make_gcode,
@@ -203,13 +203,13 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
 @pytest.mark.system
 def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
     async def run_scenario() -> None:
-        rig = Printer(tmp_path / "agent", f"sim://{MODEL}?home_offset_hundredths_mm=100")
+        rig = Printer(tmp_path / "agent", f"sim://{PRINTER_MODEL}?home_offset_hundredths_mm=100")
         for print_id, home_offset, phase in (
             ("p-1", 100, "done"),
             ("p-2", 250, "failed"),
             ("p-3", 250, "done"),
         ):
-            rig.url = f"sim://{MODEL}?home_offset_hundredths_mm={home_offset}"
+            rig.url = f"sim://{PRINTER_MODEL}?home_offset_hundredths_mm={home_offset}"
             rig.spawn()
             try:
                 await rig.connect()
@@ -282,7 +282,7 @@ def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path
             assert len(str(rig.folder / "agent.sock")) > 107
             assert stat.S_IMODE((rig.folder / "agent.sock").stat().st_mode) == 0o600
             assert is_alive(rig.folder)
-            second_agent = spawn_agent("um2-01", MODEL, rig.url, rig.folder, rig.clock)
+            second_agent = spawn_agent("um2-01", PRINTER_MODEL, rig.url, rig.folder, rig.clock)
             assert await asyncio.to_thread(second_agent.wait, 20.0) == 1
             assert (await rig.client.request(m.Hello(id=0))).snapshot is not None
 

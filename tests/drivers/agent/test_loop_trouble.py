@@ -19,7 +19,7 @@ from drivers.errors import Fault, JournalError
 from drivers.records import Journal, StartFile
 from printers.agent_with_emulator import (
     DEADLINE_S,
-    MODEL,
+    PRINTER_MODEL,
     TIME_SCALE,
     make_gcode,
     run,
@@ -60,7 +60,9 @@ class ScriptedAgent(Agent):
 @pytest.fixture
 def scripted_agent(tmp_path: Path) -> Iterator[ScriptedAgent]:
     handlers = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGINT)]
-    agent = ScriptedAgent(StartFile("um2-01", MODEL, f"sim://{MODEL}", TIME_SCALE, time.time()), tmp_path)
+    agent = ScriptedAgent(
+        StartFile("um2-01", PRINTER_MODEL, f"sim://{PRINTER_MODEL}", TIME_SCALE, time.time()), tmp_path
+    )
     try:
         yield agent
     finally:

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from drivers.errors import MessageError
 from drivers.messages import Filament, LinkState, PrintPhase, Snapshot
 from drivers.remote.client import read_line
@@ -101,7 +101,7 @@ def make_busy_farm(folder):
     """Make a farm with a job on two printers; `a` sends invalid reports."""
     farm = Farm(folder, clock=Clock(), attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
     farm.store._db.execute("PRAGMA synchronous = OFF")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.controller.handle(
         ev.PlanningStarted(at_s=NOW_S, job=1), make_plan_event(1, 4).model_copy(update={"at_s": NOW_S})
     )

@@ -20,8 +20,8 @@ from farm.errors import NotFoundError, RefusedError
 from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
 
-MODEL = "ultimaker2_plus"
-PORT = f"sim://{MODEL}"
+PRINTER_MODEL = "ultimaker2_plus"
+PORT = f"sim://{PRINTER_MODEL}"
 DEADLINE_S = 120.0
 KNOWN_REQUESTS = {  # the requests of the first protocol, and their fields
     "hello": {"do", "id"},
@@ -49,7 +49,7 @@ class OldAgent:
             "printer": "a",
             "agent_pid": 1,
             "now_s": 0.0,
-            "model": MODEL,
+            "model": PRINTER_MODEL,
             "port": PORT,
             "link": "busy" if is_printing else "ready",
             "heaters_off": not is_printing,
@@ -90,7 +90,7 @@ class RecordingListener:
         raise AssertionError(prints)
 
 
-def make_start_file(**fields: object) -> m.StartPrint:
+def make_start_request(**fields: object) -> m.StartPrint:
     base_fields = {"print_id": "p", "gcode": "/x", "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
     return m.StartPrint.model_validate({"id": 0, **base_fields, **fields})
 
@@ -103,13 +103,13 @@ def run_with_agent(
     """Run a daemon's connections with a live agent of the first protocol."""
     state = StateFolder(folder)
     state.make()
-    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": PORT}]})
-    home = state.find_agent_folder("a")
-    home.mkdir(parents=True, exist_ok=True)
-    agent, listener = OldAgent(home, is_printing), RecordingListener()
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": PRINTER_MODEL, "port": PORT}]})
+    agent_folder = state.find_agent_folder("a")
+    agent_folder.mkdir(parents=True, exist_ok=True)
+    agent, listener = OldAgent(agent_folder, is_printing), RecordingListener()
 
     async def run() -> None:
-        server = await asyncio.start_unix_server(agent.serve, home / "agent.sock")
+        server = await asyncio.start_unix_server(agent.serve, agent_folder / "agent.sock")
         manager = AgentManager(fleet, state, Clock(), listener)
         manager.start(())
         try:
@@ -124,7 +124,7 @@ def run_with_agent(
             await manager.close()
             server.close()
 
-    descriptor = acquire_lock(home / AGENT_LOCK)  # the agent is alive
+    descriptor = acquire_lock(agent_folder / AGENT_LOCK)  # the agent is alive
     assert descriptor is not None
     try:
         asyncio.run(run())
@@ -143,7 +143,7 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_must_be_replaced(tm
         assert "farm up --replace a" in (listener.last_snapshot.reason or "")
         connection = manager._connections["a"]
         for _ in range(3):
-            connection.send(make_start_file(ends_by_s=900.0))
+            connection.send(make_start_request(ends_by_s=900.0))
             connection.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
             while connection._pending_requests:
                 await asyncio.sleep(0.01)
@@ -197,9 +197,9 @@ def test_client_sends_only_known_requests_to_an_older_agent(tmp_path: Path):
         await client.connect()
         await anext(aiter(client.receive_snapshots()))
         # New fields have their defaults and are omitted.
-        assert (await client.request(make_start_file())).error is None
+        assert (await client.request(make_start_request())).error is None
         with pytest.raises(AgentTooOld):
-            await client.request(make_start_file(not_after_s=1.0))
+            await client.request(make_start_request(not_after_s=1.0))
         with pytest.raises(AgentTooOld):
             await client.request(m.ListPrints(id=0, since_s=0.0))
         with pytest.raises(AgentTooOld):
@@ -220,7 +220,7 @@ def test_new_request_is_not_sent_to_an_older_agent():
     assert m.encode_for_protocol(NewerRequest(id=1), m.PROTOCOL + 1) is not None
 
 
-@pytest.mark.parametrize("request_", [make_start_file(not_after_s=1.0, ends_by_s=2.0), m.Hello(id=3)])
+@pytest.mark.parametrize("request_", [make_start_request(not_after_s=1.0, ends_by_s=2.0), m.Hello(id=3)])
 def test_agent_of_this_version_gets_every_request(request_: m.Request):
     line = m.encode_for_protocol(request_, m.PROTOCOL)
     assert line is not None and m.request_adapter.validate_json(line) == request_

@@ -31,7 +31,7 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from hosts.host_pipe import HostPipe
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 SCALE = 240.0
 DEADLINE_S = 120.0
 NAMES = ("a", "b")
@@ -99,7 +99,12 @@ async def wait_for(condition: Callable[[], object]) -> None:
 
 
 def make_fleet(pipe: HostPipe) -> Fleet:
-    fields = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": pipe.command}
+    fields = {
+        "model": PRINTER_MODEL,
+        "port": f"sim://{PRINTER_MODEL}",
+        "host": "pc-b",
+        "host_command": pipe.command,
+    }
     return Fleet.model_validate(
         {
             "fleet": {"name": "test", "time_scale": SCALE},
@@ -205,7 +210,9 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
 
     asyncio.run(kill_agent_and_wait_for_restart())
     fleet = tmp_path / "fleet.yaml"
-    rows = "".join(f"  - {{name: {name}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for name in NAMES)
+    rows = "".join(
+        f"  - {{name: {name}, model: {PRINTER_MODEL}, port: 'sim://{PRINTER_MODEL}'}}\n" for name in NAMES
+    )
     fleet.write_text(
         f"fleet: {{name: test}}\ndefaults: {{host: pc-b, host_command: '{pipe.command}'}}\nprinters:\n{rows}"
     )
@@ -227,7 +234,11 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
     pipe.cut()
     results: list[StopResult] = []
     stop_printers_on_host(
-        "pc-b", pipe.command, "test", [StartFile("b", MODEL, f"sim://{MODEL}")], results.append
+        "pc-b",
+        pipe.command,
+        "test",
+        [StartFile("b", PRINTER_MODEL, f"sim://{PRINTER_MODEL}")],
+        results.append,
     )
     assert [result.text for result in results] == [
         "cannot be stopped (pc-b: no route); switch the printer off"
@@ -235,7 +246,7 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
 
 
 def test_host_with_two_commands_is_refused(tmp_path: Path) -> None:
-    fields = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b"}
+    fields = {"model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}", "host": "pc-b"}
     printers = [{"name": name, "host_command": f"/opt/farm-{name}/bin/farm host", **fields} for name in NAMES]
     fleet = Fleet.model_validate({"printers": printers})
     clock = Clock(1.0, 0.0)

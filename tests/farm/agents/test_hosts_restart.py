@@ -9,7 +9,7 @@ from farm.config import Fleet
 from farm.paths import StateFolder
 from farm.state import events as ev
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 class StoppedClock:
@@ -36,7 +36,7 @@ class EventRecorder:
 
 def test_restarted_daemon_reports_the_return_of_a_host_but_not_its_loss_again(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("FARM_SSH", "false")
-    fields = {"model": MODEL, "port": f"sim://{MODEL}", "host_command": "farm host"}
+    fields = {"model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}", "host_command": "farm host"}
     rows = [{"name": f"of-{host}", "host": host, **fields} for host in ("pc-a", "pc-b")]
     fleet, clock, listener = Fleet.model_validate({"printers": rows}), StoppedClock(), EventRecorder()
     connections = hosts.Hosts(fleet, StateFolder(tmp_path), clock, listener)  # type: ignore[arg-type]

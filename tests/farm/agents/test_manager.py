@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from books.make_books import apply_events, make_printing_books
+from books.make_books import apply_events, make_planned_books
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, launch
@@ -25,7 +25,7 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 DEADLINE_S = 120.0
 
 
@@ -50,7 +50,9 @@ def make_simulated_farm(folder: Path) -> tuple[StateFolder, Fleet, RecordingList
     """Make a state folder, and a fleet of one simulated printer."""
     state = StateFolder(folder)
     state.make()
-    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    fleet = Fleet.model_validate(
+        {"printers": [{"name": "a", "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"}]}
+    )
     return state, fleet, RecordingListener()
 
 
@@ -158,7 +160,7 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(
     assert daemon_clock.now() - received_print.started_s == pytest.approx(0.0, abs=tolerance_s + 5.0)
     deadline_s = daemon_clock.now() + 600.0
     sent_request = to_agent_clock(
-        make_start_file(None, deadline_s), compute_clock_offset_s(snapshot, daemon_clock), deadline_s
+        make_start_request(None, deadline_s), compute_clock_offset_s(snapshot, daemon_clock), deadline_s
     )
     assert isinstance(sent_request, m.StartPrint)
     assert sent_request.not_after_s is not None
@@ -178,7 +180,7 @@ class RecordingConnection:
 
 def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
     books, _ = apply_events(
-        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
+        make_planned_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
     )
     manager = AgentManager(
         Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), RecordingListener()
@@ -194,17 +196,21 @@ def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
     assert end_request == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
 
 
-def make_start_file(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
+def make_start_request(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
     fields = {"print_id": "p", "gcode": None, "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
     limits = {"not_after_s": not_after_s, "ends_by_s": ends_by_s}
     return m.StartPrint.model_validate({"id": 0, **fields, **limits})
 
 
 def test_requests_have_times_by_the_clock_of_the_agent():
-    sent_request = to_agent_clock(make_start_file(None, None), -3600.0, 1000.0)
-    assert sent_request == make_start_file(4600.0, None)
-    assert to_agent_clock(make_start_file(500.0, 2000.0), -3600.0, 1000.0) == make_start_file(4100.0, 5600.0)
-    assert to_agent_clock(make_start_file(5000.0, 2000.0), 0.0, 1000.0) == make_start_file(1000.0, 2000.0)
+    sent_request = to_agent_clock(make_start_request(None, None), -3600.0, 1000.0)
+    assert sent_request == make_start_request(4600.0, None)
+    assert to_agent_clock(make_start_request(500.0, 2000.0), -3600.0, 1000.0) == make_start_request(
+        4100.0, 5600.0
+    )
+    assert to_agent_clock(make_start_request(5000.0, 2000.0), 0.0, 1000.0) == make_start_request(
+        1000.0, 2000.0
+    )
     end_request = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
     assert to_agent_clock(end_request, 500.0, 1000.0) == end_request.model_copy(update={"ends_by_s": 1500.0})
     unlimited_request = end_request.model_copy(update={"ends_by_s": None})
@@ -217,11 +223,11 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(tmp_path: Path):
     state = StateFolder(tmp_path / "state")
     state.make()
     clock = Clock(1.0, time.time())
-    port = launch(f"sim://{MODEL}", tmp_path / "emulator", clock)
+    port = launch(f"sim://{PRINTER_MODEL}", tmp_path / "emulator", clock)
     listener = RecordingListener()
 
     def make_fleet(name: str) -> Fleet:
-        return Fleet.model_validate({"printers": [{"name": name, "model": MODEL, "port": str(port)}]})
+        return Fleet.model_validate({"printers": [{"name": name, "model": PRINTER_MODEL, "port": str(port)}]})
 
     async def wait_until(manager: AgentManager, link: Link) -> None:
         async with asyncio.timeout(DEADLINE_S):
@@ -277,7 +283,7 @@ def run_connection(  # type: ignore[no-untyped-def]
 ) -> tuple[FakeClient, RecordingListener]:
     """Run a scenario on a connection; return its client and the listener."""
     listener = RecordingListener()
-    section = PrinterSection(name="a", model=MODEL, port=port)
+    section = PrinterSection(name="a", model=PRINTER_MODEL, port=port)
 
     async def main() -> FakeClient:
         agent_connection = AgentConnection("a", section, StateFolder(tmp_path), Clock(), listener)
@@ -341,7 +347,7 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
     asyncio.run(main(FaultyListener()))
 
 
-@pytest.mark.parametrize(("port", "bed_clear"), [("/dev/ttyACM0", None), (f"sim://{MODEL}", True)])
+@pytest.mark.parametrize(("port", "bed_clear"), [("/dev/ttyACM0", None), (f"sim://{PRINTER_MODEL}", True)])
 def test_snapshot_counts_for_the_printer_of_its_agent_and_only_an_emulator_reports_its_bed(
     tmp_path: Path, port: str, bed_clear: bool | None
 ):

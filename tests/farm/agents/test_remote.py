@@ -34,7 +34,7 @@ from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 from hosts.silent_network import SilentRoute
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 SCALE = 120.0
 DEADLINE_S = 120.0
 OUTAGE_S = 600.0  # by the farm's clock
@@ -204,8 +204,8 @@ def test_print_survives_a_network_failure_of_ten_minutes(
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     section = PrinterSection(
         name="a",
-        model=MODEL,
-        port=f"sim://{MODEL}",
+        model=PRINTER_MODEL,
+        port=f"sim://{PRINTER_MODEL}",
         host="pc-b",
         host_command=f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge",
     )
@@ -284,10 +284,10 @@ def test_estop_stops_a_printer_on_another_host_and_names_an_unreachable_one(tmp_
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(
         f"fleet: {{name: test}}\ndefaults: {{host: pc-b, host_command: '{command}'}}\n"
-        f"printers:\n  - {{name: a, model: {MODEL}, port: 'sim://{MODEL}'}}\n"
+        f"printers:\n  - {{name: a, model: {PRINTER_MODEL}, port: 'sim://{PRINTER_MODEL}'}}\n"
     )
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
-    launch(f"sim://{MODEL}", remote_folder / "emulator", Clock(SCALE, time.time()))
+    launch(f"sim://{PRINTER_MODEL}", remote_folder / "emulator", Clock(SCALE, time.time()))
     estop_command = [
         Path(sys.executable).with_name("farm"),
         "estop",
@@ -314,7 +314,12 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
     route_file = state.find_agent_folder("a") / "way.json"
 
     def make_manager(*names: str) -> AgentManager:
-        fields = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
+        fields = {
+            "model": PRINTER_MODEL,
+            "port": f"sim://{PRINTER_MODEL}",
+            "host": "pc-b",
+            "host_command": command,
+        }
         printers = [{"name": "b", "enabled": False, **fields}, *({"name": n, **fields} for n in names)]
         fleet_fields = {"fleet": {"name": "test"}, "printers": printers}
         return AgentManager(Fleet.model_validate(fleet_fields), state, clock, RecordingListener())
@@ -354,7 +359,9 @@ def test_names_of_farm_and_printer_cannot_lead_out_of_the_folder():
 
 
 def test_request_to_a_bridge_survives_serialisation():
-    request = BridgeRequest(BridgeTask.STOP, "test", StartFile("a", MODEL, "/dev/x", 1.0, 2.0, "relay"))
+    request = BridgeRequest(
+        BridgeTask.STOP, "test", StartFile("a", PRINTER_MODEL, "/dev/x", 1.0, 2.0, "relay")
+    )
     assert BridgeRequest.parse(request.serialise()) == request
     for line in (b"", b"{}", b'{"do": "dance", "farm": "x", "start": {}}', json.dumps([1]).encode()):
         with pytest.raises(AgentError):

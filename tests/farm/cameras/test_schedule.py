@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.cameras.schedule import (
     END_STILL_TIMEOUT_S,
     MAX_INTERVAL_S,
@@ -48,7 +48,7 @@ def test_dead_camera_is_polled_with_growing_intervals():
 
 def make_books_with_open_print():
     return apply_events(
-        make_printing_books(),
+        make_planned_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.PrintProgressed(print_id="x", at_s=3.0, state=PrintState.PRINTING, started_s=2.0, extruded=True),
     )[0]

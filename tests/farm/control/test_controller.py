@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS_MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, PLUS_MODEL, Farm
 from farm.control import scheduler
 from farm.errors import ErrorCode, FarmError, NotFoundError, RefusedError
 from farm.model import (
@@ -53,7 +53,7 @@ def farm(tmp_path):
 
 
 def test_job_waits_for_printers_then_uses_all_idle_and_clear_ones(farm):
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     assert farm.controller.books.jobs[1].hold.code is HoldCode.PRINTER_CONNECTING
     farm.report_ready("a")
     assert farm.effects.plans == []
@@ -65,7 +65,7 @@ def test_job_waits_for_printers_then_uses_all_idle_and_clear_ones(farm):
 def test_plate_is_reassigned_after_its_agent_confirmed_its_cancellation(tmp_path):
     farm = Farm(tmp_path, [PLUS_MODEL] * 3)
     farm.report_ready("a", "b", "c")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     first_print = farm.controller.books.find_open_print("a")
@@ -81,10 +81,10 @@ def test_plate_is_reassigned_after_its_agent_confirmed_its_cancellation(tmp_path
 
 def test_unmatched_job_does_not_block_the_next_one(farm):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(material="generic_abs"))
-    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
-    farm.jobs.submit("t" * 8, "o.stl", MODEL, JobOptions())
-    farm.jobs.submit("u" * 8, "p.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(material="generic_abs"))
+    farm.jobs.submit("s" * 8, "n.stl", INSPECTED_MODEL, JobOptions())
+    farm.jobs.submit("t" * 8, "o.stl", INSPECTED_MODEL, JobOptions())
+    farm.jobs.submit("u" * 8, "p.stl", INSPECTED_MODEL, JobOptions())
     assert farm.effects.plans == [(2, ["a", "b"], 1), (3, ["a", "b"], 1)]
     holds = {job.id: job.hold and job.hold.code for job in farm.controller.books.jobs.values()}
     assert holds == {1: HoldCode.NO_SUCH_PRINTER, 2: None, 3: None, 4: HoldCode.NOT_FIRST}
@@ -109,23 +109,23 @@ def test_own_gcode_is_planned_for_one_matching_printer(farm):
 
 
 def test_repeated_request_returns_the_same_job(farm):
-    assert farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()) == (1, False)
-    assert farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()) == (1, True)
-    assert farm.jobs.submit("s" * 8, "m.stl", MODEL, JobOptions()) == (2, False)
+    assert farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions()) == (1, False)
+    assert farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions()) == (1, True)
+    assert farm.jobs.submit("s" * 8, "m.stl", INSPECTED_MODEL, JobOptions()) == (2, False)
 
 
 def test_model_with_more_parts_than_printers_is_planned_in_rounds(farm):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.controller.on_plan(1, TooFewPrinters("needs 5", 5))
     assert farm.effects.plans[-1] == (1, ["a", "b"], 3)
 
 
 def test_failed_plan_fails_its_job_and_the_next_one_starts(farm):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     for request in "st":
-        farm.jobs.submit(request * 8, "n.stl", MODEL, JobOptions())
+        farm.jobs.submit(request * 8, "n.stl", INSPECTED_MODEL, JobOptions())
     assert farm.controller.books.jobs[3].hold.code is HoldCode.NOT_FIRST
     farm.controller.on_plan(1, FarmError("parts overlap", ErrorCode.GEOMETRY))
     job = farm.controller.books.jobs[1]
@@ -136,7 +136,7 @@ def test_failed_plan_fails_its_job_and_the_next_one_starts(farm):
 
 def test_plan_of_a_cancelled_job_is_discarded(farm, plan):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.jobs.cancel(1, "ann")
     assert ev.StopPlanning(job=1) in farm.effects.instructions
     farm.controller.on_plan(1, plan)
@@ -147,7 +147,7 @@ def test_plan_of_a_cancelled_job_is_discarded(farm, plan):
 
 def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_path):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     starts = [i for i in farm.effects.instructions if isinstance(i, ev.SendStart)]
     assert [s.printer for s in starts] == ["a", "b"]
@@ -161,7 +161,7 @@ def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_p
 def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
     """Drop the start for a disconnected agent, because it would heat while no person is present."""
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     assert any(isinstance(i, ev.SendStart) for i in farm.effects.instructions)
     quiet_farm = Farm(tmp_path, quiet="00:00-24:00")
@@ -174,7 +174,7 @@ def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
 
 def test_planning_is_repeated_after_the_daemon_died(farm, tmp_path):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.store.close()
     restarted_farm = Farm(tmp_path)
     restarted_farm.report_ready("a", "b")
@@ -184,7 +184,7 @@ def test_planning_is_repeated_after_the_daemon_died(farm, tmp_path):
 def test_job_is_planned_while_every_bed_is_full(farm, plan):
     farm.report_ready("a", "b", bed_clear=False)
     assert {p.bed for p in farm.controller.books.printers.values()} == {Bed.NOT_CLEAR}
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     assert farm.effects.plans == [(1, ["a", "b"], 1)]
     farm.controller.on_plan(1, plan)
     view = describe_job(farm.build_view_context(STATE), farm.controller.books.jobs[1])
@@ -198,8 +198,8 @@ def test_job_is_planned_while_every_bed_is_full(farm, plan):
 
 def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
+    farm.jobs.submit("s" * 8, "n.stl", INSPECTED_MODEL, JobOptions())
     assert farm.effects.plans == [(1, ["a", "b"], 1), (2, ["a", "b"], 1)]
     farm.controller.on_plan(1, plan)
     event = make_plan_event(2, 2)
@@ -217,13 +217,13 @@ def test_printer_with_a_fault_is_not_used_and_shows_its_reason(farm):
     view = describe_printer(farm.build_view_context(STATE), farm.controller.fleet.find_printer("a"), None)
     assert (view.state, view.look) == ("fault", "it does not get warm")
     farm.report_ready("b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     assert farm.effects.plans == [(1, ["b"], 1)]
 
 
 def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     with pytest.raises(RefusedError, match="a is not printing"):
         farm.printers.set_paused("a", True, "ann")
     farm.controller.on_plan(1, plan)
@@ -269,7 +269,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
 def test_temperatures_and_progress_do_not_run_the_scheduler(farm, plan, monkeypatch):
     """Show telemetry at once, at a cost independent of the number of waiting plates."""
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.find_open_print("a")
     runs = []
@@ -306,7 +306,7 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkey
     monkeypatch.setattr(FakeClock, "now_s", START_S)
     farm.controller.clock = FakeClock()
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 3)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
 
@@ -344,7 +344,7 @@ def test_start_writes_few_bytes_while_many_plates_wait(farm, monkeypatch):
         sizes.setdefault(type(event).__name__, []).append(sum(map(len, texts)))
 
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 100)
     monkeypatch.setattr(farm.store, "commit", record_size)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
@@ -371,7 +371,7 @@ def test_report_that_was_not_stored_is_handled_when_repeated(farm):
 
 def test_effects_before_an_error_are_performed(farm, plan):
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
     attempt = farm.controller.books.find_open_print("a")
     pause = ev.PauseRequested(at_s=1.0, print_id=attempt.id, wanted=True)

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS_MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, PLUS_MODEL, Farm
 from drivers.clock import Clock
 from farm.cli.display.job_page import render_job
 from farm.model import (
@@ -43,7 +43,7 @@ def farm(tmp_path):
     """Make a farm with two copies of a model of two parts, on four printers."""
     farm = Farm(tmp_path, models=(PLUS_MODEL,) * 4, clock=StoppedClock())
     farm.report_ready("a", "b", "c", "d")
-    farm.jobs.submit("r" * 8, "vase.stl", MODEL, OPTIONS)
+    farm.jobs.submit("r" * 8, "vase.stl", INSPECTED_MODEL, OPTIONS)
     event = make_plan_event(plates=2)
     single_plan = Plan(event.parts, event.plates, event.repairs, 1.0, 180.0, 100.0, None)
     task = DecomposeTask(1, tmp_path, OPTIONS, farm.controller.fleet.printers, 1, tmp_path)

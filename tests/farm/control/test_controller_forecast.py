@@ -8,7 +8,7 @@ from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
@@ -52,7 +52,7 @@ class ForecastSimulation:
 
     def plan_job(self, durations_h, options):
         request = f"r{len(self.controller.books.jobs):07d}"
-        number, _ = self.farm.jobs.submit(request, "m.stl", MODEL, options)
+        number, _ = self.farm.jobs.submit(request, "m.stl", INSPECTED_MODEL, options)
         if self.controller.books.jobs[number].state is JobState.QUEUED:
             self.controller.handle(ev.PlanningStarted(at_s=self.clock.now_s, job=number))
         event = make_plan_event(number, len(durations_h))

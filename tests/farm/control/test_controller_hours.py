@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.errors import RefusedError
 from farm.model import AgentPrint, AgentSnapshot, Bed, HoldCode, JobOptions, Link, PrintState
 from farm.paths import StateFolder
@@ -42,7 +42,7 @@ def farm(tmp_path):
     farm = Farm(tmp_path, timezone="UTC", attended=["mon-fri 08:00-18:00"])
     farm.controller.clock, farm.controller.started_s = Clock(FRIDAY_S), FRIDAY_S - 3600.0
     farm.report_ready("a", reset_verified=False)
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     return farm
@@ -190,10 +190,10 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
         parse_time_s("2026-11-20 02:00"),
     )
     farm.report_ready("a")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
-    farm.jobs.submit("s" * 8, "m.stl", MODEL, JobOptions(at="12:00"), "ann")
+    farm.jobs.submit("s" * 8, "m.stl", INSPECTED_MODEL, JobOptions(at="12:00"), "ann")
     assert farm.controller.books.find_open_print("a") is None
     farm.controller.clock.now_s += 7 * 3600.0
     farm.controller.on_clock_set(7 * 3600.0)

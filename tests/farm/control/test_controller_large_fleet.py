@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS_MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, PLUS_MODEL, Farm
 from farm.control import controller, scheduler
 from farm.model import AgentPrint, JobOptions, Link, PrintState
 from farm.planning import Plan
@@ -25,7 +25,7 @@ def farm(tmp_path, monkeypatch):
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
     farm.controller.tick()
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     farm.report_ready("a", "b", link=Link.STARTING)
     event = make_plan_event(1, 2)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
@@ -96,7 +96,9 @@ def test_starts_that_cannot_be_written_together_leave_the_books_unchanged(farm, 
 def plan_jobs(farm, plate_counts):
     """Submit and plan one job for each number of plates; no printer is ready yet."""
     for number, count in enumerate(plate_counts, 1):
-        farm.jobs.submit(str(number) * 8, "m.stl", MODEL, JobOptions(printers=count % 3 or None), "ann")
+        farm.jobs.submit(
+            str(number) * 8, "m.stl", INSPECTED_MODEL, JobOptions(printers=count % 3 or None), "ann"
+        )
         event = make_plan_event(number, count)
         plan = Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None)
         farm.controller.handle(ev.PlanningStarted(at_s=1.0, job=number))

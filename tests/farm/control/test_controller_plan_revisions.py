@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS_MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, PLUS_MODEL, Farm
 from farm.control.controller import Controller
 from farm.errors import FarmError
 from farm.model import HoldCode, JobOptions, JobState, Link, PlanProgress, PlanStep
@@ -46,7 +46,7 @@ def farm(tmp_path):
 
 
 def submit_planned_job(farm, **options):
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(**options))
     assert farm.effects.plans == [(1, ["a", "b"], 1)]
     farm.controller.on_plan(1, make_plan(1, [8.0, 8.0], "ab"))
     assert farm.controller.books.jobs[1].planned_for == ("a", "b")
@@ -175,7 +175,7 @@ def test_each_scheduling_run_starts_one_job_if_the_forecasts_are_large(tmp_path,
     farm = Farm(tmp_path, [PLUS_MODEL] * 8)
     farm.report_ready(*"abcdefgh", bed_clear=False)
     for number in (1, 2, 3):
-        farm.jobs.submit(f"{number:08d}", "m.stl", MODEL, JobOptions(printers=2))
+        farm.jobs.submit(f"{number:08d}", "m.stl", INSPECTED_MODEL, JobOptions(printers=2))
         farm.controller.on_plan(number, make_plan(number, [8.0, 8.0], farm.effects.plans[-1][1]))
     controller: Controller = farm.controller
     controller.is_stopping = True

@@ -3,7 +3,7 @@
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
@@ -21,7 +21,7 @@ class Scenario:
         self.farm = Farm(folder, clock=self.clock)
         self.state = StateFolder(folder)
         self.farm.report_ready("a", "b")
-        self.farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+        self.farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
         event = make_plan_event(1, 2)
         self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
 

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS_MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, PLUS_MODEL, Farm
 from farm.control.telemetry import MAX_REFUSALS
 from farm.errors import FarmError
 from farm.model import JobOptions, JobState, PrintState, Verdict
@@ -22,7 +22,7 @@ PLATE_COUNT = 3
 
 def check_books(simulation):
     """Compare the books, in memory and as stored, with the prints that the simulated printers made."""
-    good_plates = [plate for plate, _, verdict in simulation.judged_prints if verdict is Verdict.GOOD]
+    good_plates = [plate for plate, _, verdict in simulation.completed_prints if verdict is Verdict.GOOD]
     # No plate is lost, none is printed twice.
     assert sorted(good_plates) == [f"1/0{i}" for i in range(1, PLATE_COUNT + 1)]
     books = simulation.controller.books
@@ -61,7 +61,7 @@ def test_no_state_is_lost_if_killed_at_any_commit(is_killed_after, commit_count,
         folder.mkdir()
         simulation = FarmSimulation(folder, PLATE_COUNT, kills=[number], is_killed_after=is_killed_after)
         simulation.run()
-        assert simulation.restarts == 1
+        assert simulation.restart_count == 1
         check_books(simulation)
 
 
@@ -109,7 +109,7 @@ def test_full_disk_is_reported_and_starts_nothing(tmp_path):
     simulation.store._db.execute("PRAGMA max_page_count = 1")
     with pytest.raises(FarmError, match="full; nothing was started"):
         for number in range(200):
-            simulation.jobs.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
+            simulation.jobs.submit(f"request-{number}", "m.stl", INSPECTED_MODEL, JobOptions())
     assert all(agent.print_id is None for agent in simulation.agents.values())
 
 
@@ -117,7 +117,7 @@ def test_full_disk_of_an_agent_is_not_counted_as_an_attempt(tmp_path):
     """Use a disk that is too full for a plate's file, but not for the books."""
     farm = Farm(tmp_path, (PLUS_MODEL,) * 4)
     farm.report_ready(*"abcd")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     for _ in "abcd":

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
@@ -32,21 +32,26 @@ PLATE_COUNT = 4
 PLANNED_S = 1_790_000_000.0
 
 
-def run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable=(), unreachable_minutes=0):
+def run_with_restore(
+    simulation, folder, minutes_until_copy, minutes_until_restore, unreachable=(), unreachable_minutes=0
+):
     """Run a job to its end and yield each minute; copy the books in one minute and restore them later."""
     planned_minute, copy = None, folder / "copy.db"
     for minute in itertools.count():
         assert minute < 300, simulation.controller.books
         if planned_minute is None and simulation.controller.books.plates:
             planned_minute = minute
-        if planned_minute is not None and minute == planned_minute + copy_minute:
+        if planned_minute is not None and minute == planned_minute + minutes_until_copy:
             copy_books(simulation.path, copy, simulation.clock.now())
-        if planned_minute is not None and minute == planned_minute + copy_minute + damage_minute:
+        if (
+            planned_minute is not None
+            and minute == planned_minute + minutes_until_copy + minutes_until_restore
+        ):
             simulation.restore(copy)
             simulation.unreachable_agents = frozenset(unreachable)
         if (
             planned_minute is not None
-            and minute == planned_minute + copy_minute + damage_minute + unreachable_minutes
+            and minute == planned_minute + minutes_until_copy + minutes_until_restore + unreachable_minutes
         ):
             simulation.unreachable_agents = frozenset()
         yield minute
@@ -62,8 +67,8 @@ def run_with_restore(simulation, folder, copy_minute, damage_minute, unreachable
 def check_books(simulation):
     books = simulation.controller.books
     done_prints = [p for p in books.prints.values() if p.state is PrintState.DONE]
-    assert len(done_prints) == len(simulation.judged_prints) == PLATE_COUNT
-    assert {verdict for *_, verdict in simulation.judged_prints} == {Verdict.GOOD}
+    assert len(done_prints) == len(simulation.completed_prints) == PLATE_COUNT
+    assert {verdict for *_, verdict in simulation.completed_prints} == {Verdict.GOOD}
     started_prints = {name: p for name, p in books.prints.items() if p.started_s is not None}
     assert {
         name: (p.printer, p.started_s, p.ended_s) for name, p in started_prints.items()
@@ -74,24 +79,24 @@ def check_books(simulation):
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    copy_minute=st.integers(0, 12),
-    damage_minute=st.integers(0, 14),
+    minutes_until_copy=st.integers(0, 12),
+    minutes_until_restore=st.integers(0, 14),
     unreachable=st.sets(st.sampled_from("ab")),
     unreachable_minutes=st.integers(0, 8),
     files=st.sampled_from([1, 2, PLATE_COUNT]),
 )
 def test_restored_backup_neither_loses_nor_repeats_a_plate(
-    copy_minute, damage_minute, unreachable, unreachable_minutes, files, tmp_path_factory
+    minutes_until_copy, minutes_until_restore, unreachable, unreachable_minutes, files, tmp_path_factory
 ):
     """Let a person approve the job at once, and let some agents connect later."""
     folder = tmp_path_factory.mktemp("copied")
     simulation = FarmSimulation(folder, PLATE_COUNT, bad_prints=(), files=files)
     for _ in run_with_restore(
-        simulation, folder, copy_minute, damage_minute, unreachable, unreachable_minutes
+        simulation, folder, minutes_until_copy, minutes_until_restore, unreachable, unreachable_minutes
     ):
         pass
     if files == PLATE_COUNT:
-        assert sorted(plate for plate, *_ in simulation.judged_prints) == [
+        assert sorted(plate for plate, *_ in simulation.completed_prints) == [
             f"1/0{i + 1}" for i in range(PLATE_COUNT)
         ]
     check_books(simulation)
@@ -100,7 +105,7 @@ def test_restored_backup_neither_loses_nor_repeats_a_plate(
 def restore_farm(folder, plates=1, first_print_id=None):
     """Make a farm with restored books: a job is planned, and its first plate may be assigned to `a`."""
     farm = Farm(folder)
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, plates)
     farm.controller.handle(ev.PlanningStarted(at_s=PLANNED_S, job=1))
     farm.controller.handle(event.model_copy(update={"at_s": PLANNED_S}))

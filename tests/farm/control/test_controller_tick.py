@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.control import scheduler
 from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link, Reel
 from farm.planning import Plan
@@ -48,7 +48,7 @@ def farm(tmp_path, calls):
     farm = Farm(tmp_path, clock=Clock(NIGHT_S), timezone="UTC", quiet=["22:00-06:00"])
     farm.controller.started_s = NIGHT_S - 3600.0
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     calls.clear()
@@ -147,7 +147,7 @@ def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
     farm.report_ready("a", "b", "c")
     reel = Reel(material="generic_pla", nozzle_mm=0.4, grams=10.0)
     farm.controller.handle(ev.ReelLoaded(at_s=NIGHT_S, printer="c", reel=reel, by="ann"))
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(spares=1), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(spares=1), "ann")
     event = make_plan_event(1, 2)
     plates = [
         plate.model_copy(update={"printer": printer, "grams": 50.0})

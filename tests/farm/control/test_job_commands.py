@@ -8,7 +8,7 @@ from datetime import datetime
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.api import LoadRequest
 from farm.config import FieldError
 from farm.control import job_commands, printer_commands
@@ -48,7 +48,7 @@ def farm(tmp_path):
     return farm
 
 
-def submit_job(farm, name="r", model=MODEL, **options):
+def submit_job(farm, name="r", model=INSPECTED_MODEL, **options):
     return farm.jobs.submit(name * 8, "m.stl", model, JobOptions(**options))[0]
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from books.make_books import make_job as make_job
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.control.job_commands import DRY_RUN_TIMEOUT_S, PAGE_DRY_RUN_TIMEOUT_S, DryRuns
 from farm.errors import RefusedError
 from farm.model import JobOptions, JobState
@@ -17,7 +17,7 @@ from farm.views.tasks import list_request_tasks
 
 
 def submit_job(farm, name, **options):
-    return farm.jobs.submit(name * 8, "m.stl", MODEL, JobOptions(**options), "ann")[0]
+    return farm.jobs.submit(name * 8, "m.stl", INSPECTED_MODEL, JobOptions(**options), "ann")[0]
 
 
 def test_abandoned_dry_run_is_cancelled(tmp_path):

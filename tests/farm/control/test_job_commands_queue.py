@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.api import QueueMove, QueuePlace
 from farm.errors import FarmError, NotFoundError, RefusedError
 from farm.model import HoldCode, JobOptions
@@ -23,7 +23,7 @@ def farm(tmp_path):
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
     for number in (1, 2, 3):
-        farm.jobs.submit(f"request-{number}", f"m{number}.stl", MODEL, JobOptions())
+        farm.jobs.submit(f"request-{number}", f"m{number}.stl", INSPECTED_MODEL, JobOptions())
         event = make_plan_event(number, 3)
         plates = tuple(plate.model_copy(update={"printer": "a"}) for plate in event.plates)
         farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0, None))

@@ -8,7 +8,7 @@ from queue import SimpleQueue
 import pytest
 from pydantic import SecretStr
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.config import Fleet
 from farm.control.notifier import Notifier, delete_record
 from farm.errors import FleetFileError
@@ -45,7 +45,7 @@ def server():
 
 def make_printed_books():
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
-    return apply_events(make_printing_books(plates=1), assigned_event, make_end_event("x"))[0]
+    return apply_events(make_planned_books(plates=1), assigned_event, make_end_event("x"))[0]
 
 
 def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
@@ -65,7 +65,7 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
     restarted_notifier.notify(make_printed_books(), 530.0)
     failed_event = make_end_event("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
     assigned_event = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
-    books, _ = apply_events(make_printing_books(plates=2), assigned_event, failed_event)
+    books, _ = apply_events(make_planned_books(plates=2), assigned_event, failed_event)
     restarted_notifier.notify(books, 700.0)
     assert posts.get(timeout=TIME_LIMIT_S)["message"] == "1/p02 failed on b: it was killed"
     assert posts.empty()

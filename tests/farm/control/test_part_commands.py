@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from drivers.clock import Clock
 from farm.control.telemetry import MAX_REFUSALS
 from farm.errors import NotFoundError, RefusedError
@@ -36,7 +36,7 @@ def farm(tmp_path):
     """Make a job of three parts on two printers: two are printed, one waits."""
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 3)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     return farm
@@ -219,7 +219,7 @@ def test_idle_printers_lost_together_are_an_outage(tmp_path):
 
 
 def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
-    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(hold=True))
+    farm.jobs.submit("s" * 8, "n.stl", INSPECTED_MODEL, JobOptions(hold=True))
     event = make_plan_event(2, 1)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     for name in "ab":

@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from browser.http_caller import DAEMON_USER, call_as
 from farm.cli.commands.operate import find_target_path
 from farm.control import DryRuns
@@ -22,7 +22,7 @@ def farm(tmp_path):
     """Serve a job of two parts, which two printers print, through the daemon's routes."""
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 2)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     now_s = farm.controller.clock.now()

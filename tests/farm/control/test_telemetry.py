@@ -5,7 +5,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.make_books import apply_events, make_printing_books
+from books.make_books import apply_events, make_planned_books
 from farm.control.telemetry import TEMPERATURE_RETENTION_S, Telemetry, TemperatureRecord, compare_snapshot
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.state import events as ev
@@ -19,7 +19,7 @@ def make_books():
     started_event = ev.PrintProgressed(
         at_s=3.0, print_id="p", state=PrintState.PRINTING, started_s=3.0, extruded=True
     )
-    return apply_events(make_printing_books(), assigned_event, started_event)[0]
+    return apply_events(make_planned_books(), assigned_event, started_event)[0]
 
 
 BOOKS = make_books()

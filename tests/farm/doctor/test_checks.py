@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from drivers.messages import PROTOCOL
 from farm.config import Fleet
 from farm.doctor.checks import check_installation
@@ -33,11 +33,11 @@ from slicing.settings import find_engine
 
 NOW_S = 1_790_000_000.0
 BOOKS = apply_events(
-    make_printing_books(),
+    make_planned_books(),
     ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
     make_end_event("x"),
 )[0]
-SPOILT_BOOKS = put(BOOKS, replace_fields(BOOKS.printers["a"], bed=Bed.CLEAR))
+INCONSISTENT_BOOKS = put(BOOKS, replace_fields(BOOKS.printers["a"], bed=Bed.CLEAR))
 FLEET = Fleet.model_validate(
     {
         "fleet": {"timezone": "Europe/London", "operators": "ops"},
@@ -91,7 +91,7 @@ CASES = {
         "plate 3 was changed",
     ),
     "inconsistent books": (
-        {"books": BooksFacts("/s/farm.db", schema_version=SCHEMA_VERSION, books=SPOILT_BOOKS)},
+        {"books": BooksFacts("/s/farm.db", schema_version=SCHEMA_VERSION, books=INCONSISTENT_BOOKS)},
         "problem",
         "database",
         "printer a: its bed is clear, and print x on it is not judged",

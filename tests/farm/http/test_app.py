@@ -24,13 +24,15 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
 from model_files.make_gcode import make_marlin
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 @pytest.fixture
 def daemon(tmp_path):
     """Make a controller and its application, with one printer that is ready."""
-    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    fleet = Fleet.model_validate(
+        {"printers": [{"name": "a", "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"}]}
+    )
     state = StateFolder(tmp_path / "state")
     state.make()
     controller = Controller(fleet, Store(state.books), Clock(), list_bed_boxes)

@@ -28,14 +28,14 @@ from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 NON_MEMBER = Person(uid=54321, gid=54321)
 GROUP = grp.getgrgid(os.getgid()).gr_name
 NO_GROUP = "no-such-group-here"
 
 
 def build_app(folder, **fleet):
-    rows = [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]
+    rows = [{"name": "a", "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"}]
     checked_fleet = Fleet.model_validate({"fleet": fleet, "printers": rows})
     state = StateFolder(folder / "state")
     state.make()

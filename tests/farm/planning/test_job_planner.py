@@ -22,7 +22,7 @@ from farm.planning.plan import MIN_REBALANCE_DELAY_S, Plan, PlanRequest, SlicedJ
 from farm.planning.plan_builder import PlanBuilder
 from farm.views import list_tasks
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def state(tmp_path):
 
 def plan_job(state, job, time_factor=1.0):
     """Plan a job for two printers with this time factor; return the planner's events and the plan."""
-    printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
+    printers = [{"name": n, "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"} for n in "ab"]
     fleet = Fleet.model_validate({"printers": printers})
     reports = []
 

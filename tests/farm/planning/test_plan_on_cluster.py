@@ -19,12 +19,12 @@ from farm.planning.job_planner import JobPlanner
 from farm.planning.parts import drawings
 from farm.planning.plan import PlanRequest
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 GUILLOTINE_OPTIONS = JobOptions(engine="guillotine")
 ROUNDS_BUDGET_S = 20.0
 """Budget of a search that makes a round of several attempts to cut the bar."""
 FLEET = Fleet.model_validate(
-    {"printers": [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "abc"]}
+    {"printers": [{"name": n, "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"} for n in "abc"]}
 )
 
 
@@ -98,7 +98,7 @@ def test_cluster_makes_the_same_plan_as_this_computer(planned_job, bar, tmp_path
         job = make_job(remote_state, bar)
         async with run_cluster(tmp_path / "cluster", ["w1", "w2"]) as (pool, _):
             remote_plan = await plan_job(remote_state, job, pool)
-            assert pool.own.calls == []
+            assert pool.recording_pool.calls == []
         return remote_plan
 
     remote_plan = asyncio.run(main())
@@ -147,7 +147,7 @@ def test_parallel_attempts_make_the_same_plan_as_one_worker(bar, tmp_path):
         try:
             async with run_cluster(tmp_path / "cluster", list(pools), pools) as (pool, _):
                 result = await plan_job(state, job, pool, ROUNDS_BUDGET_S)
-                assert pool.own.calls == []
+                assert pool.recording_pool.calls == []
             return result
         finally:
             for workers in pools.values():

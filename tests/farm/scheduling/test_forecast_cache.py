@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from books.make_books import make_printing_books
+from books.make_books import make_planned_books
 from books.scheduling_examples import make_printer, make_situation
 from farm.scheduling import forecast_cache
 from farm.scheduling.forecast_cache import ForecastCache
@@ -17,7 +17,7 @@ class CachedForecast:
     scale = 2.0
 
     def __init__(self):
-        self.books, self.now_s, self.situation_count = make_printing_books(plates=2), 1000.0, 0
+        self.books, self.now_s, self.situation_count = make_planned_books(plates=2), 1000.0, 0
         self.cache = ForecastCache(self, lambda: self.books, self._make_situation)
 
     def now(self):
@@ -30,7 +30,7 @@ class CachedForecast:
 
     def set_time_and_queue(self, now_s, plates):
         """Set the time, and fill the queue with this number of plates."""
-        self.now_s, self.books = now_s, make_printing_books(plates=plates)
+        self.now_s, self.books = now_s, make_planned_books(plates=plates)
 
 
 @pytest.fixture

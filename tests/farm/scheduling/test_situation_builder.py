@@ -12,7 +12,7 @@ from books.make_books import (
     make_end_event,
     make_job,
     make_plan_event,
-    make_printing_books,
+    make_planned_books,
 )
 from books.recording_controller import make_fleet
 from drivers.errors import Fault
@@ -63,7 +63,7 @@ def make_events(step, books, number):
 @settings(max_examples=50)
 @given(st.lists(STEPS, max_size=12), st.booleans())
 def test_cached_description_equals_a_new_one(steps, is_absent):
-    books, builder = make_printing_books(plates=5), SituationBuilder(list_bed_boxes)
+    books, builder = make_planned_books(plates=5), SituationBuilder(list_bed_boxes)
     for number, step in enumerate(steps):
         new_events = [] if books.jobs[1].state.ended else make_events(step, books, number)
         books, _ = apply_events(books, *new_events)
@@ -88,7 +88,7 @@ def test_printer_with_an_unverified_dead_man_timer_prints_only_in_attended_hours
     real_section = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
     simulated_section = real_section.model_copy(update={"port": "sim://creality_ender3"})
     plus_section = real_section.model_copy(update={"model": "ultimaker2_plus"})
-    books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
+    books, builder = make_planned_books(plates=1), SituationBuilder(list_bed_boxes)
     fleets = [Fleet(printers=(item,)) for item in (real_section, simulated_section, plus_section)]
     printers = [builder.describe_printers(fleet, books, {})[0] for fleet in fleets]
     assert [item.may_print_unattended for item in printers] == [False, True, True]
@@ -97,7 +97,7 @@ def test_printer_with_an_unverified_dead_man_timer_prints_only_in_attended_hours
 
 
 def test_description_of_one_printer_equals_that_in_the_fleet_unless_it_is_disabled():
-    books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
+    books, builder = make_planned_books(plates=1), SituationBuilder(list_bed_boxes)
     views = builder.describe_printers(FLEET, books, READY_SNAPSHOTS)
     assert [builder.describe_printer(FLEET, name, books, READY_SNAPSHOTS) for name in PRINTERS] == list(views)
     assert builder.describe_printer(FLEET, "z", books, READY_SNAPSHOTS) is None
@@ -114,7 +114,7 @@ def test_only_changed_entities_are_described_again():
         ev.PlanningStarted(at_s=0.0, job=2),
         make_plan_event(2, plates=3),
     )
-    books, _ = apply_events(make_printing_books(plates=2), *second_job_events)
+    books, _ = apply_events(make_planned_books(plates=2), *second_job_events)
     builder = SituationBuilder(list_bed_boxes)
     old_plates, printers = (
         list(builder.describe_waiting_plates(books)),
@@ -142,7 +142,7 @@ def test_only_changed_entities_are_described_again():
 
 
 def test_capabilities_have_a_name_only_if_a_job_requests_it():
-    books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
+    books, builder = make_planned_books(plates=1), SituationBuilder(list_bed_boxes)
     requesting_job = make_job(2).model_copy(update={"options": JobOptions(only=("b",))})
     for events, names in (
         ([], [None, None, None]),
@@ -159,7 +159,7 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
 
 @given(st.floats(0, 200), st.floats(-300, 300), st.sampled_from(["print", "another", None]))
 def test_end_of_a_running_print_equals_the_end_shown_for_its_printer(progress_s, offset_s, reported_id):
-    books = make_printing_books(plates=2)
+    books = make_planned_books(plates=2)
     books, _ = apply_events(books, ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="print"))
     report = AgentPrint(
         print_id=reported_id or "", state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,

@@ -14,7 +14,7 @@ from books.make_books import (
     make_fleet_events,
     make_job,
     make_plan_event,
-    make_printing_books,
+    make_planned_books,
 )
 from farm.errors import ErrorCode, NotFoundError
 from farm.model import (
@@ -33,7 +33,7 @@ from farm.state.transitions import apply
 
 def test_job_is_printed_when_its_last_print_ends():
     books, instructions = apply_events(
-        make_printing_books(),
+        make_planned_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="y"),
         make_end_event("x", at_s=150.0),
@@ -51,7 +51,7 @@ def test_job_is_printed_when_its_last_print_ends():
 
 def test_no_plate_is_assigned_to_a_printer_that_is_booked_or_not_clear():
     books, _ = apply_events(
-        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+        make_planned_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
     with pytest.raises(InvalidTransition, match="printer a is printing"):
         apply(ev.PlateAssigned(at_s=2.0, plate="1/02", printer="a", print_id="y"), books)
@@ -62,7 +62,7 @@ def test_no_plate_is_assigned_to_a_printer_that_is_booked_or_not_clear():
 
 def test_only_a_person_makes_a_bed_clear():
     books, _ = apply_events(
-        make_printing_books(),
+        make_planned_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x"),
         ev.BedReported(at_s=201.0, printer="a", bed=Bed.CLEAR, filament=FilamentState.PARKED),
@@ -75,7 +75,7 @@ def test_only_a_person_makes_a_bed_clear():
 
 def test_failed_print_needs_clearing_and_inspection_and_is_retried():
     books, _ = apply_events(
-        make_printing_books(plates=1),
+        make_planned_books(plates=1),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x", PrintState.FAILED, fault="reboot", reason="the board was reset", extruded=False),
     )
@@ -85,7 +85,7 @@ def test_failed_print_needs_clearing_and_inspection_and_is_retried():
 
 
 def test_plate_that_fails_too_often_fails_its_job():
-    books = make_printing_books(plates=1)
+    books = make_planned_books(plates=1)
     for attempt in range(MAX_ATTEMPTS):
         assert books.jobs[1].state is JobState.PRINTING
         books, _ = apply_events(
@@ -101,7 +101,7 @@ def test_plate_that_fails_too_often_fails_its_job():
 
 def test_cancelled_job_ends_its_prints_without_retries():
     books, instructions = apply_events(
-        make_printing_books(),
+        make_planned_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.JobCancelled(at_s=50.0, job=1),
     )
@@ -114,7 +114,7 @@ def test_cancelled_job_ends_its_prints_without_retries():
 
 def test_bad_part_of_a_cancelled_job_is_not_printed_when_another_part_is_reprinted():
     books, _ = apply_events(
-        make_printing_books(),
+        make_planned_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x"),
         ev.JobCancelled(at_s=300.0, job=1),

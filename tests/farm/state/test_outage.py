@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
 from farm.state.outage import OUTAGE_WINDOW_S, compute_outage_window_s, find_printers_lost_together
@@ -29,7 +29,7 @@ TWO_PLATES = (("1/01", "a"), ("1/02", "b"))
 
 def test_losses_within_the_window_are_one_outage_without_charged_attempts():
     books, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0)
+        make_planned_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0)
     )
     assert (books.outage, books.prints["a"].charged) == (None, True)
     books, _ = apply_events(books, make_loss_event("b", 100.0 + OUTAGE_WINDOW_S, fault="agent_died"))
@@ -50,10 +50,10 @@ def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     ]
     second_loss = make_loss_event("b", 250.0)  # 0.5 s of wall time after the first loss
     books_with_real_printers, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_loss
+        make_planned_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_loss
     )
     assert books_with_real_printers.outage is None
-    fast_books = replace(make_printing_books(), outage_window_s=compute_outage_window_s(300.0))
+    fast_books = replace(make_planned_books(), outage_window_s=compute_outage_window_s(300.0))
     fast_books, _ = apply_events(
         fast_books, *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_loss
     )
@@ -65,14 +65,14 @@ def test_outage_window_covers_reporting_delays_on_a_fast_clock():
 )
 def test_failures_that_are_no_outage_count_as_attempts(second_failure):
     books, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_failure
+        make_planned_books(), *make_assigned_events(*TWO_PLATES), make_loss_event("a", 100.0), second_failure
     )
     assert books.outage is None
     assert [books.prints[name].charged for name in "ab"] == [True, True]
 
 
 def test_job_continues_after_failures_caused_by_an_outage():
-    books = make_printing_books(plates=1)
+    books = make_planned_books(plates=1)
     for attempt in range(MAX_ATTEMPTS - 1):
         name = f"x{attempt}"
         books, _ = apply_events(
@@ -116,7 +116,7 @@ def test_failure_before_an_outage_stays_charged():
         *make_assigned_events(("1/02", "b")),
     )
     books, _ = apply_events(
-        make_printing_books(), *earlier_events, make_loss_event("again", 100.0), make_loss_event("b", 101.0)
+        make_planned_books(), *earlier_events, make_loss_event("again", 100.0), make_loss_event("b", 101.0)
     )
     assert books.outage.printers == ("a", "b")
     assert {name: attempt.charged for name, attempt in books.prints.items()} == {

@@ -2,7 +2,7 @@
 
 import pytest
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.errors import ErrorCode
 from farm.model import Bed, JobState, PrintState, Verdict
 from farm.state import events as ev
@@ -21,7 +21,7 @@ def make_cleared_event(printer, verdict=Verdict.GOOD):
 
 
 def make_printed_books(plates=1):
-    books = make_printing_books(plates=plates)
+    books = make_planned_books(plates=plates)
     for number, printer in zip(range(1, plates + 1), "abc", strict=False):
         books, _ = apply_events(
             books, make_assigned_event(f"1/{number:02d}", printer, printer), make_end_event(printer)
@@ -82,7 +82,7 @@ def test_second_clearing_of_a_bed_does_not_change_the_verdict():
 def test_print_failed_by_a_person_is_repeated(end_state):
     requested_event = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     books, instructions = apply_events(
-        make_printing_books(plates=1),
+        make_planned_books(plates=1),
         make_assigned_event("1/01", "a", "x"),
         requested_event,
         make_end_event("x", end_state),
@@ -101,14 +101,14 @@ def test_fault_while_a_print_is_ended_by_a_person_is_not_charged():
     requested_event = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     hot_event = make_end_event("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
     books, _ = apply_events(
-        make_printing_books(plates=1), make_assigned_event("1/01", "a", "x"), requested_event, hot_event
+        make_planned_books(plates=1), make_assigned_event("1/01", "a", "x"), requested_event, hot_event
     )
     assert (books.prints["x"].fault, books.prints["x"].charged) == ("heater_stuck_on", False)
     assert books.printers["a"].attention_reason == "it does not cool"
 
 
 def test_plate_without_remaining_attempts_does_not_block_others():
-    books, _ = apply_events(make_printing_books(plates=2), make_assigned_event("1/02", "b", "y"))
+    books, _ = apply_events(make_planned_books(plates=2), make_assigned_event("1/02", "b", "y"))
     books = make_failed_books(books, MAX_ATTEMPTS)
     assert find_plate_state(books) is PlateState.OUT_OF_ATTEMPTS
     assert books.jobs[1].state is JobState.PRINTING
@@ -121,8 +121,8 @@ def test_plate_without_remaining_attempts_does_not_block_others():
 def test_failed_cancelled_and_good_parts_can_be_reprinted():
     repeated_event = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
-        make_failed_books(make_printing_books(plates=1), MAX_ATTEMPTS),
-        apply_events(make_printing_books(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
+        make_failed_books(make_planned_books(plates=1), MAX_ATTEMPTS),
+        apply_events(make_planned_books(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
         apply_events(make_printed_books(1), make_cleared_event("a"))[0],
         make_printed_books(1),
     ):
@@ -144,7 +144,7 @@ def test_failed_cancelled_and_good_parts_can_be_reprinted():
 def test_cancelled_part_is_not_repeated_while_others_continue():
     cancelled_event = ev.PlateCancelled(at_s=5.0, plate="1/01", by="ann")
     books, instructions = apply_events(
-        make_printing_books(plates=2),
+        make_planned_books(plates=2),
         make_assigned_event("1/01", "a", "x"),
         make_assigned_event("1/02", "b", "y"),
         cancelled_event,
@@ -159,14 +159,14 @@ def test_cancelled_part_is_not_repeated_while_others_continue():
     books, _ = apply_events(books, make_end_event("y"), make_cleared_event("b"))
     assert books.jobs[1].state is JobState.DONE
     cancelled_books, _ = apply_events(
-        make_printing_books(plates=2), cancelled_event, ev.PlateCancelled(at_s=6.0, plate="1/02", by="ann")
+        make_planned_books(plates=2), cancelled_event, ev.PlateCancelled(at_s=6.0, plate="1/02", by="ann")
     )
     assert cancelled_books.jobs[1].state is JobState.CANCELLED
 
 
 def test_paused_job_pauses_all_its_prints():
     books, instructions = apply_events(
-        make_printing_books(plates=2),
+        make_planned_books(plates=2),
         make_assigned_event("1/01", "a", "x"),
         ev.JobPaused(at_s=9.0, job=1, wanted=True),
     )
@@ -194,7 +194,7 @@ def test_unconfirmed_print_cancelled_elsewhere_has_failed():
     """Cancel a print before its agent reports the start; a person then has to check the bed."""
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     books, _ = apply_events(
-        make_printing_books(1),
+        make_planned_books(1),
         assigned_event,
         make_end_event("x", PrintState.CANCELLED, 50.0, started_s=10.0),
     )
@@ -204,7 +204,7 @@ def test_unconfirmed_print_cancelled_elsewhere_has_failed():
         Bed.NOT_CLEAR,
     )
     unstarted_books, _ = apply_events(
-        make_printing_books(1),
+        make_planned_books(1),
         assigned_event,
         make_end_event("x", PrintState.CANCELLED, 50.0, False, started_s=None),
     )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from books.make_books import apply_events, make_fleet_events, make_printing_books
+from books.make_books import apply_events, make_fleet_events, make_planned_books
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, Link, Printer, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
@@ -26,7 +26,7 @@ def test_manual_use_makes_bed_and_filament_unknown():
         bed_unknown_reason="its board was reset, but not by the farm",
     )
     books, _ = apply_events(
-        make_printing_books(), *observe_idle_printer(make_printing_books().printers["a"], snapshot, 5.0)
+        make_planned_books(), *observe_idle_printer(make_planned_books().printers["a"], snapshot, 5.0)
     )
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
@@ -47,7 +47,7 @@ def test_restarted_agent_knows_the_filament_but_not_the_bed():
         bed_unknown_reason="it was not watched before its agent was started",
     )
     parked_snapshot = first_snapshot.model_copy(update={"filament": FilamentState.PARKED})
-    books = make_printing_books()
+    books = make_planned_books()
     for at_s, snapshot in enumerate((first_snapshot, parked_snapshot, parked_snapshot, parked_snapshot)):
         books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
     printer = books.printers["a"]
@@ -89,7 +89,7 @@ def make_report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **chang
 
 def make_assigned_books():
     return apply_events(
-        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+        make_planned_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )[0]
 
 
@@ -170,8 +170,8 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     )
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
-    for entry in (books, started_books):
-        assert [plate.id for plate in entry.list_waiting_plates()] == ["1/01", "1/02"]
+    for result_books in (books, started_books):
+        assert [plate.id for plate in result_books.list_waiting_plates()] == ["1/01", "1/02"]
 
 
 def test_print_without_an_agent_cannot_start():
@@ -184,7 +184,7 @@ def test_print_without_an_agent_cannot_start():
 
 def restore_books(*states):
     """Restore books in which the prints on `a` and `b` have these states."""
-    books = make_printing_books()
+    books = make_planned_books()
     for name, state in zip("ab", states, strict=False):
         plate = {"a": "1/01", "b": "1/02"}[name]
         books, _ = apply_events(books, ev.PlateAssigned(at_s=2.0, plate=plate, printer=name, print_id=name))

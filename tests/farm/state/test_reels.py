@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from books.scheduling_examples import make_printer
 from farm.config import Fleet
 from farm.model import HoldCode, Printer, PrintState, Reel
@@ -18,7 +18,7 @@ WHITE_REEL = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm
 def make_books_with_reel(**changes):
     loaded_event = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE_REEL.model_copy(update=changes), by="ann")
     books, _ = apply_events(
-        make_printing_books(),
+        make_planned_books(),
         loaded_event,
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
     )
@@ -50,7 +50,7 @@ def test_grams_of_an_unweighed_reel_stay_unknown():
 
 @given(st.sampled_from(PrintState), st.booleans(), st.none() | st.floats(0, 5))
 def test_print_uses_at_most_the_grams_of_its_plate(state, extruded, printed_share):
-    plate = make_printing_books().plates["1/01"]
+    plate = make_planned_books().plates["1/01"]
     assert 0.0 <= compute_used_grams(plate, state, extruded, printed_share) <= plate.grams
 
 
@@ -67,7 +67,7 @@ def test_fleet_shows_the_loaded_reels():
 
 def test_restored_reels_must_be_weighed_before_printing():
     loaded_event = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE_REEL, by="ann")
-    books, _ = apply_events(make_printing_books(), loaded_event, ev.BooksRestored(at_s=9.0, copied_s=2.0))
+    books, _ = apply_events(make_planned_books(), loaded_event, ev.BooksRestored(at_s=9.0, copied_s=2.0))
     assert [
         printer_record.reel and printer_record.reel.uncertain for printer_record in books.printers.values()
     ] == [True, None, None]

@@ -4,7 +4,7 @@ from datetime import UTC
 
 import pytest
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.config import Fleet
 from farm.model import Bed, FilamentState, JobState, PrintState, Reel, Verdict
 from farm.paths import StateFolder
@@ -26,7 +26,7 @@ def make_dead_agent_books(plates=1, at_s=110.0, **fields):
         make_assigned_event("1/01", "a", "x"),
         make_end_event("x", PrintState.FAILED, at_s, **{**AGENT_DEATH, **fields}),
     )
-    return apply_events(make_printing_books(plates), *first_events)[0]
+    return apply_events(make_planned_books(plates), *first_events)[0]
 
 
 def make_complete_part_event(print_id="x", printer="a"):
@@ -60,7 +60,7 @@ def test_complete_part_is_good_and_not_reprinted():
 
 
 def test_failed_job_is_done_if_its_last_part_is_complete():
-    books = make_printing_books(plates=1)
+    books = make_planned_books(plates=1)
     for attempt in range(MAX_ATTEMPTS):
         name = f"x{attempt}"
         cleared_event = ev.BedCleared(at_s=1.0, printer="a", by="ann")
@@ -73,7 +73,7 @@ def test_failed_job_is_done_if_its_last_part_is_complete():
 
 def test_salvaged_part_uses_its_full_filament():
     reel = Reel(material="generic_pla", grams=100.0, nozzle_mm=0.4)
-    books, _ = apply_events(make_printing_books(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
+    books, _ = apply_events(make_planned_books(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
     failed_event = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **AGENT_DEATH)
     books, _ = apply_events(books, make_assigned_event("1/01", "a", "x"), failed_event)
     assert books.get_printer("a").reel.grams == pytest.approx(98.5)
@@ -138,7 +138,7 @@ def test_task_asks_for_the_verdict_with_part_and_command():
 def test_task_asks_for_the_verdict_after_an_outage():
     first_events = (make_assigned_event("1/01", "a", "x"), make_assigned_event("1/02", "b", "y"))
     lost_events = (make_end_event(name, PrintState.FAILED, 110.0, **AGENT_DEATH) for name in "xy")
-    (item,) = list_look_tasks(apply_events(make_printing_books(2), *first_events, *lost_events)[0])
+    (item,) = list_look_tasks(apply_events(make_planned_books(2), *first_events, *lost_events)[0])
     assert item.code == "outage"
     assert "`farm cleared a --good 1/p01`" in item.text and "`farm cleared b --good 1/p02`" in item.text
 
@@ -166,7 +166,7 @@ def test_print_ended_by_a_person_is_not_salvageable():
     requested_event = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
     ended_event = make_end_event("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
     books, _ = apply_events(
-        make_printing_books(1), make_assigned_event("1/01", "a", "x"), requested_event, ended_event
+        make_planned_books(1), make_assigned_event("1/01", "a", "x"), requested_event, ended_event
     )
     assert books.prints["x"].state is PrintState.FAILED
     assert find_possibly_complete_print(books, "a") is None

@@ -2,7 +2,7 @@
 
 import pytest
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.model import Bed, JobState, Outage, PrintState, Reel, Verdict
 from farm.state import events as ev
 from farm.state.books import put, replace_fields
@@ -14,7 +14,7 @@ ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 
 
 def make_done_books():
-    return apply_events(make_printing_books(), ASSIGNMENT, make_end_event("x"))[0]
+    return apply_events(make_planned_books(), ASSIGNMENT, make_end_event("x"))[0]
 
 
 def add_entries(books, *entries):

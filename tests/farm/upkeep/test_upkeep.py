@@ -61,8 +61,8 @@ class LinkingEffects(RecordedEffects):
 
 
 def link_job_files(books, state, number):
-    entry = books.jobs[number]
-    names = list_job_files(entry, map(books.parts.__getitem__, entry.parts), books.list_plates(entry))
+    job = books.jobs[number]
+    names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.list_plates(job))
     link_files(state.find_job_folder(number), state.files, names)
 
 
@@ -107,7 +107,7 @@ def show_job(state, books, number):
 def check_jobs(state, books, old_books):
     """Check that every job is shown as before the prune, and that no file of the books is missing."""
     assert list_named_files(books) <= list_files(state.files).keys()
-    for number, entry in books.jobs.items():
+    for number, job in books.jobs.items():
         (old_view, old_rows), (view, rows) = (
             show_job(state, old_books, number),
             show_job(state, books, number),
@@ -117,7 +117,7 @@ def check_jobs(state, books, old_books):
         assert view.model_dump(exclude=changed_fields) == old_view.model_dump(exclude=changed_fields)
         assert [part.prints for part in view.parts] == [part.prints for part in old_view.parts]
         paths = [*(part.file for part in view.parts), *(plate.gcode for plate in view.plates)]
-        is_pruned = entry.pruned_s is not None
+        is_pruned = job.pruned_s is not None
         assert (view.pruned is not None) is is_pruned
         assert all(path is None if is_pruned else Path(path).is_file() for path in paths)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from books.make_books import PRINTERS, apply_events, make_end_event, make_job, make_printing_books
+from books.make_books import PRINTERS, apply_events, make_end_event, make_job, make_planned_books
 from farm.cli.display.job_page import render_job
 from farm.config import Fleet
 from farm.model import AgentSnapshot, Gluing, JobState, Link
@@ -29,7 +29,7 @@ FLEET = Fleet.model_validate(
 @pytest.fixture
 def books():
     """Make books with three unprinted parts, which are glued in the order 3, 1, 2."""
-    books = make_printing_books(plates=3)
+    books = make_planned_books(plates=3)
     ranks = {"1/p01": 2, "1/p02": 3, "1/p03": 1}
     parts = (replace_fields(books.parts[name], glue_rank=rank) for name, rank in ranks.items())
     return put(books, *parts, replace_fields(books.jobs[1], assembly_s=3600.0))

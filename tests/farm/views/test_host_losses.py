@@ -16,13 +16,13 @@ from farm.state.storage.store import Store
 from farm.views import ViewContext, list_due_notices, list_tasks
 from farm.views.host_losses import describe_lost_hosts
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 LATER_S = 1e6
 
 
 def make_fleet(hosts, printers_per_host=2):
     rows = [
-        {"name": f"{host}-{index}", "model": MODEL, "port": f"sim://{MODEL}", "host": host}
+        {"name": f"{host}-{index}", "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}", "host": host}
         for host in hosts
         for index in range(1, printers_per_host + 1)
     ]

@@ -6,7 +6,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.make_books import apply_events, make_job, make_printing_books
+from books.make_books import apply_events, make_job, make_planned_books
 from farm import api
 from farm.config import Fleet
 from farm.model import Hold, HoldCode, PrintState, Verdict
@@ -77,7 +77,7 @@ hold_sets = st.dictionaries(st.sampled_from(PLATES), st.sampled_from(HOLDS))
 
 @given(st.lists(st.tuples(st.none() | steps, hold_sets), min_size=1, max_size=8))
 def test_cached_view_equals_a_fresh_one(steps_and_holds):
-    books, cache = make_printing_books(plates=2), JobCache()
+    books, cache = make_planned_books(plates=2), JobCache()
     for now_s, (step, holds) in enumerate(steps_and_holds, 10):
         books = books if step is None else change_books(books, step)
         views = describe_all_jobs(books, cache, now_s, holds)
@@ -91,7 +91,7 @@ def test_cached_view_equals_a_fresh_one(steps_and_holds):
 
 
 def test_unchanged_parts_and_plates_are_not_described_again():
-    books, cache = make_printing_books(plates=2), JobCache()
+    books, cache = make_planned_books(plates=2), JobCache()
     (first_view,) = describe_all_jobs(books, cache, 10.0, dict.fromkeys(PLATES, HOLDS[0]))
     (second_view,) = describe_all_jobs(books, cache, 11.0, {PLATES[0]: HOLDS[0], PLATES[1]: HOLDS[1]})
     assert all(map(lambda old, new: old is new, first_view.parts, second_view.parts))
@@ -101,7 +101,7 @@ def test_unchanged_parts_and_plates_are_not_described_again():
 
 def test_cache_keeps_a_limited_number_of_jobs(monkeypatch):
     monkeypatch.setattr(module, "MAX_JOBS", 2)
-    cache, books = RevisionCache(), put(make_printing_books(), *(make_job(number) for number in (2, 3)))
+    cache, books = RevisionCache(), put(make_planned_books(), *(make_job(number) for number in (2, 3)))
     books = replace(books, _revisions=dict.fromkeys((1, 2, 3), "first"))
     described_jobs = []
 

@@ -1,6 +1,6 @@
 """Notices to an absent person: one for each event, and one for printers that are lost together."""
 
-from books.make_books import apply_events, make_end_event, make_fleet_events, make_job, make_printing_books
+from books.make_books import apply_events, make_end_event, make_fleet_events, make_job, make_planned_books
 from farm.errors import ErrorCode
 from farm.model import PrintState
 from farm.state import events as ev
@@ -21,7 +21,7 @@ def make_started_books(plates=2):
         ev.PlateAssigned(at_s=2.0, plate=f"1/0{i}", printer=printer, print_id=name)
         for name, printer, i in names
     )
-    return apply_events(make_printing_books(plates), *assigned_events)[0]
+    return apply_events(make_planned_books(plates), *assigned_events)[0]
 
 
 def test_no_notice_is_sent_without_a_problem():
@@ -104,7 +104,7 @@ def test_ended_dry_run_is_not_notified():
         update={"options": make_job().options.model_copy(update={"dry_run": True})}
     )
     books, _ = apply_events(
-        make_printing_books(), ev.JobSubmitted(at_s=3.0, job=dry_run_job), ev.JobCancelled(at_s=4.0, job=2)
+        make_planned_books(), ev.JobSubmitted(at_s=3.0, job=dry_run_job), ev.JobCancelled(at_s=4.0, job=2)
     )
     assert list_texts(books) == []
 

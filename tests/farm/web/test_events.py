@@ -6,7 +6,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from books.recording_controller import MODEL
+from books.recording_controller import INSPECTED_MODEL
 from farm.errors import RefusedError
 from farm.http.event_streams import EmptyEventLog, EventStreams
 from farm.model import JobOptions, Role
@@ -20,7 +20,7 @@ EVENTS_PATH = get_network_path("/events")
 @pytest.fixture
 def farm(tmp_path):
     farm = WebFarm(tmp_path)
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(note="a note"), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(note="a note"), "ann")
     yield farm
     farm.store.close()
 
@@ -58,7 +58,7 @@ def test_event_names_job_and_person_but_no_file_and_no_hash(farm):
     submitted_event = next(event for _, event in read_stream(text) if event["kind"] == "JobSubmitted")
     assert (submitted_event["job"], submitted_event["by"]) == (1, "ann")
     assert farm.controller.books.keys[key.id].digest not in text
-    assert MODEL.file not in text
+    assert INSPECTED_MODEL.file not in text
     assert "r" * 8 not in text
     assert text == farm.ask_socket("GET", "/events", params={"since": 0, "wait": "false"}).text
 

@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL
+from books.recording_controller import INSPECTED_MODEL
 from farm.model import JobOptions, Role
 from farm.planning.plan import Plan
 from farms.web_farm import WebFarm, get_network_path
@@ -16,7 +16,7 @@ FILES_PATH = get_network_path("/jobs/1/files")
 @pytest.fixture
 def farm(tmp_path):
     farm = WebFarm(tmp_path)
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     content = b"solid part"
     file_name = f"{hashlib.sha256(content).hexdigest()}.stl"
     (farm.state.files / file_name).write_bytes(content)

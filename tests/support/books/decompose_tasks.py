@@ -8,11 +8,13 @@ from farm.planning.plate_times import compute_overhead_s
 from farm.planning.slice_batch import build_slice_tasks
 from slicing.checks import FeatureTimes
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 def make_fleet(count=2):
-    printers = [{"name": f"p{i}", "model": MODEL, "port": f"sim://{MODEL}"} for i in range(count)]
+    printers = [
+        {"name": f"p{i}", "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"} for i in range(count)
+    ]
     return Fleet.model_validate({"printers": printers})
 
 

@@ -87,7 +87,7 @@ def make_fleet_events(bed=Bed.CLEAR):
     return [ev.PrinterAdded(at_s=0.0, printer=name, bed=bed) for name in PRINTERS]
 
 
-def make_printing_books(plates=2):
+def make_planned_books(plates=2):
     """Make books with one planned job."""
     events = (
         *make_fleet_events(),

@@ -17,7 +17,7 @@ def make_old_books(*states_and_ages, shared_numbers=()):
     for number, (state, age_days) in enumerate(states_and_ages, 1):
         model = "shared.npz" if number in shared_numbers else f"model-{number}.npz"
         plan = make_plan_event(number, plates=2)
-        entry = make_job(number).model_copy(
+        job = make_job(number).model_copy(
             update={
                 "state": state,
                 "model_file": model,
@@ -35,7 +35,7 @@ def make_old_books(*states_and_ages, shared_numbers=()):
                 for plate in plan.plates
             ),
         ]
-        books = put(books, entry, *files)
+        books = put(books, job, *files)
     return books
 
 
@@ -46,13 +46,13 @@ def _make_file_name(entity, suffix):
 def add_good_prints(books):
     """Add a good print of every part of the jobs that are done."""
     for plate in books.plates.values():
-        entry = books.jobs[plate.job]
-        if entry.state is not JobState.DONE:
+        job = books.jobs[plate.job]
+        if job.state is not JobState.DONE:
             continue
         attempt = Print(
-            id=f"print-{plate.id}", plate=plate.id, job=entry.id, printer=plate.printer, number=entry.id,
-            state=PrintState.DONE, verdict=Verdict.GOOD, assigned_s=entry.ended_s - 200.0,
-            started_s=entry.ended_s - 190.0, ended_s=entry.ended_s, extruded=True, grams=3.0,
+            id=f"print-{plate.id}", plate=plate.id, job=job.id, printer=plate.printer, number=job.id,
+            state=PrintState.DONE, verdict=Verdict.GOOD, assigned_s=job.ended_s - 200.0,
+            started_s=job.ended_s - 190.0, ended_s=job.ended_s, extruded=True, grams=3.0,
         )  # fmt: skip
         books = put(books, replace_fields(plate, prints=(attempt.id,)), attempt)
     return books

@@ -7,7 +7,7 @@ from farm.control import JobCommands, PrinterCommands
 from farm.model import JobOptions
 from farm.planning.plan import InspectedSubmission, Plan
 
-MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1.0)
+INSPECTED_MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1.0)
 GCODE = b"G28\n"
 CURVE = '{"curve": [{"printers": 1, "makespan_s": 9.0}, {"printers": 2, "makespan_s": 5.0}]}'
 
@@ -15,7 +15,7 @@ CURVE = '{"curve": [{"printers": 1, "makespan_s": 9.0}, {"printers": 2, "makespa
 def submit_model(farm, user="ann", **options):
     """Submit a model; return the number of its job."""
     jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
-    return jobs.submit(f"request-{user}", "m.stl", MODEL, JobOptions(**options), user)[0]
+    return jobs.submit(f"request-{user}", "m.stl", INSPECTED_MODEL, JobOptions(**options), user)[0]
 
 
 def plan_job(farm, user="ann", glb=None, **options):

@@ -14,7 +14,7 @@ from farm.planning.replanning.coordinator import StartReplan
 from farm.scheduling.admission import StartPlanning
 from farm.state.storage.store import Store
 
-MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1000.0)
+INSPECTED_MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1000.0)
 
 
 class RecordedEffects:

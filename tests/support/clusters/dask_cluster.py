@@ -52,7 +52,7 @@ async def run_cluster(folder, workers, pools=None, installations=None):
         local_pool = RecordingPool()
         make_link = partial(Connection, scheduler.address, None, INSTALLATION)
         pool = ClusterPool(local_pool, scheduler.address, INSTALLATION, make_link)
-        pool.own = local_pool  # type: ignore[attr-defined]  # lets a test read its calls
+        pool.recording_pool = local_pool  # type: ignore[attr-defined]  # lets a test read its calls
         pool.start()
         while len(pool.state.workers) < len(workers):
             await asyncio.sleep(0.02)

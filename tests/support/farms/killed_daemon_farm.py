@@ -25,7 +25,7 @@ from farms.real_farm import TIME_LIMIT_S, RealFarm, wait_for
 from model_files.make_gcode import make_marlin, make_square
 
 RESTART_SCRIPT = Path(__file__).with_name("restarted_daemon.py")
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 PRIMED_MM = 7.8  # filament that each print feeds for priming, in addition to that of its plate
 POLL_S = 0.05  # interval of the operator's polls
 
@@ -37,7 +37,7 @@ class KilledDaemonFarm(RealFarm):
     """
 
     def __init__(self, folder, disk=None):
-        super().__init__(folder, dict.fromkeys(("one", "two"), (MODEL, f"sim://{MODEL}")))
+        super().__init__(folder, dict.fromkeys(("one", "two"), (PRINTER_MODEL, f"sim://{PRINTER_MODEL}")))
         self.fleet.write_text(self.fleet.read_text().replace("time_scale: 150", "time_scale: 300"))
         self.gcode = folder / "plate.gcode"
         tower = make_square(side_mm=60.0, layers=8)

@@ -17,7 +17,7 @@ from farm.state.storage.store import Store
 from farm.web import make_web_app
 from farm.web.cookies import SessionCookie
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 HOST = "farm.lab.example"
 SAME_ORIGIN_HEADERS = {"origin": f"http://{HOST}"}
 
@@ -40,7 +40,7 @@ class NetworkFarm:
         self.state.make()
         self.store = Store(self.state.books)
         self.clock = Clock()
-        rows = [{"name": name, "model": MODEL, "port": f"sim://{MODEL}"} for name in printers]
+        rows = [{"name": name, "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"} for name in printers]
         sections = {"fleet": fleet or {}, "web": web or {}, "printers": rows}
         self.controller = Controller(Fleet.model_validate(sections), self.store, self.clock, list_bed_boxes)
         self.controller.start(RecordedEffects())
@@ -65,9 +65,9 @@ class NetworkFarm:
     async def _record_shutdown(self, now):
         self.shutdowns.append(now)
 
-    def ask(self, method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **options):
+    def ask(self, method, path, key_text=None, host=HOST, address="10.0.0.9", headers=None, **options):
         """Send a request, with a key if its text is given."""
-        own_headers = {"x-api-key": text} if text else {}
+        own_headers = {"x-api-key": key_text} if key_text else {}
 
         async def call():
             transport = httpx.ASGITransport(self.web, client=(address, 1), raise_app_exceptions=False)

@@ -3,7 +3,7 @@
 import itertools
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from farm.http import Services, describe_farm
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, Link, PrintState
 from farm.paths import StateFolder
@@ -31,7 +31,7 @@ class ScrapedFarm:
         """Print the plate of a new job, and report the print in a given state."""
         farm, number = self._farm, next(self._numbers)
         farm.clear_bed("a")
-        farm.jobs.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
+        farm.jobs.submit(f"request-{number}", "m.stl", INSPECTED_MODEL, JobOptions())
         event = make_plan_event(number, 1)
         plates = tuple(plate.model_copy(update={"printer": "a"}) for plate in event.plates)
         farm.controller.on_plan(number, Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None))

@@ -4,7 +4,7 @@ import shutil
 from dataclasses import dataclass, field
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Commands, make_fleet
+from books.recording_controller import INSPECTED_MODEL, Commands, make_fleet
 from farm.control.controller import Controller
 from farm.errors import FarmError
 from farm.model import (
@@ -141,8 +141,8 @@ class FarmSimulation:
         self.failing_prints, self.bad_prints = failing_prints, bad_prints
         self.clock = Clock()
         self.agents = {name: Agent(name) for name in "ab"}
-        self.commit_count = self.started_count = self.restarts = 0
-        self.judged_prints = []  # [plate, printer, verdict] of each completed print
+        self.commit_count = self.started_count = self.restart_count = 0
+        self.completed_prints = []  # [plate, printer, verdict] of each completed print
         self.prints = {}  # print id -> (printer, start, end) of the simulated print
         self.plates, self.files = plates, files
         self.job_to_plan = None
@@ -165,7 +165,7 @@ class FarmSimulation:
         for path in self.path.parent.glob(f"{self.path.name}*"):
             path.unlink()
         shutil.copy(copy, self.path)
-        self.restarts += 1
+        self.restart_count += 1
         self.job_to_plan = None
         self.is_restored = True
         self.restart_if_killed(self.start_daemon)
@@ -176,7 +176,7 @@ class FarmSimulation:
             function()
         except DaemonKilled:
             self.store.close()
-            self.restarts += 1
+            self.restart_count += 1
             self.job_to_plan = None
             self.restart_if_killed(self.start_daemon)
             return False
@@ -221,7 +221,7 @@ class FarmSimulation:
                 self.prints[agent.print_id] = (agent.name, agent.started_s, agent.ended_s)
                 agent.journal.append(agent.make_report())
                 if agent.state is PrintState.DONE:
-                    self.judged_prints.append([agent.plate, agent.name, None])
+                    self.completed_prints.append([agent.plate, agent.name, None])
 
     def report_to_daemon(self):
         for agent in self.agents.values():
@@ -236,10 +236,10 @@ class FarmSimulation:
                 for i, plate in enumerate(event.plates)
             )
             plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None)
-            restarts = self.restarts
+            restart_count = self.restart_count
             if (
                 not self.restart_if_killed(lambda: self.controller.on_plan(job, plan))
-                and self.restarts == restarts
+                and self.restart_count == restart_count
             ):
                 self.job_to_plan = job  # as `JobPlanner` does if the disk is full
 
@@ -252,15 +252,15 @@ class FarmSimulation:
     def clear_and_judge(self):
         """Clear beds and judge their parts, as a person does; repeat interrupted commands."""
         for agent in self.agents.values():
-            entry = self.controller.books.printers.get(agent.name)
+            printer = self.controller.books.printers.get(agent.name)
             is_printing = agent.print_id is not None and not agent.state.ended
-            if entry is None or entry.bed is Bed.CLEAR or is_printing:
+            if printer is None or printer.bed is Bed.CLEAR or is_printing:
                 continue
             if agent.plate_on_bed is None and not self.is_restored:
                 continue
             indices = [
                 i
-                for i, (_, name, verdict) in enumerate(self.judged_prints)
+                for i, (_, name, verdict) in enumerate(self.completed_prints)
                 if name == agent.name and not verdict
             ]
             verdict = Verdict.BAD if indices and indices[-1] in self.bad_prints else Verdict.GOOD
@@ -274,12 +274,12 @@ class FarmSimulation:
                 agent.plate_on_bed = agent_bed
                 continue
             if indices:
-                self.judged_prints[indices[-1]][2] = verdict
+                self.completed_prints[indices[-1]][2] = verdict
 
     def step(self):
         """Advance printers, person and daemon by one minute."""
         if not self.controller.books.jobs:
-            self.restart_if_killed(lambda: self.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()))
+            self.restart_if_killed(lambda: self.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions()))
         self.report_to_daemon()
         self.clear_and_judge()
         self.advance_prints()

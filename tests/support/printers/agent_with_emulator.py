@@ -19,7 +19,7 @@ from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.emulator.status import EmulatorStatus
 from drivers.remote import AgentClient, spawn_agent
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 TIME_SCALE = 120.0
 DEADLINE_S = 120.0
 
@@ -66,7 +66,9 @@ class Printer:
         self._follow_task: asyncio.Task[None] | None = None
 
     def spawn(self) -> None:
-        self.process = spawn_agent("um2-01", MODEL, self.url, self.folder, self.clock, self.power_off_cmd)
+        self.process = spawn_agent(
+            "um2-01", PRINTER_MODEL, self.url, self.folder, self.clock, self.power_off_cmd
+        )
 
     async def connect(self) -> None:
         self.last_snapshot = None
@@ -133,7 +135,7 @@ class Printer:
 @asynccontextmanager
 async def run_printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
     """Run an agent with its emulator; yield it when it is ready."""
-    printer = Printer(folder / "agent", f"sim://{MODEL}{faults}")
+    printer = Printer(folder / "agent", f"sim://{PRINTER_MODEL}{faults}")
     printer.spawn()
     try:
         await printer.connect()

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from browser.http_caller import DAEMON_USER, call_as
 from farm.cli.client import daemon_client
 from farm.cli.main import app as cli
@@ -26,7 +26,7 @@ def farm(tmp_path, monkeypatch):
     farm = Farm(tmp_path)
     farm.controller.started_s -= 3600.0
     farm.report_ready("a")
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     now_s = farm.controller.clock.now()

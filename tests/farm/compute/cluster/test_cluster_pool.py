@@ -46,8 +46,8 @@ def test_files_go_to_workers_and_come_back(tmp_path, source):
         second_result = await pool.run(work.copy, source, path / "2")
         with pytest.raises(FarmError, match="this model is hollow"):
             await pool.run(work.fail, source, path / "3")
-        assert pool.state.place is Place.CLUSTER and pool.own.calls == []
-        assert await pool.run(len, "here") == 4 and pool.own.calls == [len]
+        assert pool.state.place is Place.CLUSTER and pool.recording_pool.calls == []
+        assert await pool.run(len, "here") == 4 and pool.recording_pool.calls == [len]
         assert pool.state.list_problems() == [
             "worker w2 of the cluster is refused: it has CuraEngine 5.0, not 4.13"
         ]
@@ -120,7 +120,7 @@ def test_limits_of_a_task_hold_on_the_worker(tmp_path, source):
             await pool.run(work.allocate, source, path, 2.0, limit=Limit("allocating", 60.0))
         assert error.value.code is memory_error.value.code is ErrorCode.LIMIT
         assert (await pool.run(work.copy, source, path))["copy"].exists()
-        assert pid not in processes.pids and pool.own.calls == []
+        assert pid not in processes.pids and pool.recording_pool.calls == []
 
     run_in_processes(tmp_path, run_scenario, memory_gb=0.5)
 

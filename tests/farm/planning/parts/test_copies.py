@@ -27,7 +27,7 @@ from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.plan import DecomposeTask, Plan
 from slicing.checks import FeatureTimes
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 3))
@@ -67,7 +67,7 @@ def make_task(fleet, tmp_path, factors=None, **options):
     sections = Fleet.model_validate(
         {
             "printers": [
-                {"name": name, "model": MODEL, "port": f"sim://{MODEL}", **changes}
+                {"name": name, "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}", **changes}
                 for name, changes in fleet.items()
             ]
         }

@@ -18,7 +18,7 @@ from printers.slicing_printers import PRINTERS
 from slicing.hidden_walls import TRANSITION_MM
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
-MODEL = "ultimaker2_plus"
+PRINTER_MODEL = "ultimaker2_plus"
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def make_task(tmp_path):
     def make(mesh, *, material="generic_pla", quality="glue", **options):
         stl = tmp_path / "part.stl"
         mesh.export(stl)
-        request = SettingsRequest(PRINTERS[MODEL], quality, material)
+        request = SettingsRequest(PRINTERS[PRINTER_MODEL], quality, material)
         resources = find_resources()
         settings = resolve_settings(request, resources)
         return SliceTask(
@@ -35,7 +35,7 @@ def make_task(tmp_path):
             request=request,
             resources=resources,
             settings=settings,
-            usable_volumes=list_usable_volumes(PROFILES[MODEL], settings.brim_width_mm),
+            usable_volumes=list_usable_volumes(PROFILES[PRINTER_MODEL], settings.brim_width_mm),
             engine=find_engine(),
             out=tmp_path / "part.gcode",
             cache=None,
@@ -77,8 +77,8 @@ def test_part_has_its_own_brim_first_layer_and_height(make_task):
 
 @pytest.mark.parametrize("material", ["generic_pla", "generic_abs"])
 def test_part_that_fills_its_usable_volume_fits_after_enlarging(make_task, material):
-    section = PrinterSection(name="a", model=MODEL, port=f"sim://{MODEL}", material=material)
-    settings = resolve_settings(SettingsRequest(PRINTERS[MODEL], material=material), find_resources())
+    section = PrinterSection(name="a", model=PRINTER_MODEL, port=f"sim://{PRINTER_MODEL}", material=material)
+    settings = resolve_settings(SettingsRequest(PRINTERS[PRINTER_MODEL], material=material), find_resources())
     x, y, _ = list_model_sizes(find_usable_volumes(section, settings.brim_width_mm), settings)[0]
     plate = slice_part(make_task(trimesh.creation.box((x, y, 1.0)), material=material))
     assert plate.max_mm[0] - plate.min_mm[0] > x

@@ -3,7 +3,7 @@
 import pytest
 
 from books.make_books import make_plan_event
-from books.recording_controller import MODEL, PLUS_MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, PLUS_MODEL, Farm
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, HoldCode, JobOptions, Link, PrintState
 from farm.planning.plan import Plan
@@ -30,7 +30,7 @@ def make_farm(tmp_path, models, plates=1, **options):
     farm = Farm(tmp_path, models, Clock(), attended=["08:00-18:00"])
     farm.names = "abcdefgh"[: len(models)]
     farm.report_ready(*farm.names)
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(**options))
     event = make_plan_event(1, plates)
     time_fields = {"expected_s": 10 * HOUR_S, "sliced_s": 10 * HOUR_S - 300.0, "family": PLUS_MODEL}
     long_plates = tuple(plate.model_copy(update=time_fields) for plate in event.plates)
@@ -73,8 +73,8 @@ def list_started_plates(farm):
 def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
     farm = make_farm(tmp_path, [PLUS_MODEL] * 4, plates=1)
     fail_plate(farm, "a", "1/01")
-    ((plate, printers, decomposition),) = farm.effects.replans
-    assert (plate, printers, decomposition) == ("1/01", ["b", "c", "d"], True)
+    ((plate, printers, is_cut),) = farm.effects.replans
+    assert (plate, printers, is_cut) == ("1/01", ["b", "c", "d"], True)
     hold = farm.controller.scheduler.find_plate_holds().get("1/01")
     assert hold.code is HoldCode.BEING_RECUT
     assert "b, c and d" in hold.text
@@ -108,14 +108,14 @@ def test_part_that_would_end_no_sooner_in_pieces_stays_whole(tmp_path):
         farm.controller.on_replan("1/01", result(farm))
         assert list_started_plates(farm) == {"b": "1/01"}
         fail_plate(farm, "b", "1/01")  # the next failure is examined again: two printers are free now
-        assert [decomposition for _, _, decomposition in farm.effects.replans] == [True, True]
+        assert [is_cut for _, _, is_cut in farm.effects.replans] == [True, True]
 
 
 def test_later_job_gets_no_reserved_printers(tmp_path):
     farm = make_farm(tmp_path, [PLUS_MODEL] * 5, plates=1)
     fail_plate(farm, "a", "1/01")
     ((_, reserved_printers, _),) = farm.effects.replans
-    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
+    farm.jobs.submit("s" * 8, "n.stl", INSPECTED_MODEL, JobOptions(material="generic_pla"))
     event = make_plan_event(2, 2)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     assert not list_started_plates(farm).keys() & set(reserved_printers)

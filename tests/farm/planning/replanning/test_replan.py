@@ -72,12 +72,12 @@ def test_part_that_ends_sooner_whole_is_not_cut(state):
     assert error.value.code is ErrorCode.NO_FIT
 
 
-def run_replan(state, task, decomposition):
+def run_replan(state, task, is_cut):
     results = []
 
     async def main():
         worker = ReplanWorker(state, SameProcess(), lambda *outcome: results.append(outcome))
-        worker.start(task, decomposition)
+        worker.start(task, is_cut)
         while not results:
             await asyncio.sleep(0)
 
@@ -91,7 +91,7 @@ def run_replan(state, task, decomposition):
 def test_pieces_fill_their_part_exactly_and_are_each_sliced_for_their_own_printer(state):
     task = make_task(state)
     part_solid = read_in_model_frame(state.files / task.part.file, task.part.geometry.to_model)
-    result = run_replan(state, task, decomposition=True)
+    result = run_replan(state, task, is_cut=True)
     assert isinstance(result, ReplannedPlate), result
     solids = [read_in_model_frame(state.files / part.file, part.geometry.to_model) for part in result.parts]
     union = Solid.union(solids)
@@ -128,7 +128,7 @@ def test_pieces_fill_their_part_exactly_and_are_each_sliced_for_their_own_printe
 
 def test_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
     task = make_task(state, (40.0, 30.0, 4.0), (UM2,))
-    result = run_replan(state, task, decomposition=False)
+    result = run_replan(state, task, is_cut=False)
     assert isinstance(result, ReplannedPlate), result
     ((part,), (plate,)) = result.parts, result.plates
     assert part == task.part.model_copy(update={"plate": "1/01-2"})
@@ -140,7 +140,7 @@ def test_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
 def test_printer_that_would_omit_walls_is_not_used(state, monkeypatch):
     task = make_task(state, (40.0, 0.5, 4.0), (UM2,))
     task = replace(task, printers=(task.printers[0].model_copy(update={"nozzle_mm": 0.8}),))
-    result = run_replan(state, task, decomposition=False)
+    result = run_replan(state, task, is_cut=False)
     assert isinstance(result, FarmError)
     assert (state.files / task.part.file).is_file()
     assert replan.make_next_plate_id("1/01") == "1/01-2"

@@ -43,13 +43,13 @@ def make_print(plate: Plate, printer="a", time_ratio=1.0, **changes):
     return Print(**{**fields, **changes})
 
 
-def learn_from_prints(prints, plates, **printers):
+def learn_from_prints(prints, plates, **time_factors):
     """Learn from the last print; return its printer and the books."""
     names = {attempt.printer for attempt in prints}
-    entries = {name: Printer(name=name, time_factor=printers.get(name, 1.0)) for name in names}
-    books = Books.from_entities([*plates, *prints, *entries.values()])
+    printers_by_name = {name: Printer(name=name, time_factor=time_factors.get(name, 1.0)) for name in names}
+    books = Books.from_entities([*plates, *prints, *printers_by_name.values()])
     last_print = prints[-1]
-    return learn_speed(books, entries[last_print.printer], last_print), books
+    return learn_speed(books, printers_by_name[last_print.printer], last_print), books
 
 
 def test_factors_are_learned_from_thirty_prints_of_a_printer():

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.model import Bed, PrintState, TimeFactors
 from farm.state import events as ev
 from farm.state.printer_speed import (
@@ -85,7 +85,7 @@ def lengthen_first_plate(books, factor):
 
 def make_printed_books(state=PrintState.DONE, planned_factor=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
     return apply_events(
-        lengthen_first_plate(make_printing_books(plates=2), planned_factor),
+        lengthen_first_plate(make_planned_books(plates=2), planned_factor),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x", state, at_s=2.0 + elapsed_s, fault=None, reason="r"),
     )[0]
@@ -108,7 +108,7 @@ def test_failed_print_does_not_update_the_factor():
 def test_paused_print_does_not_update_the_factor():
     fields = {"print_id": "x", "started_s": 2.0, "extruded": True}
     books, _ = apply_events(
-        lengthen_first_plate(make_printing_books(), 1.0),
+        lengthen_first_plate(make_planned_books(), 1.0),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.PrintProgressed(at_s=3.0, state=PrintState.PAUSED, **fields),
         ev.PrintProgressed(at_s=4.0, state=PrintState.PRINTING, **fields),

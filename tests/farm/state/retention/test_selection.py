@@ -162,10 +162,10 @@ def test_only_unused_files_of_old_jobs_are_deleted(jobs, days, max_total_bytes, 
     deleted_names = list_named_files(books) - list_named_files(new_books)
     assert list_deletable_files(new_books) == deleted_names and not list_deletable_files(books)
     assert deleted_names <= list_prunable_files(books, list_named_files(books), NOW_S)
-    for number, entry in books.jobs.items():
+    for number, job in books.jobs.items():
         if number not in selected_jobs:
-            assert not list_job_file_names(books, entry) & deleted_names
-        assert entry.picture in list_named_files(new_books)
+            assert not list_job_file_names(books, job) & deleted_names
+        assert job.picture in list_named_files(new_books)
     ended_times_s = [books.jobs[number].ended_s for number in selected_jobs]
     assert ended_times_s == sorted(ended_times_s)
     kept_jobs = [

@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from books.make_books import apply_events, make_fleet_events, make_job, make_plan_event
-from books.recording_controller import MODEL, Farm
+from books.recording_controller import INSPECTED_MODEL, Farm
 from drivers.clock import Clock
 from farm.errors import FarmError
 from farm.model import Bed, FilamentState, HoldCode, JobOptions, JobState, PrintState
@@ -188,9 +188,9 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     farm = Farm(tmp_path)
     farm.report_ready("a", "b")
     event = make_plan_event(1, 3)
-    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
-    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
+    farm.jobs.submit("s" * 8, "n.stl", INSPECTED_MODEL, JobOptions())
     instruction_count = len(farm.effects.instructions)
     farm.controller.start(farm.effects, restored_s=FIRST_BACKUP_S)
     books = farm.controller.books

@@ -13,7 +13,7 @@ from books.make_books import (
     make_job,
     make_key,
     make_plan_event,
-    make_printing_books,
+    make_planned_books,
 )
 from farm.model import Key, KeyKind
 from farm.state import events as ev
@@ -100,7 +100,7 @@ def test_database_of_the_first_schema_is_migrated(tmp_path):
     import sqlite3
 
     path = tmp_path / "farm.db"
-    books = make_printing_books(plates=1)
+    books = make_planned_books(plates=1)
     with Store(path) as store:
         store.commit(make_plan_event(), Books(), books)
     with sqlite3.connect(path) as db:  # formerly, a verdict was a field of the part
@@ -129,7 +129,7 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
     import sqlite3
 
     path = tmp_path / "farm.db"
-    books = make_printing_books(plates=2)
+    books = make_planned_books(plates=2)
     books, _ = apply_events(
         books,
         *(
@@ -156,7 +156,7 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
     with Store(path) as store:
         books = store.load()
     assert {p.id: p.verdict for p in books.prints.values()} == {"0": "good", "1": "good", "2": None}
-    assert {number: entry.state for number, entry in books.jobs.items()} == {1: "printed", 2: "done"}
+    assert {number: job.state for number, job in books.jobs.items()} == {1: "printed", 2: "done"}
     books, _ = apply_events(books, ev.BedCleared(at_s=300.0, printer="b", by="ann"))
     assert books.jobs[1].state == "done"
 

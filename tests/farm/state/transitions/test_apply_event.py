@@ -8,7 +8,7 @@ from books.make_books import (
     make_fleet_events,
     make_job,
     make_plan_event,
-    make_printing_books,
+    make_planned_books,
 )
 from farm.errors import ErrorCode, NotFoundError
 from farm.model import Bed, PrintState
@@ -22,7 +22,7 @@ ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 HEATING_EVENT = ev.PrintProgressed(
     at_s=3.0, print_id="x", state=PrintState.HEATING, started_s=3.0, extruded=False
 )
-CANCELLATION_REASON = ev.JobCancelled(at_s=5.0, job=1)
+CANCELLATION = ev.JobCancelled(at_s=5.0, job=1)
 INVALID_EVENTS = {
     "a print ends twice": ([ASSIGNMENT, make_end_event("x")], make_end_event("x"), "print x is done"),
     "a print continues after its end": ([ASSIGNMENT, make_end_event("x")], HEATING_EVENT, "print x is done"),
@@ -36,8 +36,8 @@ INVALID_EVENTS = {
         ev.PrintFailRequested(at_s=9.0, print_id="x", why="a blob", by="ann"),
         "print x is done",
     ),
-    "a job is cancelled twice": ([CANCELLATION_REASON], CANCELLATION_REASON, "job 1 is cancelled"),
-    "a cancelled job is planned": ([CANCELLATION_REASON], make_plan_event(), "job 1 is cancelled"),
+    "a job is cancelled twice": ([CANCELLATION], CANCELLATION, "job 1 is cancelled"),
+    "a cancelled job is planned": ([CANCELLATION], make_plan_event(), "job 1 is cancelled"),
     "a job is approved that is not held": (
         [],
         ev.JobApproved(at_s=5.0, job=1, by="ann"),
@@ -70,7 +70,7 @@ INVALID_EVENTS = {
 
 @pytest.mark.parametrize(("earlier_events", "event", "message"), INVALID_EVENTS.values(), ids=INVALID_EVENTS)
 def test_invalid_transition_names_its_cause(earlier_events, event, message):
-    books, _ = apply_events(make_printing_books(), *earlier_events)
+    books, _ = apply_events(make_planned_books(), *earlier_events)
     with pytest.raises(InvalidTransition, match=message) as error:
         apply(event, books)
     assert type(event).__name__ in str(error.value)
@@ -88,7 +88,7 @@ def test_invalid_transition_names_its_cause(earlier_events, event, message):
 )
 def test_unknown_entity_is_named(event):
     with pytest.raises(NotFoundError, match="there is no"):
-        apply(event, make_printing_books())
+        apply(event, make_planned_books())
 
 
 def test_state_outside_the_transition_table_is_an_error():

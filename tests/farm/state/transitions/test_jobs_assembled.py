@@ -2,7 +2,7 @@
 
 import pytest
 
-from books.make_books import make_job, make_printing_books
+from books.make_books import make_job, make_planned_books
 from farm.model import Gluing, Job, JobOptions, JobState, compute_assembly_ratio
 from farm.state import events as ev
 from farm.state.books import put, replace_fields
@@ -12,7 +12,7 @@ from farm.state.transitions import apply
 
 @pytest.mark.parametrize("state", [JobState.PRINTED, JobState.DONE])
 def test_time_of_gluing_is_kept_and_replaced_by_a_later_report(state):
-    books = make_printing_books()
+    books = make_planned_books()
     books = put(books, replace_fields(books.jobs[1], state=state))
     for minutes in (45.0, 40.0):
         books, instructions = apply(ev.JobAssembled(at_s=9.0, job=1, minutes=minutes, by="ann"), books)
@@ -22,7 +22,7 @@ def test_time_of_gluing_is_kept_and_replaced_by_a_later_report(state):
 
 def test_unprinted_parts_cannot_be_reported_as_glued():
     with pytest.raises(InvalidTransition):
-        apply(ev.JobAssembled(at_s=9.0, job=1, minutes=45.0), make_printing_books())
+        apply(ev.JobAssembled(at_s=9.0, job=1, minutes=45.0), make_planned_books())
 
 
 def test_expected_time_follows_the_reported_times_within_bounds():

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from books.example_night import make_view_context
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.model import Bed, JobState, PrintState, Verdict
 from farm.planning.booking import list_job_files
 from farm.state import events as ev
@@ -49,7 +49,7 @@ def make_cleared_event(printer, verdict=Verdict.GOOD):
 
 def make_failed_books():
     return apply_events(
-        make_printing_books(3),
+        make_planned_books(3),
         make_assigned_event("1/02", "b", "x"),
         make_end_event("x", PrintState.FAILED, fault="mintemp"),
     )[0]
@@ -120,7 +120,7 @@ steps = st.lists(
 @given(steps)
 def test_replacing_plates_neither_loses_nor_repeats_a_part(choices):
     """Check that, after any reslices and recuts, the current plates have each piece of the parts once."""
-    books = make_printing_books(3)
+    books = make_planned_books(3)
     for number, (kind, choice, printer) in enumerate(choices):
         waiting_ids = sorted(plate.id for plate in books.list_waiting_plates())
         attempt = books.find_open_print(printer)

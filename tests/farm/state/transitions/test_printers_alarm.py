@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from books.make_books import apply_events, make_printing_books
+from books.make_books import apply_events, make_planned_books
 from farm.config import Fleet
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
@@ -37,7 +37,7 @@ def make_started_books():
     progress_event = ev.PrintProgressed(
         at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True
     )
-    return apply_events(make_printing_books(), assigned_event, progress_event)[0]
+    return apply_events(make_planned_books(), assigned_event, progress_event)[0]
 
 
 def make_context(books, snapshot):
@@ -57,7 +57,7 @@ def test_alarm_is_the_first_task_with_state_and_temperatures():
     printer_view = describe_printer(make_context(books, make_snapshot()), FLEET.printers[0], None)
     assert (printer_view.state, printer_view.look) == ("look", FINDING)
     idle_snapshot = make_snapshot(link=Link.FAULT, print=None, reason=f"{FINDING}: switch it off")
-    assert "(fault, nozzle 271 C" in list_tasks(make_context(make_printing_books(), idle_snapshot))[0].text
+    assert "(fault, nozzle 271 C" in list_tasks(make_context(make_planned_books(), idle_snapshot))[0].text
 
 
 @pytest.mark.parametrize("other_state", ["maintenance", "outage"])
@@ -95,8 +95,8 @@ def test_new_alarm_after_a_cleared_one_is_notified():
     books, _ = apply_events(books, failed_event)
     assert books.printers["a"].attention_reason == CUT_TEXT
     books, _ = apply_events(books, ev.BedCleared(at_s=70.0, printer="a", by="ann", filament=None))
-    entry = books.printers["a"]
-    assert (entry.attention_reason, entry.alarm) == (None, None) and list_due_notices(
+    printer = books.printers["a"]
+    assert (printer.attention_reason, printer.alarm) == (None, None) and list_due_notices(
         books, 70.0, 70.0, ()
     ) == []
     books = apply_report(books, make_snapshot(), 80.0)

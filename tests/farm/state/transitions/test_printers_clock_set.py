@@ -1,6 +1,6 @@
 """Steps of the host's clock: durations and the order of prints are kept."""
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.model import HoldCode, PrintState, Verdict
 from farm.scheduling.holds import find_plate_holds
 from farm.state import events as ev
@@ -22,7 +22,7 @@ def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):
         make_end_event("y", at_s=1500.0, started_s=1100.0),
     )
     with Store(path) as store:
-        books = make_printing_books()
+        books = make_planned_books()
         store.commit(earlier_events[0], Books(), books)
         for event in earlier_events:
             old_books = books
@@ -42,7 +42,7 @@ def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
         make_end_event("x", PrintState.FAILED, 5000.0, fault="port_lost", reason="it went"),
     )
     books, _ = apply_events(
-        make_printing_books(plates=1), *lost_events, ev.ClockSet(at_s=1000.0, by_s=-4000.0)
+        make_planned_books(plates=1), *lost_events, ev.ClockSet(at_s=1000.0, by_s=-4000.0)
     )
     assert find_plate_holds(books, books.jobs.values(), [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
     assert find_plate_holds(books, books.jobs.values(), [], 1000.0) == {}
@@ -51,7 +51,7 @@ def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
 
 def test_clock_step_shifts_only_open_prints():
     books, _ = apply_events(
-        make_printing_books(),
+        make_planned_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x"),
         ev.PlateAssigned(at_s=300.0, plate="1/02", printer="b", print_id="y"),

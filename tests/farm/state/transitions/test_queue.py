@@ -24,7 +24,7 @@ def make_queued_books(*priorities):
 
 
 def list_job_numbers(books):
-    return [entry.id for entry in books.list_open_jobs()]
+    return [job.id for job in books.list_open_jobs()]
 
 
 def move_job(books, number, next_number):
@@ -39,7 +39,7 @@ def test_jobs_are_served_by_priority_and_submission_until_they_are_moved():
     # The job moves before one of a higher priority.
     assert list_job_numbers(move_job(books, 2, next_number=3)) == [2, 3, 4, 1]
     assert list_job_numbers(move_job(books, 3, next_number=None)) == [4, 1, 2, 3]
-    assert [entry.id for entry in move_job(books, 2, next_number=3).list_unplanned_jobs()] == [2, 3, 4, 1]
+    assert [job.id for job in move_job(books, 2, next_number=3).list_unplanned_jobs()] == [2, 3, 4, 1]
 
 
 @given(

@@ -13,7 +13,7 @@ from books.make_books import (
     make_fleet_events,
     make_job,
     make_plan_event,
-    make_printing_books,
+    make_planned_books,
 )
 from farm.cli.display.job_page import render_job
 from farm.config import Fleet
@@ -33,7 +33,7 @@ FLEET = Fleet.model_validate(
 
 def make_priced_books(*prices):
     """Make books with a planned job whose plates have these prices."""
-    books = make_printing_books(plates=len(prices))
+    books = make_planned_books(plates=len(prices))
     plates = {
         name: plate.model_copy(update={"price": price})
         for (name, plate), price in zip(books.plates.items(), prices, strict=True)
@@ -56,7 +56,7 @@ def test_price_of_a_job_is_the_sum_of_its_plates():
 
 def test_starved_time_does_not_exceed_the_printing_time():
     """Use a part that was printed twice, so that its starved times are added."""
-    books = make_printing_books(plates=1)
+    books = make_planned_books(plates=1)
     assert make_view(books).starved_share is None
     for name, started_s in (("p", 2.0), ("q", 202.0)):
         assigned_event = ev.PlateAssigned(at_s=started_s, plate="1/01", printer="a", print_id=name)
@@ -72,7 +72,7 @@ def test_job_has_no_price_if_one_reel_has_none():
 
 
 def test_warnings_of_plates_are_shown_with_the_job():
-    books = make_printing_books(plates=1)
+    books = make_planned_books(plates=1)
     name, plate = next(iter(books.plates.items()))
     warning = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
     job_view = make_view(
@@ -86,7 +86,7 @@ def test_warnings_of_plates_are_shown_with_the_job():
 
 def test_failed_job_has_no_speedup():
     books, _ = apply_events(
-        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+        make_planned_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
     old_view = make_view(books)
     assert old_view.speedup and old_view.utilisation
@@ -120,7 +120,7 @@ def test_progress_of_a_plan_is_shown():
 @pytest.mark.parametrize(("progress_s", "remaining_s"), [(0.0, 10.0 + 90.0 * 1.2 - 5.0), (30.0, 60.0 * 1.2)])
 def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
     books, _ = apply_events(
-        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+        make_planned_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
     started_event = ev.PrintProgressed(
         at_s=2.0, print_id="x", state=PrintState.PRINTING, started_s=2.0, extruded=True
@@ -155,7 +155,7 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
 def test_print_that_is_resumed_is_not_shown_as_paused():
     """Show the resumed state while the nozzle heats for minutes before the print continues."""
     books, _ = apply_events(
-        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+        make_planned_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
     for wants_pause, state, shown_state in (
         (True, PrintState.PRINTING, "printing"),
@@ -179,6 +179,6 @@ def test_print_that_is_resumed_is_not_shown_as_paused():
 def test_bad_part_adds_the_time_of_its_reprint():
     started_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     bad_event = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
-    books, _ = apply_events(make_printing_books(1), started_event, make_end_event("x", at_s=102.0), bad_event)
+    books, _ = apply_events(make_planned_books(1), started_event, make_end_event("x", at_s=102.0), bad_event)
     job_view = make_view(books)
     assert job_view.current_s == pytest.approx(job_view.elapsed_s + job_view.estimated_s)

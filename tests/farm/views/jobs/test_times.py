@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.make_books import apply_events, make_end_event, make_printing_books
+from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.config import Fleet
 from farm.model import Verdict
 from farm.paths import StateFolder
@@ -39,7 +39,7 @@ def make_attempt_events(name, plate, printer, started_s, ended_s):
 def done_books():
     """Make books with a job of two plates of 100 s, which were printed at the same time."""
     return apply_events(
-        make_printing_books(),
+        make_planned_books(),
         *make_attempt_events("x", "1/01", "a", 0.0, 100.0),
         *make_attempt_events("y", "1/02", "b", 0.0, 100.0),
     )[0]
@@ -71,7 +71,7 @@ def test_reprint_that_waits_for_a_printer_is_expected_to_take_its_own_time(done_
 
 def test_wait_for_a_printer_within_a_run_is_counted():
     books, _ = apply_events(
-        make_printing_books(),
+        make_planned_books(),
         *make_attempt_events("x", "1/01", "a", 0.0, 100.0),
         *make_attempt_events("y", "1/02", "a", 400.0, 500.0),
     )
@@ -92,7 +92,7 @@ def test_cancelled_reprint_does_not_change_the_figures(done_books):
 def test_part_judged_bad_later_begins_another_run():
     bad_event = ev.BedCleared(at_s=9000.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
     books, _ = apply_events(
-        make_printing_books(1), *make_attempt_events("x", "1/01", "a", 0.0, 100.0)[:2], bad_event
+        make_planned_books(1), *make_attempt_events("x", "1/01", "a", 0.0, 100.0)[:2], bad_event
     )
     books, _ = apply_events(books, *make_attempt_events("y", "1/01", "a", 9100.0, 9200.0))
     assert [item.duration_s for item in compute_times(books, DAY_S).runs] == [100.0, 100.0]
@@ -104,7 +104,7 @@ SPANS = st.lists(st.tuples(st.floats(0.0, 1e5), st.floats(1.0, 1e5)), min_size=1
 @given(SPANS)
 def test_runs_are_disjoint_and_each_print_is_in_one(spans):
     """Make one reprint after another, each some time after the end of the job."""
-    books, at_s = make_printing_books(1), 0.0
+    books, at_s = make_planned_books(1), 0.0
     for number, (wait_s, duration_s) in enumerate(spans):
         at_s += 1.0 + wait_s
         if number:
@@ -122,7 +122,7 @@ def test_runs_are_disjoint_and_each_print_is_in_one(spans):
 
 
 def test_job_of_older_books_has_one_run():
-    books, _ = apply_events(make_printing_books(1), *make_attempt_events("x", "1/01", "a", 0.0, 100.0))
+    books, _ = apply_events(make_planned_books(1), *make_attempt_events("x", "1/01", "a", 0.0, 100.0))
     record = books.get_job(1).model_dump()
     del record["reopenings"]
     job = type(books.get_job(1)).model_validate(record)
