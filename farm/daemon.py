@@ -53,7 +53,7 @@ from farm.log_format import start_log
 from farm.paths import FarmPaths, StateFolder, read_anchor, write_anchor
 from farm.planning import JobPlanner, list_bed_boxes
 from farm.planning.error_translation import translate_errors
-from farm.planning.replanning import ReplanWorker
+from farm.planning.replanning import PlateReplanner
 from farm.planning.tasks import warm_up_planning
 from farm.state.storage import NightlyBackup, open_books
 from farm.upkeep.upkeep import Upkeep
@@ -105,9 +105,9 @@ class Daemon:
         self._planner = JobPlanner(
             self._state, self._workers, compute.budget_s, controller.on_plan, controller.planning.on_progress
         )
-        self._replan_worker = ReplanWorker(self._state, self._workers, controller.on_replan)
+        self._plate_replanner = PlateReplanner(self._state, self._workers, controller.on_replan)
         self._effects = FarmEffects(
-            fleet, self._state, self._clock, self._agents, self._planner, self._replan_worker
+            fleet, self._state, self._clock, self._agents, self._planner, self._plate_replanner
         )
         self._timers = Timers(self._clock)
         self._notifier: Notifier | None = None
@@ -163,7 +163,7 @@ class Daemon:
         """Stop the timers and planning, leave the agents running, and end the workers."""
         self._timers.stop()
         self._planner.stop()
-        self._replan_worker.stop()
+        self._plate_replanner.stop()
         await self._agents.close()
         self._workers.close()
         if self._cluster is not None:
@@ -295,7 +295,7 @@ class Daemon:
         self._streams.close()
         self._page_streams.close()
         self._planner.stop()
-        self._replan_worker.stop()
+        self._plate_replanner.stop()
         self._workers.close()
 
     async def _end_when_idle(self, is_immediate: bool) -> None:

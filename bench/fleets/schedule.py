@@ -67,7 +67,7 @@ def make_queue(count: int, rng: random.Random) -> list[WaitingPlate]:
                 job=number % 10,
                 planned_printer=f"um2-{rng.randrange(100):03d}",
                 expected_s=rng.uniform(1800.0, 36000.0),
-                heating_s=300.0,
+                overhead_s=300.0,
                 first_layer_s=600.0,
                 grams=rng.uniform(5.0, 150.0),
             )

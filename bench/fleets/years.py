@@ -34,7 +34,7 @@ from farm.paths import StateFolder
 from farm.planning import list_bed_boxes
 from farm.state import Books
 from farm.state import events as ev
-from farm.state.retention import list_job_file_names, list_named_files
+from farm.state.retention import list_job_file_names, list_referenced_files
 from farm.state.storage import Store, list_files, read_books
 from farm.state.transitions import apply
 from farm.upkeep.upkeep import Upkeep
@@ -188,7 +188,7 @@ class SimulatedFarm:
     def measure(self) -> dict[str, Any]:
         """Close the store, and return the sizes at the end of the year."""
         files, books = list_files(self.state.files), self.controller.books
-        events, missing_files = len(self.store.read_all_events()), list_named_files(books) - files.keys()
+        events, missing_files = len(self.store.read_all_events()), list_referenced_files(books) - files.keys()
         self.store.close()
         oldest_backup, *_ = sorted(self.state.backups.iterdir())
         pruned_jobs = [job for job in books.jobs.values() if job.pruned_s]

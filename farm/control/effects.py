@@ -11,7 +11,7 @@ from farm.config import Fleet
 from farm.model import compute_assembly_ratio
 from farm.paths import StateFolder
 from farm.planning import JobPlanner, PlanRequest, list_job_files
-from farm.planning.replanning import ReplanTask, ReplanWorker, StartReplan
+from farm.planning.replanning import PlateReplanner, ReplanTask, StartReplan
 from farm.scheduling import StartPlanning
 from farm.state import Books, apply_reels
 from farm.state import events as ev
@@ -39,10 +39,10 @@ class FarmEffects:
         clock: Clock,
         agents: AgentManager,
         planner: JobPlanner,
-        replan_worker: ReplanWorker,
+        plate_replanner: PlateReplanner,
     ) -> None:
         self._fleet, self._state, self._clock = fleet, state, clock
-        self._agents, self._planner, self._replan_worker = agents, planner, replan_worker
+        self._agents, self._planner, self._plate_replanner = agents, planner, plate_replanner
 
     def perform(self, effect: Effect, books: Books) -> None:
         match effect:
@@ -91,7 +91,7 @@ class FarmEffects:
             ),
             reports=tuple(filter(None, (job.decomposition, *job.cuts.values()))),
         )
-        self._replan_worker.start(task, order.is_cut)
+        self._plate_replanner.start(task, order.is_cut)
 
     def _link_files(self, number: int, books: Books) -> None:
         job = books.get_job(number)

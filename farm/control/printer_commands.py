@@ -11,7 +11,7 @@ from farm.control.controller import Controller
 from farm.errors import RefusedError
 from farm.model import Print, PrintState, Reel, Verdict
 from farm.planning.inspection import complete_section
-from farm.state import PlateState, apply_reel, find_failed_print, find_part_name, list_reprinting_printers
+from farm.state import PlateState, apply_reel, find_failed_print, find_part_id, list_reprinting_printers
 from farm.state import events as ev
 from farm.text import parse_part_number
 
@@ -98,7 +98,7 @@ class PrinterCommands:
         books = self._controller.books
         if good_print is not None:
             return api.ClearedResponse(
-                good=find_part_name(books, good_print), printed_on=list_reprinting_printers(books, good_print)
+                good=find_part_id(books, good_print), printed_on=list_reprinting_printers(books, good_print)
             )
         plate = None if judged_print is None else books.plates[judged_print.plate]
         is_reprinted = plate is not None and books.find_plate_state(plate) in (
@@ -116,7 +116,7 @@ class PrinterCommands:
             raise RefusedError(
                 f"no part is recorded on {printer}: `farm history --printer {printer}` lists its prints"
             )
-        name = find_part_name(books, attempt)
+        name = find_part_id(books, attempt)
         job = part.rpartition("/")[0]
         if parse_part_number(part) != parse_part_number(name) or job not in ("", str(attempt.job)):
             raise RefusedError(f"the part on {printer} is {name}, not {part}")

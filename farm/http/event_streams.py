@@ -23,7 +23,7 @@ class EventLog(Protocol):
     def read_events(self, last_number: int, limit: int) -> Sequence[EventRow]:
         """Read the events after a number, oldest first. Raises StoreError."""
 
-    def read_upkeep_events(self, printer: str, limit: int) -> Sequence[EventRow]:
+    def read_printer_events(self, printer: str, limit: int) -> Sequence[EventRow]:
         """Read the events about the upkeep of a printer, newest first. Raises StoreError."""
 
 
@@ -38,7 +38,7 @@ class EmptyEventLog:
         """Return no events."""
         return ()
 
-    def read_upkeep_events(self, printer: str, limit: int) -> Sequence[EventRow]:
+    def read_printer_events(self, printer: str, limit: int) -> Sequence[EventRow]:
         """Return no events."""
         return ()
 

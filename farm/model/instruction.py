@@ -1,4 +1,4 @@
-"""Instructions that follow from events (imperative), to agents and to the daemon."""
+"""Instructions to agents and to the daemon, which follow from events and are named in the imperative."""
 
 from __future__ import annotations
 

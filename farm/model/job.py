@@ -155,17 +155,17 @@ class Job(Entity):
         """Priority of the job in the queue."""
         return self.options.priority if self.moved_priority is None else self.moved_priority
 
-    def compute_print_deadline_s(self, ratio: float) -> float | None:
+    def compute_print_deadline_s(self, assembly_ratio: float) -> float | None:
         """Return the time by which its last part has to be printed; None for no limit.
 
         Parameters
         ----------
-        ratio
+        assembly_ratio
             Ratio of reported to expected times of assembly (`compute_assembly_ratio`).
         """
         if self.done_by_s is not None or self.assembled_by_s is None:
             return self.done_by_s
-        return self.assembled_by_s - ratio * (self.assembly_s or 0.0)
+        return self.assembled_by_s - assembly_ratio * (self.assembly_s or 0.0)
 
     @property
     def assembled_s(self) -> float | None:

@@ -60,7 +60,7 @@ class Printer(Entity):
     restored_s: float | None = None  # time at which the database was restored from a backup
     unreported_since_s: float | None = None  # time of the backup since which its agent has not reported
     reel: Reel | None = None  # None: the reel in fleet.yaml
-    time_factor: float = 1.0  # actual over expected time of its layers, learned from its prints
+    time_factor: float = 1.0  # actual over sliced time of its layers, learned from its prints
     feature_factors: FeatureFactors | None = None  # the same ratio for each feature; None: too few prints
 
     @property

@@ -9,15 +9,15 @@ Its modules, in the order in which a job passes through them:
    attempts side by side.
 4. `slice_batch`, `parts.slice_part`: slice every part.
 5. `parts.rebalance_parts`: move the cuts if the slices show that one part is too slow.
-6. `booking`: put the files into the store; `planned_event`: the event that commits the plan.
+6. `plan_storage`: put the files into the store; `planned_event`: the event that commits the plan.
 
 `plan` and `part_records` are the records that pass between these steps. `replanning` plans a waiting plate
 again; `local` is `farm decompose` and `farm slice`, without a daemon.
 """
 
-from farm.planning.booking import list_job_files
 from farm.planning.job_planner import JobPlanner
 from farm.planning.plan import InspectedSubmission, Plan, PlanRequest, TooFewPrinters, name_step_file
+from farm.planning.plan_storage import list_job_files
 from farm.planning.planned_event import build_planned_event
 from farm.planning.printer_settings import list_bed_boxes
 

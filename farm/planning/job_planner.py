@@ -38,9 +38,9 @@ class JobPlanner:
     budget_s
         Budget of the search for the parts of a job.
     on_plan
-        Called with a job's number and its plan, or the error that prevented it.
+        Called with a job's id and its plan, or the error that prevented it.
     on_progress
-        Called with a job's number and the progress of its plan.
+        Called with a job's id and the progress of its plan.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class JobPlanner:
             may_pause=True,
         )
         self._running = {
-            number: plan_task for number, plan_task in self._running.items() if not plan_task.done()
+            job_id: plan_task for job_id, plan_task in self._running.items() if not plan_task.done()
         }
         workers = PoolShare(self._workers, job.id, is_urgent=request.is_quick)
         builder = PlanBuilder(
@@ -85,8 +85,8 @@ class JobPlanner:
 
     def stop(self, job: int | None = None) -> None:
         """Stop planning a job, or all jobs."""
-        for number, plan_task in self._running.items():
-            if job in (None, number):
+        for job_id, plan_task in self._running.items():
+            if job in (None, job_id):
                 plan_task.cancel()
 
     async def _plan_job(self, job: Job, builder: PlanBuilder) -> None:

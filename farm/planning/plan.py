@@ -102,7 +102,7 @@ class DecomposeTask:
     folder
         Scratch folder of the plan.
     time_factors
-        Time factors of the printers, learned from their prints, by name; 1 for a printer that is not named.
+        Time factors of the printers, learned from their prints, by name; nominal for other printers.
     time_limit_s
         Time within which the job must be printed (`--done-by`), or printed and glued (`--assembled-by`);
         None for no limit.

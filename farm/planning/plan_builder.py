@@ -14,12 +14,12 @@ from farm.compute import CHECKING_LIMIT, DECOMPOSING_LIMIT, PoolShare
 from farm.errors import FarmError
 from farm.model import PlanProgress, PlanStep
 from farm.paths import StateFolder
-from farm.planning.booking import store_plan
 from farm.planning.part_records import SliceBatch
 from farm.planning.parts.copies import multiply_plan
 from farm.planning.parts.drawings import Drawings
 from farm.planning.parts.search_rounds import SearchRounds
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
+from farm.planning.plan_storage import store_plan
 from farm.planning.slice_batch import slice_batch
 from farm.planning.tasks import plan_gcode, rebalance_parts
 from slicing.cache_limit import trim_cache
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_MAX_REBALANCES = 4  # the last ones are for parts whose time jumps when a face moves
+_MAX_REBALANCES = 4  # one often suffices, but the sliced time of a part may jump when a face moves
 _POLL_INTERVAL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
 
 

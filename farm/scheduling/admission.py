@@ -33,8 +33,8 @@ _TEMPORARY_CODES = (
 
 
 @dataclass(frozen=True, slots=True)
-class PlanOrder:
-    """Instruction to plan a job for these printers, with up to `round_count` parts for each."""
+class PrinterChoice:
+    """Printers for which a job is planned, and the number of rounds: the maximum number of parts for each."""
 
     printers: tuple[str, ...]
     round_count: int = 1
@@ -127,12 +127,12 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
     )
 
 
-def choose_printers(request: JobRequest, availability: Availability) -> PlanOrder | Hold:
+def choose_printers(request: JobRequest, availability: Availability) -> PrinterChoice | Hold:
     """Choose the printers that a job is planned for.
 
     All matching printers that are idle and clear are chosen. If there are none, or they cannot print the job
-    in one round, printers that are busy or wait for a person are added; absent or broken printers only if
-    there are no others. If even these cannot print the job in one round, it gets several rounds.
+    in one round (one part each), printers that are busy or wait for a person are added; absent or broken
+    printers only if there are no others. If even these cannot print the job in one round, it gets several.
     """
     matching_printers = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
@@ -147,15 +147,17 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
     reserved_names = availability.replan_printers | availability.reservations.keys()
     idle = [p for p in usable_printers if p.find_obstacle() is None and p.name not in reserved_names]
     candidates = idle if idle and not request.starts_later else usable_printers
-    number, min_parts = request.limit_printer_count(len(candidates)), request.min_parts
-    if min_parts > number:
+    count, min_parts = request.limit_printer_count(len(candidates)), request.min_parts
+    if min_parts > count:
         max_parts = request.limit_printer_count(len(usable_printers))
         if min_parts > max_parts:
-            return PlanOrder(tuple(p.name for p in candidates[:number]), round_count=-(-min_parts // number))
-        candidates, number = usable_printers, max_parts
+            return PrinterChoice(
+                tuple(p.name for p in candidates[:count]), round_count=-(-min_parts // count)
+            )
+        candidates, count = usable_printers, max_parts
     # The largest first, so that two requested printers are the two largest.
     largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
-    return PlanOrder(tuple(sorted(p.name for p in largest[:number])))
+    return PrinterChoice(tuple(sorted(p.name for p in largest[:count])))
 
 
 def list_usable_printers(
@@ -165,8 +167,8 @@ def list_usable_printers(
     usable_printers = [
         p for p in matching_printers if (hold := p.find_obstacle()) is None or hold.code in _TEMPORARY_CODES
     ]
-    blocked_names = availability.attended_only_printers
-    startable = [p for p in usable_printers if p.name not in blocked_names] or usable_printers
+    attended_only = availability.attended_only_printers
+    startable = [p for p in usable_printers if p.name not in attended_only] or usable_printers
     return (
         [p for p in startable if p.name not in availability.replan_printers] or startable or matching_printers
     )
@@ -177,7 +179,7 @@ def choose_unreserved_printers(
     availability: Availability,
     priority: int,
     pending_plans: Iterable[PendingPlan],
-) -> PlanOrder | Hold:
+) -> PrinterChoice | Hold:
     """Choose the printers of a job while others are being planned.
 
     The printers of these jobs are not available to jobs of the same or a lower priority, and to other jobs
@@ -221,7 +223,7 @@ def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class StartPlanning:
-    """Instruction to plan a job for these printers; see `PlanOrder` and `is_quick`."""
+    """Instruction to plan a job for these printers; see `PrinterChoice` and `is_quick`."""
 
     job: int
     printers: tuple[str, ...]
@@ -251,9 +253,9 @@ class JobAdmission:
         """Store the number of parts that a job needs according to an attempt to plan it."""
         self._min_parts[job] = part_count
 
-    def begin_planning(self, order: StartPlanning) -> None:
+    def begin_planning(self, decision: StartPlanning) -> None:
         """Record that a job is being planned, with its printers."""
-        self._planned_printers[order.job] = frozenset(order.printers)
+        self._planned_printers[decision.job] = frozenset(decision.printers)
 
     def end_planning(self, job: int) -> None:
         """Record that the planning of a job has ended."""
@@ -262,7 +264,8 @@ class JobAdmission:
     def list_pending_plans(self, books: Books) -> list[PendingPlan]:
         """List the jobs that are being planned, with their printers."""
         return [
-            PendingPlan(n, books.get_job(n).priority, names) for n, names in self._planned_printers.items()
+            PendingPlan(job_id, books.get_job(job_id).priority, names)
+            for job_id, names in self._planned_printers.items()
         ]
 
     def decide(
@@ -286,11 +289,11 @@ class JobAdmission:
             if job.state is JobState.PLANNING:
                 long_jobs += [] if quick else [job.id]
                 continue
-            decision: PlanOrder | Hold | None = find_mismatch(
+            decision: PrinterChoice | Hold | None = find_mismatch(
                 derive_job_requirements(job), situation.printers
             )
             if decision is None and not quick and len(long_jobs) >= MAX_LONG_JOBS:
-                first = join_names(f"job {number}" for number in long_jobs)
+                first = join_names(f"job {job_id}" for job_id in long_jobs)
                 decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
             if decision is None:
                 limited = limit_availability(availability, situation, job)
@@ -339,7 +342,7 @@ def limit_availability(availability: Availability, situation: Situation, job: Jo
     """Return the availability at a job's start; if nobody is present then, some printers are chosen last."""
     start_s = max(situation.now_s, job.not_before_s or 0.0)
     is_attended = job.options.hold or situation.rules.is_attended(start_s)
-    blocked_names = frozenset(
+    attended_only_printers = frozenset(
         p.name for p in situation.printers if not (p.may_print_unattended or is_attended)
     )
-    return replace(availability, attended_only_printers=blocked_names)
+    return replace(availability, attended_only_printers=attended_only_printers)

@@ -131,7 +131,7 @@ class _Simulation:
             # A printer that matches no plate starts none, but may be kept as a spare.
             is_used = self._spares or any(map(printer.capabilities.meets, situation.waiting_plates.demands))
             self._add_printer(printer, bool(is_used))
-        for at_s in situation.waiting_plates.starts_s:
+        for at_s in situation.waiting_plates.earliest_starts_s:
             self._push_change(at_s, _JOB_START, "")
 
     def _add_printer(self, printer: FleetPrinter, is_used: bool) -> None:
@@ -226,14 +226,14 @@ class _Simulation:
             rules=self._rules,
             now_s=self._now_s,
         )
-        plates_by_printer = match_plates(
+        plate_by_printer = match_plates(
             ((rank, plates.values()) for rank, plates in self.queue.items()), inputs
         )
-        for name, plate in plates_by_printer.items():
+        for name, plate in plate_by_printer.items():
             self._start_print(plate, name)
-        if len(plates_by_printer) < start_limit:
-            self._blocked_printers |= free - plates_by_printer.keys()
-        return bool(plates_by_printer)
+        if len(plate_by_printer) < start_limit:
+            self._blocked_printers |= free - plate_by_printer.keys()
+        return bool(plate_by_printer)
 
     def _choose_spare_printers(self, planned_printers: Collection[str]) -> frozenset[str]:
         if not self._spares or self._rules.is_attended(self._now_s):
@@ -249,7 +249,7 @@ class _Simulation:
         if printer.grams is not None:
             self._fleet[name] = replace(printer, grams=printer.grams - plate.grams)
         self._heating_count += 1
-        self._push_change(self._now_s + plate.heating_s, _HEATING_END, name)
+        self._push_change(self._now_s + plate.overhead_s, _HEATING_END, name)
         self._push_change(end_s, _PRINT_END, plate.job)
         self._push_change(self._rules.find_clearing_end_s(end_s, CLEARING_TIME_S), _CLEARING_END, name)
         if plate.job in self._extra_printer_counts:
@@ -279,9 +279,9 @@ def make_idle_printer(printer: FleetPrinter) -> FleetPrinter:
 
 def compute_printing_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
     """Compute the printing time of a plate from the time factors of a printer and of the planned printer."""
-    layers_s = plate.expected_s - plate.heating_s
+    layers_s = plate.expected_s - plate.overhead_s
     factor = printer.time_factors.compute_factor(plate.feature_shares)
-    return plate.heating_s + layers_s * factor / plate.time_factor
+    return plate.overhead_s + layers_s * factor / plate.time_factor
 
 
 def _find_ready_time_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:

@@ -14,6 +14,7 @@ from farm.week_windows import DAYS, Window
 _SEARCH_DAYS = 15  # two weeks contain a whole span of any weekly windows
 _MAX_SPAN_S = 8 * 86400.0  # a longer span has no gap and never ends
 Span = tuple[float, float]
+"""Start and end of a window on the calendar, in seconds since the epoch."""
 
 
 @dataclass(frozen=True, slots=True)

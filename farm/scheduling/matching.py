@@ -91,7 +91,7 @@ class FleetPrinter:
     maintenance: str | None = None  # reason why a person has taken it out of use
     is_heating: bool = False
     print_end_s: float | None = None  # expected end of its print
-    job: int | None = None  # number of the job that it is printing
+    job: int | None = None  # id of the job that it is printing
     heating_end_s: float | None = None  # expected end of its heat-up
     grams: float | None = None  # filament on its reel that its open print does not need; None: unknown
     is_reel_uncertain: bool = False  # `grams` may be too high
@@ -161,7 +161,7 @@ class Requirements:
         return capabilities.meets(self.demand) and (self.box is None or capabilities.can_contain(self.box))
 
     def describe(self, mismatched_capabilities: tuple[Capabilities, ...] = ()) -> str:
-        """List as text all requirements, or only those that one of the mismatched capabilities lacks."""
+        """Describe the requirements that any of the capabilities fails to meet; all if none are given."""
         texts = []
         if self.material and (
             not mismatched_capabilities
@@ -180,7 +180,7 @@ class Requirements:
         if self.family and (
             not mismatched_capabilities or any(kind.family != self.family for kind in mismatched_capabilities)
         ):
-            texts.append(f"an {self.family}, which it was sliced for")
+            texts.append(f"a printer of the family {self.family}")
         if self.allowed_printers and (
             not mismatched_capabilities
             or any(kind.requested_name not in self.allowed_printers for kind in mismatched_capabilities)
@@ -208,9 +208,9 @@ class WaitingPlate:
     planned_printer: str
     expected_s: float  # time on the planned printer, including heating
     priority: int = 0  # plates of a higher priority are printed earlier
-    rank: float | None = None  # rank among jobs of equal priority; None for the job's number
+    rank: float | None = None  # rank among jobs of equal priority; None for the job's id
     grams: float = 0.0
-    heating_s: float = 0.0  # part of `expected_s` apart from the layers
+    overhead_s: float = 0.0  # part of `expected_s` apart from the layers: heat-up, start and end code
     time_factor: float = 1.0  # factor of the planned printer, included in `expected_s`
     feature_shares: Shares | None = None  # shares of the features in the time of its layers
     first_layer_s: float = 0.0  # time from its start to the end of its first layer

@@ -11,7 +11,7 @@ from operator import attrgetter
 from farm.scheduling.matching import Demand, WaitingPlate
 
 QueueRank = tuple[int, float, int]
-"""Negative priority, rank and number of a job; the smallest is served first."""
+"""Negative priority, rank and id of a job; the smallest is served first."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class JobPlates:
 
     @property
     def job(self) -> int:
-        """Number of the job."""
+        """Id of the job."""
         return self.plates[0].job
 
     @cached_property
@@ -53,7 +53,7 @@ class JobPlates:
         return frozenset({plate.demand for plate in self.plates})
 
     @cached_property
-    def starts_s(self) -> frozenset[float]:
+    def earliest_starts_s(self) -> frozenset[float]:
         """Earliest start times of the plates that have one."""
         return frozenset({plate.not_before_s for plate in self.plates if plate.not_before_s is not None})
 
@@ -64,7 +64,7 @@ class JobPlates:
 
     @cached_property
     def extra_printer_counts(self) -> dict[int, int]:
-        """Number of additional printers for the job, by its number; empty for no limit."""
+        """Number of additional printers for the job, by its id; empty for no limit."""
         return {
             plate.job: plate.extra_printer_count
             for plate in self.plates
@@ -137,9 +137,9 @@ class PlateQueue(Collection[WaitingPlate]):
         return frozenset().union(*(job.demands for job in self.jobs))
 
     @cached_property
-    def starts_s(self) -> frozenset[float]:
+    def earliest_starts_s(self) -> frozenset[float]:
         """Earliest start times of the plates that have one."""
-        return frozenset().union(*(job.starts_s for job in self.jobs))
+        return frozenset().union(*(job.earliest_starts_s for job in self.jobs))
 
     @property
     def repeats(self) -> Iterator[WaitingPlate]:

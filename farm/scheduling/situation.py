@@ -29,7 +29,7 @@ class Situation:
         Farm seconds per wall second, to convert the duration of work in processes, which is in wall seconds.
     spares
         Number of free printers that each printing job keeps for parts that fail while nobody is present
-        (`--spares`).
+        (`--spares`), by the id of the job.
     """
 
     waiting_plates: PlateQueue
@@ -65,7 +65,7 @@ class Situation:
 
         Until then, scheduling the same plates and printers gives the same result.
         """
-        starts_s = (at_s for at_s in self.waiting_plates.starts_s if at_s > self.now_s)
+        starts_s = (at_s for at_s in self.waiting_plates.earliest_starts_s if at_s > self.now_s)
         return min((self.rules.find_next_change_s(self.waiting_plates, self.printers, self.now_s), *starts_s))
 
     def without(self, plates: Collection[str]) -> Situation:

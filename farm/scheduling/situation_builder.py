@@ -263,13 +263,13 @@ class SituationBuilder:
         return self._describe_job(books, job).may_hold_back
 
     def _describe_job(self, books: Books, job: Job) -> _JobDescription:
-        revision = books.find_revision(job.id)
-        cached_revision, description = self._jobs.get(job.id, (None, None))
-        if description is None or cached_revision is not revision:
+        version = books.find_job_version(job.id)
+        cached_version, description = self._jobs.get(job.id, (None, None))
+        if description is None or cached_version is not version:
             states = ((plate, books.find_plate_state(plate)) for plate in books.list_plates(job))
             waiting = describe_plates((p for p, state in states if state is PlateState.WAITING), books)
             description = _JobDescription(JobPlates.from_plates(waiting), may_hold_back(books, job))
-            self._jobs[job.id] = revision, description
+            self._jobs[job.id] = version, description
         return description
 
 
@@ -320,7 +320,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             priority=job.priority,
             rank=job.moved_rank,
             grams=plate.grams,
-            heating_s=plate.overhead_s,
+            overhead_s=plate.overhead_s,
             time_factor=plate.time_factor,
             feature_shares=plate.feature_shares,
             first_layer_s=plate.first_layer_s,

@@ -23,7 +23,7 @@ FIRST_LAYERS_RESERVE_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
 CLEARING_RESERVE_S = 900.0
 """Seconds of the attended hours reserved to cool and clear the bed of a print that must end in them."""
-_HORIZON_S = 15 * 86400.0
+_HORIZON_S = 15 * 86400.0  # hours repeat weekly, so a plate that cannot start within this time never can
 _TOLERANCE_S = 0.001  # a plate may still start exactly at its latest start
 
 

@@ -20,7 +20,7 @@ from farm.state.reconciliation import (
 from farm.state.reels import apply_reel, apply_reels
 from farm.state.salvaged_parts import (
     find_failed_print,
-    find_part_name,
+    find_part_id,
     find_possibly_complete_print,
     list_reprinting_printers,
 )
@@ -37,7 +37,7 @@ __all__ = [
     "compute_outage_window_s",
     "detect_alarm",
     "find_failed_print",
-    "find_part_name",
+    "find_part_id",
     "find_possibly_complete_print",
     "find_stopped_print",
     "handle_unknown_print",

@@ -46,7 +46,8 @@ class Books:
     _open_prints: Mapping[str, Print] = field(default_factory=dict, compare=False)
     _open_prints_by_printer: Mapping[str, Print] = field(default_factory=dict, compare=False)
     _last_prints: Mapping[str, Print] = field(default_factory=dict, compare=False)
-    _revisions: Mapping[int, object] = field(default_factory=dict, compare=False)  # revision of each job
+    # An object for each job, which is replaced when the job changes.
+    _job_versions: Mapping[int, object] = field(default_factory=dict, compare=False)
 
     @classmethod
     def from_entities(cls, entities: Iterable[Entity]) -> Books:
@@ -64,15 +65,15 @@ class Books:
         losses = (printer.host_loss for printer in self.printers.values())
         return frozenset(loss.host for loss in losses if loss is not None)
 
-    def get_job(self, number: int) -> Job:
+    def get_job(self, job_id: int) -> Job:
         try:
-            return self.jobs[number]
+            return self.jobs[job_id]
         except KeyError:
-            raise NotFoundError(f"there is no job {number}; `farm status` lists them") from None
+            raise NotFoundError(f"there is no job {job_id}; `farm status` lists them") from None
 
-    def find_revision(self, job: int) -> object:
+    def find_job_version(self, job: int) -> object:
         """Return an object that is replaced at each change of the job, its parts, plates or prints."""
-        return self._revisions.get(job)
+        return self._job_versions.get(job)
 
     def get_printer(self, name: str) -> Printer:
         try:
@@ -81,30 +82,30 @@ class Books:
             names = ", ".join(sorted(self.printers)) or "none"
             raise NotFoundError(f"there is no printer {name}; the fleet has {names}") from None
 
-    def get_key(self, name: str) -> Key:
+    def get_key(self, key_id: str) -> Key:
         try:
-            return self.keys[name]
+            return self.keys[key_id]
         except KeyError:
-            raise NotFoundError(f"there is no key {name}; `farm key` lists them") from None
+            raise NotFoundError(f"there is no key {key_id}; `farm key` lists them") from None
 
     def list_prints(self, plate: Plate) -> Iterator[Print]:
         """Yield the prints of a plate, oldest first."""
-        return (self.prints[name] for name in plate.prints)
+        return (self.prints[print_id] for print_id in plate.prints)
 
     def list_job_prints(self, job: Job) -> list[Print]:
         """List the prints of a job's plates, each once: replacements of a plate share its prints."""
         return list({p.id: p for plate in self.list_plates(job) for p in self.list_prints(plate)}.values())
 
-    def has_started(self, number: int) -> bool:
+    def has_started(self, job_id: int) -> bool:
         """Return whether any plate of a job has ever been assigned to a printer."""
-        return any(plate.prints for plate in self.list_plates(self.get_job(number)))
+        return any(plate.prints for plate in self.list_plates(self.get_job(job_id)))
 
     def find_plate_state(self, plate: Plate) -> PlateState:
         """Derive the state of a plate."""
-        return derive_plate_state(plate, [self.prints[name] for name in plate.prints])
+        return derive_plate_state(plate, [self.prints[print_id] for print_id in plate.prints])
 
     def list_plates(self, job: Job) -> Iterator[Plate]:
-        return (self.plates[name] for name in job.plates)
+        return (self.plates[plate_id] for plate_id in job.plates)
 
     def list_open_prints(self, job: int | None = None) -> Iterator[Print]:
         """Yield the prints that have not ended, of one job or of all."""
@@ -112,8 +113,8 @@ class Books:
             return iter(self._open_prints.values())
         plates = self.list_plates(self.jobs[job]) if job in self.jobs else ()
         # Replacements of a plate share its prints.
-        names = dict.fromkeys(name for plate in plates for name in plate.prints)
-        return (self._open_prints[name] for name in names if name in self._open_prints)
+        print_ids = dict.fromkeys(print_id for plate in plates for print_id in plate.prints)
+        return (self._open_prints[print_id] for print_id in print_ids if print_id in self._open_prints)
 
     def find_open_print(self, printer: str) -> Print | None:
         return self._open_prints_by_printer.get(printer)
@@ -166,29 +167,29 @@ def replace_fields(entity: E, **changes: object) -> E:
     return entity.model_copy(update=changes)
 
 
-def remove_keys(books: Books, names: Iterable[str]) -> Books:
+def remove_keys(books: Books, key_ids: Iterable[str]) -> Books:
     """Return the books without some keys. Keys are the only entities that are ever removed."""
-    removed_keys = set(names)
-    if not removed_keys:
+    removed_ids = set(key_ids)
+    if not removed_ids:
         return books
-    return replace(books, keys={name: key for name, key in books.keys.items() if name not in removed_keys})
+    return replace(books, keys={key.id: key for key in books.keys.values() if key.id not in removed_ids})
 
 
 def put(books: Books, *entities: Entity) -> Books:
     """Return the books with these entities, which replace those with the same id."""
-    changed_entities: dict[str, dict[object, Entity]] = {}
-    revisions: dict[int, object] = {}
+    changed_tables: dict[str, dict[object, Entity]] = {}
+    job_versions: dict[int, object] = {}
 
-    def copy_table(kind: str) -> dict[object, Entity]:
-        return changed_entities.setdefault(kind, dict(getattr(books, kind)))
+    def copy_table(table: str) -> dict[object, Entity]:
+        return changed_tables.setdefault(table, dict(getattr(books, table)))
 
     for entity in entities:
-        kind, key = locate_entity(entity)
-        if changed_entities.get(kind, getattr(books, kind)).get(key) is entity:
+        table, key = locate_entity(entity)
+        if changed_tables.get(table, getattr(books, table)).get(key) is entity:
             continue
-        copy_table(kind)[key] = entity
+        copy_table(table)[key] = entity
         if isinstance(entity, Job | Part | Plate | Print):
-            revisions[entity.id if isinstance(entity, Job) else entity.job] = object()
+            job_versions[entity.id if isinstance(entity, Job) else entity.job] = object()
         if isinstance(entity, Print) and not entity.state.ended:
             copy_table("_open_prints")[entity.id] = entity
             copy_table("_open_prints_by_printer")[entity.printer] = entity
@@ -199,11 +200,11 @@ def put(books: Books, *entities: Entity) -> Books:
                 copy_table("_open_prints_by_printer").pop(entity.printer)
             if _has_ended_last(entity, copy_table("_last_prints").get(entity.printer)):
                 copy_table("_last_prints")[entity.printer] = entity
-    if not changed_entities:
+    if not changed_tables:
         return books
-    if revisions:
-        revisions = {**books._revisions, **revisions}
-    return replace(books, **changed_entities, _revisions=revisions or books._revisions)  # type: ignore[arg-type]
+    if job_versions:
+        job_versions = {**books._job_versions, **job_versions}
+    return replace(books, **changed_tables, _job_versions=job_versions or books._job_versions)  # type: ignore[arg-type]
 
 
 def _has_ended_last(attempt: Print, last_print: Entity | None) -> bool:
@@ -219,7 +220,7 @@ def _make_order_key(attempt: Print) -> tuple[int, float]:
 
 
 def locate_entity(entity: Entity) -> tuple[str, object]:
-    """Return the table of the books for an entity, and its key in that table."""
+    """Return the name of the table of the books for an entity, and its key in that table."""
     match entity:
         case Job():
             return "jobs", entity.id
@@ -240,8 +241,8 @@ def locate_entity(entity: Entity) -> tuple[str, object]:
 
 def list_changed_entities(old_books: Books, new_books: Books) -> Iterable[Entity]:
     """Yield the entities of the new books that are missing from the old ones or differ there."""
-    for kind in ("jobs", "parts", "plates", "prints", "printers", "outages", "keys"):
-        old_table, new_table = getattr(old_books, kind), getattr(new_books, kind)
+    for table in ("jobs", "parts", "plates", "prints", "printers", "outages", "keys"):
+        old_table, new_table = getattr(old_books, table), getattr(new_books, table)
         if new_table is not old_table:
             yield from _list_changes(old_table, new_table)
 
@@ -257,4 +258,4 @@ def _list_changes(old_table: Mapping[object, E], new_table: Mapping[object, E]) 
 def list_removed_keys(old_books: Books, new_books: Books) -> Iterable[Key]:
     """Yield the keys of the old books that are missing from the new ones."""
     if new_books.keys is not old_books.keys:
-        yield from (key for name, key in old_books.keys.items() if name not in new_books.keys)
+        yield from (key for key in old_books.keys.values() if key.id not in new_books.keys)

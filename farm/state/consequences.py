@@ -8,15 +8,17 @@ from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
 from farm.state.outage import find_printers_lost_together
 from farm.state.plate_state import PlateState, derive_job_state, find_successful_print, list_counted_failures
+from farm.text import format_count
 
 CANCELLATION_REASON = "cancelled by a person"
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
+"""The changed books, and the instructions that follow from the change."""
 
 
-def update_job_state(books: Books, number: int, at_s: float, reopen: bool = False) -> Books:
+def update_job_state(books: Books, job_id: int, at_s: float, reopen: bool = False) -> Books:
     """Update a job's state from its plates; a cancelled job changes only if `reopen` is true."""
-    job = books.jobs[number]
+    job = books.jobs[job_id]
     if not job.plates or (job.state is JobState.CANCELLED and not reopen):
         return books
     if job.pruned_s is not None:  # its files have been deleted
@@ -51,7 +53,8 @@ def _describe_failures(books: Books, job: Job) -> str:
         p for p in books.list_plates(job) if books.find_plate_state(p) is PlateState.OUT_OF_ATTEMPTS
     ]
     failures = list_counted_failures(out_of_attempts[0], books.list_prints(out_of_attempts[0]))
-    more_plates = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""
+    other_count = len(out_of_attempts) - 1
+    more_plates = f" (and {format_count(other_count, 'more plate')})" if other_count else ""
     return (
         f"plate {out_of_attempts[0].id} failed {len(failures)} times, last on {failures[-1].printer}: "
         f"{failures[-1].reason or failures[-1].fault}{more_plates}"
@@ -103,9 +106,9 @@ def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     return books, tuple(instruction for _, instruction in cancellations)
 
 
-def end_job(books: Books, number: int, state: JobState, at_s: float, error: ErrorCode, reason: str) -> Result:
+def end_job(books: Books, job_id: int, state: JobState, at_s: float, error: ErrorCode, reason: str) -> Result:
     """End a job and all of its plates, so that nothing more is printed."""
-    job = books.get_job(number)
+    job = books.get_job(job_id)
     instructions: list[ev.AnyInstruction] = []
     for plate in books.list_plates(job):
         books, stops = cancel_plate(books, plate, reason)
@@ -135,8 +138,8 @@ def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: f
         ):
             books = put(books, replace_fields(attempt, charged=False))
             jobs.add(attempt.job)
-    for number in sorted(jobs):
-        books = update_job_state(books, number, at_s)
+    for job_id in sorted(jobs):
+        books = update_job_state(books, job_id, at_s)
     return books
 
 

@@ -54,7 +54,7 @@ EVENTS_QUERY = (
     f"SELECT seq, at_s, kind, {', '.join(_FIELD_EXPRESSIONS)} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
 )
 """Query for events after a number, up to a limit. SQLite extracts the fields, because bodies may be large."""
-_UPKEEP_EVENTS = (
+_PRINTER_EVENTS = (
     "MaintenanceStarted",
     "MaintenanceEnded",
     "ReelLoaded",
@@ -63,14 +63,14 @@ _UPKEEP_EVENTS = (
     "BedBecameUnknown",
 )
 _MAX_SEARCHED_ROWS = 20_000
-UPKEEP_QUERY = (
+PRINTER_QUERY = (
     f"SELECT seq, at_s, kind, {', '.join(_FIELD_EXPRESSIONS)} FROM event "
     f"WHERE seq > (SELECT coalesce(max(seq), 0) FROM event) - {_MAX_SEARCHED_ROWS} "
-    f"AND kind IN ({', '.join(repr(kind) for kind in _UPKEEP_EVENTS)}) "
+    f"AND kind IN ({', '.join(repr(kind) for kind in _PRINTER_EVENTS)}) "
     "AND json_extract(body, '$.printer') = ? "
     "ORDER BY seq DESC LIMIT ?"
 )
-"""Query for events on the upkeep of a printer, the newest first, among the last 20,000 events."""
+"""Query for maintenance, reels, losses and alarms of a printer, newest first, in the last 20,000 events."""
 
 
 def make_row(values: Sequence[Any]) -> EventRow:

@@ -1,4 +1,4 @@
-"""Events (past tense) and the resulting instructions (imperative)."""
+"""Events, named in the past tense, and the resulting instructions, named in the imperative."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class JobApproved(Event):
 
 
 class JobReleased(Event):
-    """A person requested that a job print once it is planned, or that a dry run be kept for approval."""
+    """A person approved a job before it was planned, or kept a dry run, which then waits for approval."""
 
     job: int
     by: str

@@ -1,4 +1,4 @@
-"""Restore from a backup: marks unknown states, and completes the books from the agents' journals. Pure."""
+"""Restoration of a backup: unknown states are marked, and agents' journals complete the books. Pure."""
 
 from __future__ import annotations
 

@@ -14,8 +14,8 @@ _MIN_TIME_SHARE = 0.8  # minimum share of the expected time after which a plate 
 _UNPRINTED_STATES = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
-def find_part_name(books: Books, attempt: Print) -> str:
-    """Return the name of the part that a print produces."""
+def find_part_id(books: Books, attempt: Print) -> str:
+    """Return the id of the part that a print produces."""
     return books.plates[attempt.plate].parts[0]
 
 
@@ -36,7 +36,7 @@ def find_failed_print(books: Books, printer: str) -> Print | None:
 
 
 def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
-    """Return the failed print on a bed that may be complete, if its part is needed.
+    """Return the failed print whose part, still on the bed, may be complete and is needed; else None.
 
     It is judged by its duration. Its progress is unknown, because its agent died, but the next agent
     recorded the time at which it switched the heaters off.
@@ -91,7 +91,7 @@ def record_complete_part(books: Books, print_id: str, caller_name: str, at_s: fl
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     reprints = [p for p in _list_reprints(books, attempt) if p.state is PrintState.ASSIGNED]
     cancellations = [
-        request_cancel(p, f"{find_part_name(books, attempt)} was confirmed good") for p in reprints
+        request_cancel(p, f"{find_part_id(books, attempt)} was confirmed good") for p in reprints
     ]
     books = put(books, completed_print, replace_fields(printer, reel=reel), *(p for p, _ in cancellations))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in cancellations)

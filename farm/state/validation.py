@@ -8,6 +8,7 @@ from collections.abc import Container, Iterable, Iterator
 from farm.model import Bed, JobState, Print, PrintState
 from farm.state.books import Books
 from farm.state.plate_state import MAX_ATTEMPTS, PlateState, derive_job_state, list_counted_failures
+from farm.text import format_count
 
 _DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
 """States of a job that are derived from its plates alone."""
@@ -75,7 +76,7 @@ def _check_jobs(books: Books) -> Iterator[str]:
             if derived_state is not job.state:
                 yield f"job {job.id}: it is {job.state}, but according to its plates it is {derived_state}"
         if job.state.ended and job.ended_s is None:
-            yield f"job {job.id}: it is {job.state} and has no end"
+            yield f"job {job.id}: it is {job.state} and has no end time"
 
 
 def _check_plates(books: Books) -> Iterator[str]:
@@ -87,7 +88,10 @@ def _check_plates(books: Books) -> Iterator[str]:
         if not plate.replaced_by and len(list_counted_failures(plate, prints)) > MAX_ATTEMPTS:
             yield f"plate {plate.id}: it failed more than {MAX_ATTEMPTS} times"
         if plate.counted_from > len(plate.prints):
-            yield f"plate {plate.id}: it counts from print {plate.counted_from} of {len(plate.prints)}"
+            yield (
+                f"plate {plate.id}: its failures count from index {plate.counted_from}, and it has "
+                f"{format_count(len(plate.prints), 'print')}"
+            )
 
 
 def _check_prints(books: Books) -> Iterator[str]:
@@ -101,14 +105,14 @@ def _check_prints(books: Books) -> Iterator[str]:
             yield f"print {attempt.id}: it used {attempt.grams:g} g"
         if attempt.state.ended:
             if attempt.ended_s is None:
-                yield f"print {attempt.id}: it is {attempt.state} and has no end"
+                yield f"print {attempt.id}: it is {attempt.state} and has no end time"
             continue
         if job.state in _UNPLANNED_STATES:
             yield f"print {attempt.id}: it is open, and job {job.id} is {job.state}"
         if plate.id not in job.plates:
             yield f"print {attempt.id}: it is open, and plate {plate.id} is no longer printed"
         if _is_abandoned(books, attempt):
-            yield f"print {attempt.id}: it is open and not to be ended, and plate {plate.id} is cancelled"
+            yield f"print {attempt.id}: its plate {plate.id} is cancelled, and it has no cancel request"
 
 
 def _is_abandoned(books: Books, attempt: Print) -> bool:
@@ -117,9 +121,9 @@ def _is_abandoned(books: Books, attempt: Print) -> bool:
 
 
 def _check_printers(books: Books) -> Iterator[str]:
-    for name, number in Counter(p.printer for p in books.list_open_prints()).items():
-        if number > 1:
-            yield f"printer {name}: it has {number} open prints"
+    for name, count in Counter(p.printer for p in books.list_open_prints()).items():
+        if count > 1:
+            yield f"printer {name}: it has {count} open prints"
     extruding_printers = {p.printer for p in books.list_open_prints() if p.extruded}
     for printer in books.printers.values():
         if printer.reel is not None and printer.reel.grams is not None and printer.reel.grams < 0.0:

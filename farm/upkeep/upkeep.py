@@ -26,7 +26,7 @@ from farm.state.retention import (
     list_deletable_files,
     list_job_file_names,
     list_jobs_with_lost_files,
-    list_named_files,
+    list_referenced_files,
     select_jobs,
 )
 from farm.state.storage import (
@@ -49,7 +49,7 @@ from slicing.cache_limit import trim_cache
 log = logging.getLogger(__name__)
 
 MAX_EVENTS = 500_000
-"""Maximum number of events that are kept, about 300 MB; a print has about ten events."""
+"""Maximum job_id of events that are kept, about 300 MB; a print has about ten events."""
 FARM_CALLER = "the farm"
 # long enough for a worker that must first compile its code
 _DRAWING_LIMIT = Limit("drawing the parts of an old job", 1800.0)
@@ -83,7 +83,7 @@ class Upkeep:
     # -- background -------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Begin to finish the deletions of an earlier daemon, in the background."""
+        """Finish the deletions that an earlier daemon left, in the background."""
         self._start_task(self._finish_deletions())
 
     def clean_up(self, backup: Path) -> None:
@@ -151,10 +151,10 @@ class Upkeep:
         """Compute the response to a prune without deleting anything."""
         books = self._controller.books
         files = await asyncio.to_thread(list_files, self._state.files)
-        numbers = self._select_jobs(files, books, now_s)
+        job_ids = self._select_jobs(files, books, now_s)
         changed_books = books
-        for number in numbers:
-            changed_books, _ = apply(ev.JobPruned(at_s=now_s, job=number, by=FARM_CALLER), changed_books)
+        for job_id in job_ids:
+            changed_books, _ = apply(ev.JobPruned(at_s=now_s, job=job_id, by=FARM_CALLER), changed_books)
         wall_s = time.time()
         released_files = {
             name
@@ -167,7 +167,7 @@ class Upkeep:
         )
         return api.PruneResponse(
             dry_run=True,
-            jobs=[self._describe_job(books.jobs[number], files, books) for number in numbers],
+            jobs=[self._describe_job(books.jobs[job_id], files, books) for job_id in job_ids],
             freed_bytes=sum(files[name].size_bytes for name in released_files),
             stored_bytes=sum(file.size_bytes for name, file in files.items() if name not in released_files),
             events=self._store.count_events(last_old_event),
@@ -194,7 +194,7 @@ class Upkeep:
         )
 
     async def _delete_old_events(self, backup: Path) -> int:
-        """Delete expired events in batches; return the number of deleted events."""
+        """Delete expired events in batches; return the job_id of deleted events."""
         now_s = self._controller.clock.now()
         last = self._store.find_last_deletable_number(now_s - self._rules.max_age_days * _DAY_S, MAX_EVENTS)
         if not last:
@@ -212,14 +212,14 @@ class Upkeep:
         controller = self._controller
         files = await asyncio.to_thread(list_files, self._state.files)
         pruned_jobs = []
-        for number in self._select_jobs(files, controller.books, controller.clock.now(), backup_s):
-            job = controller.books.get_job(number)
+        for job_id in self._select_jobs(files, controller.books, controller.clock.now(), backup_s):
+            job = controller.books.get_job(job_id)
             pictures = await self._draw_parts(job)
             # a person may have changed the job in the meantime
-            if find_keep_reason(controller.books, controller.books.get_job(number)) is None:
+            if find_keep_reason(controller.books, controller.books.get_job(job_id)) is None:
                 pruned_jobs.append(self._describe_job(job, files, controller.books))
                 at_s = controller.clock.now()
-                controller.handle(ev.JobPruned(at_s=at_s, job=number, by=caller_name, part_pictures=pictures))
+                controller.handle(ev.JobPruned(at_s=at_s, job=job_id, by=caller_name, part_pictures=pictures))
         return pruned_jobs
 
     async def _draw_parts(self, job: Job) -> dict[str, str]:
@@ -237,16 +237,16 @@ class Upkeep:
             return {}
 
     async def _finish_deletions(self) -> int:
-        """Delete the files of pruned jobs, and old files that no job names; return their total size in bytes.
+        """Delete files of pruned jobs, and old files to which no job refers; return their total bytes.
 
         Such files remain if a daemon was killed while it pruned jobs or stored files. A restored backup may
-        name files that are gone; the jobs with these files count as pruned.
+        refer to files that are gone; the jobs with these files count as pruned.
         """
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)
-        for number in list_jobs_with_lost_files(controller.books, files):
-            log.warning("job %d: its files are gone; it counts as pruned", number, extra={"job": number})
-            controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=number, by=FARM_CALLER))
+        for job_id in list_jobs_with_lost_files(controller.books, files):
+            log.warning("job %d: its files are gone; it counts as pruned", job_id, extra={"job": job_id})
+            controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=job_id, by=FARM_CALLER))
         freed_bytes = 0
         for names, min_age_s in self._list_deletions(files, controller.books):
             freed_bytes += await asyncio.to_thread(delete_files, folder, names, time.time(), min_age_s)
@@ -258,11 +258,11 @@ class Upkeep:
     ) -> list[tuple[frozenset[str], float]]:
         """List sets of files to delete, each with the wall seconds for which its files must be kept.
 
-        Files that no job names are kept for `fleet.keep.days`, because they may belong to a database that a
-        person restores.
+        Files to which no job refers are kept for `fleet.keep.days`, because they may belong to a database
+        that a person restores.
         """
         deletable = list_deletable_files(books)
-        unknown = files.keys() - deletable - list_named_files(books)
+        unknown = files.keys() - deletable - list_referenced_files(books)
         days_s = self._rules.max_age_days * _DAY_S / self._controller.clock.scale
         return [
             (deletable & files.keys(), NEW_FILE_GRACE_S),

@@ -32,7 +32,7 @@ class RevisionCache(Generic[T]):
 
     def find(self, books: Books, job: int, make_description: Callable[[], T]) -> T:
         """Return the cached description of a job, or make a new one if the job has changed."""
-        revision = books.find_revision(job)
+        revision = books.find_job_version(job)
         cached = self._descriptions.get(job)
         if cached is not None and revision is not None and cached[0] is revision:
             return cached[1]

@@ -23,7 +23,7 @@ from farm.model import (
     PrintState,
     TextTime,
 )
-from farm.state import Books, PlateState, find_part_name, find_possibly_complete_print, find_stopped_print
+from farm.state import Books, PlateState, find_part_id, find_possibly_complete_print, find_stopped_print
 from farm.text import format_count, format_mass, format_recent_moment
 from farm.views.context import ViewContext
 from farm.views.host_losses import describe_lost_hosts, list_lost_printers
@@ -175,7 +175,7 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
 def _find_possibly_good_part(context: ViewContext, printer: str) -> str | None:
     """Return the name of the part that a failed print left on a bed; None if the part cannot be good."""
     attempt = find_possibly_complete_print(context.books, printer)
-    return None if attempt is None else find_part_name(context.books, attempt)
+    return None if attempt is None else find_part_id(context.books, attempt)
 
 
 def _sort_by_gluing_order(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:

@@ -156,7 +156,7 @@ def decompose_to_folder(
 def _choose_profile(height_mm: float) -> Profile:
     """Choose the profile with the lowest sufficient build height.
 
-    Of profiles with the same height, it is the 2+, whose clips are larger.
+    Of profiles with the same height, it is the first, whose clips on the bed are the largest.
     """
     return max(PROFILES.values(), key=lambda p: (p.height_mm >= height_mm, -p.height_mm))
 

@@ -117,14 +117,14 @@ def rebalance_by_slices(
     for number in range(1, MAX_REBALANCES + 1):
         try:
             best_ratio = max(best.times_s) / max(last.times_s)
-            moved_parts = rebalance_planes(
+            moved_decomposition = rebalance_planes(
                 model, last.decomposition, last.times_s, cost, executor, best_ratio
             )
         except DecomposeError:  # the parts are valid without moved cuts
             break
-        if moved_parts is None or moved_parts.faults:
+        if moved_decomposition is None or moved_decomposition.faults:
             break
-        last = slicer.slice_parts(moved_parts, folder / str(number))
+        last = slicer.slice_parts(moved_decomposition, folder / str(number))
         if max(last.times_s) < max(best.times_s):
             best = last
     return best

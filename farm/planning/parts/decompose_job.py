@@ -168,7 +168,7 @@ class ModelCutter:
     Attributes
     ----------
     goal
-        A person's time for each part; its `includes_gluing` is True if a time limit includes gluing.
+        Time that a person needs for each part, and whether time limits include gluing; see `CountGoal`.
     """
 
     model: Model

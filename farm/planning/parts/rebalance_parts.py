@@ -29,7 +29,7 @@ def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0
     folder
         Folder for the new parts.
     best_ratio
-        Ratio of the least makespan of any slices of the job so far to that of these.
+        Shortest makespan of the slices of the job so far, divided by the makespan of `sliced_job`.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0
 
 
 def _compute_times_s(sliced_job: SlicedJob) -> list[float]:
-    """Compute the time of each part, scaled by its printer's time factor for the part over that for the job.
+    """Compute the time of each part, times the ratio of its printer's time factors for the part and the job.
 
     Moving planes assumes one speed for each printer, which is its speed for the features of the whole job.
     """

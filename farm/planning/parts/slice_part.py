@@ -85,7 +85,7 @@ def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSett
 
 
 def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> float | None:
-    """Find the support angle of a part whose faces above the usual angle are small; None to keep that one.
+    """Find a larger support angle for a part with only small overhangs above the usual angle; else None.
 
     CuraEngine builds a tower from the bed even below a strip of a face that is only a few layers high.
 

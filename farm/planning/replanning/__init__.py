@@ -1,15 +1,15 @@
-"""Replanning of waiting plates (coordinator, worker) and of jobs that have not started (revisions)."""
+"""Replanning of waiting plates (coordinator, plate_replanner), and of jobs before their start (revisions)."""
 
 from farm.planning.replanning.coordinator import ReplanCoordinator, StartReplan
+from farm.planning.replanning.plate_replanner import PlateReplanner
 from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
 from farm.planning.replanning.revisions import PlanRevisions
-from farm.planning.replanning.worker import ReplanWorker
 
 __all__ = [
     "PlanRevisions",
+    "PlateReplanner",
     "ReplanCoordinator",
     "ReplanTask",
-    "ReplanWorker",
     "ReplannedPlate",
     "StartReplan",
 ]

@@ -159,23 +159,24 @@ class ReplanCoordinator:
         )
 
     def finish(
-        self, name: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation
+        self, plate_id: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation
     ) -> ev.PlateReplaced | None:
         """Return the event of a finished replan; None if the plate is not replaced.
 
         Parameters
         ----------
-        name
+        plate_id
             The plate.
         result
             The replacement, or the error that prevented it.
         situation
             The plates available for assignment now, including those that are being cut.
         """
-        replan = self._running.pop(name, None)
-        plate = books.plates[name]
+        replan = self._running.pop(plate_id, None)
+        plate = books.plates[plate_id]
         waiting_plate = next(
-            (waiting_plate for waiting_plate in situation.waiting_plates if waiting_plate.id == name), None
+            (waiting_plate for waiting_plate in situation.waiting_plates if waiting_plate.id == plate_id),
+            None,
         )
         if replan is None or waiting_plate is None:
             return None  # the plate was cancelled or printed in the meantime
@@ -183,11 +184,13 @@ class ReplanCoordinator:
             if printer in situation.fleet:
                 self._attempted_keys.add(_make_attempt_key(plate, situation.fleet[printer].capabilities))
         if isinstance(result, FarmError):
-            log.warning("plate %s is unchanged: %s", name, result, extra={"plate": name})
+            log.warning("plate %s is unchanged: %s", plate_id, result, extra={"plate": plate_id})
             return None
         if not self._saves_time(waiting_plate, result, replan.is_cut, books, situation):
             log.info(
-                "plate %s is unchanged: replanning would not finish it sooner", name, extra={"plate": name}
+                "plate %s is unchanged: replanning would not finish it sooner",
+                plate_id,
+                extra={"plate": plate_id},
             )
             return None
         # If the event cannot be written (a full disk), the plate is examined again at the next decision.
@@ -195,7 +198,7 @@ class ReplanCoordinator:
         self._attempted_keys = {key for key in self._attempted_keys if key[0] != plate.id}
         return ev.PlateReplaced(
             at_s=situation.now_s,
-            plate=name,
+            plate=plate_id,
             parts=result.parts,
             plates=result.plates,
             picture=result.picture,

@@ -164,8 +164,8 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     Recut | None
         None if cutting does not save enough time.
     """
-    layers_s = plate.expected_s - plate.heating_s
-    piece = replace(plate, expected_s=plate.heating_s + layers_s * _CUT_TIME_RATIO / 2, grams=0.0)
+    layers_s = plate.expected_s - plate.overhead_s
+    piece = replace(plate, expected_s=plate.overhead_s + layers_s * _CUT_TIME_RATIO / 2, grams=0.0)
     free_printers = _list_unneeded_printers(plate, piece, situation)
     max_pieces = min(
         len(free_printers),
@@ -184,7 +184,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         start_s = situation.now_s + CUTTING_TIME_S * situation.time_scale
         return (
             start_s
-            + plate.heating_s
+            + plate.overhead_s
             + layers_s * _CUT_TIME_RATIO * max_factor / count
             + JOINING_TIME_S * count
         )
@@ -269,5 +269,5 @@ def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
     line_ratio = 1.0
     if plate.requirements.nozzle_mm is not None:
         line_ratio = max(1.0, (plate.requirements.nozzle_mm / printer.capabilities.nozzle_mm) ** 2)
-    heating_s = plate.heating_s
-    return heating_s + (compute_printing_s(plate, printer) - heating_s) * line_ratio
+    overhead_s = plate.overhead_s
+    return overhead_s + (compute_printing_s(plate, printer) - overhead_s) * line_ratio

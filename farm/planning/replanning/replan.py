@@ -13,8 +13,12 @@ from pathlib import Path
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Part, Plate, TimeFactors
-from farm.planning.booking import PlateNames, store_part, store_plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
+from farm.planning.plan_storage import (
+    PlateNames,
+    store_part,
+    store_plate,
+)
 from farm.state.storage import store_file
 
 
@@ -29,7 +33,7 @@ class ReplanTask:
     folder
         Scratch folder.
     time_factors
-        Time factors of the printers, by name; 1 for a printer that is not named.
+        Time factors of the printers, by name; nominal for other printers.
     other_parts
         The other parts of the same copy of the model, for the picture.
     reports
@@ -101,7 +105,7 @@ def store_resliced_part(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedP
     Raises
     ------
     FarmError
-        `slice` if more walls are too thin to print on this printer than on the first one.
+        `slice` if more walls are too thin to print on this printer than on that of the old plate.
     """
     thin_walls = sliced_part.result.unprinted_walls
     if len(thin_walls) > len(task.plate.warnings):

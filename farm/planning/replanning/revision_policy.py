@@ -25,8 +25,8 @@ class PlannedJob:
 
     Attributes
     ----------
-    number
-        Number of the job.
+    id
+        Id of the job.
     plates
         Its waiting plates, at least one.
     planned_for
@@ -35,18 +35,18 @@ class PlannedJob:
         Requirements on each printer, independent of the plan.
     planning_s
         Farm seconds that another plan takes.
-    done_by_s
-        Time by which it must end; None for no limit.
+    print_deadline_s
+        Time by which its last part must be printed; None for no limit.
     end_s
         Time at which it ends if all of its plates start now; None if some do not.
     """
 
-    number: int
+    id: int
     plates: tuple[WaitingPlate, ...]
     planned_for: tuple[str, ...]
     requirements: Requirements
     planning_s: float
-    done_by_s: float | None = None
+    print_deadline_s: float | None = None
     end_s: float | None = None
 
 
@@ -54,7 +54,7 @@ def may_revise(job: PlannedJob, situation: Situation, candidates: Iterable[Seque
     """Return whether another plan may save time, according to estimates that need no slow forecast."""
     if job.end_s is None:
         return any(_has_other_printers(job, names) for names in candidates)
-    if job.done_by_s is not None and job.end_s <= job.done_by_s:
+    if job.print_deadline_s is not None and job.end_s <= job.print_deadline_s:
         return False
     return any(_may_save_time(job, tuple(names), job.end_s, situation) for names in candidates)
 
@@ -104,7 +104,7 @@ def _find_best_printers(
         situation, waiting_plates=situation.waiting_plates.limit_to_rank(job.plates[0].queue_rank)
     )
     current_end_s = find_end_s(plate_ids, earlier_jobs) if job.end_s is None else job.end_s
-    if job.done_by_s is not None and current_end_s <= job.done_by_s:
+    if job.print_deadline_s is not None and current_end_s <= job.print_deadline_s:
         return None
     ends_s = {}
     for names in candidates:
@@ -156,17 +156,17 @@ def _may_be_better(job: PlannedJob, names: Sequence[str], current_end_s: float) 
 def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate, ...]:
     """Estimate the plates of a plan for some printers: equal parts, one for each printer."""
     first = job.plates[0]
-    layers_s = sum((p.expected_s - p.heating_s) / p.time_factor for p in job.plates)
+    layers_s = sum((p.expected_s - p.overhead_s) / p.time_factor for p in job.plates)
     work_ratio = 1.0 + CUT_GROWTH_SHARE if len(names) > len(job.plates) else 1.0
     part_plate = replace(
         first,
         requirements=job.requirements,
-        expected_s=first.heating_s + layers_s * work_ratio / len(names),
+        expected_s=first.overhead_s + layers_s * work_ratio / len(names),
         grams=sum(p.grams for p in job.plates) * work_ratio / len(names),
         time_factor=1.0,
     )
     return tuple(
-        replace(part_plate, id=f"{job.number}/revised-{index:02d}", planned_printer=name)
+        replace(part_plate, id=f"{job.id}/revised-{index:02d}", planned_printer=name)
         for index, name in enumerate(names)
     )
 

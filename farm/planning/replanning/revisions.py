@@ -68,22 +68,22 @@ class PlanRevisions:
         self._hold_ends_s: dict[int, float] = {}
         self.has_remaining_jobs, self.postponed_plates = False, frozenset[str]()
         self._examined_keys: set[_ExaminationKey] = set()  # jobs with their plans, idle and usable printers
-        # For each job: its revision in the books, and whether its plan may change.
+        # For each job: its version in the books, and whether its plan may change.
         self._change_checks: dict[int, tuple[object, bool]] = {}
 
-    def is_running(self, number: int) -> bool:
+    def is_running(self, job_id: int) -> bool:
         """Return whether a job is being planned again."""
-        return number in self._running
+        return job_id in self._running
 
-    def end_replanning(self, number: int) -> None:
+    def end_replanning(self, job_id: int) -> None:
         """Record that the replanning of a job has ended."""
-        self._running.pop(number, None)
-        self._hold_ends_s.pop(number, None)
+        self._running.pop(job_id, None)
+        self._hold_ends_s.pop(job_id, None)
 
     @property
     def reserved_printers(self) -> dict[str, str]:
         """Printers for which jobs are being planned again, each with its job."""
-        return {name: f"job {order.job}" for order in self._running.values() for name in order.printers}
+        return {name: f"job {running.job}" for running in self._running.values() for name in running.printers}
 
     @property
     def next_change_s(self) -> float:
@@ -95,11 +95,11 @@ class PlanRevisions:
         return {
             plate: Hold(
                 code=HoldCode.BEING_REPLANNED,
-                text=f"its job is being planned again for {join_names(order.printers)}, to finish sooner",
+                text=f"its job is being planned again for {join_names(running.printers)}, to finish sooner",
             )
-            for order in self._running.values()
-            if now_s < self._hold_ends_s[order.job]
-            for plate in books.get_job(order.job).plates
+            for running in self._running.values()
+            if now_s < self._hold_ends_s[running.job]
+            for plate in books.get_job(running.job).plates
         }
 
     def revise(
@@ -128,18 +128,18 @@ class PlanRevisions:
         plate_by_printer = {assignment.printer: assignment.plate for assignment in assignments}
         starting_jobs = {books.plates[plate].job for plate in plate_by_printer.values()}
         candidates = _CandidatePrinters(situation, (*find_reservations().items(), *plate_by_printer.items()))
-        ratio, forecast_size = compute_assembly_ratio(books.jobs.values()), 0
-        for number in sorted(plates_by_job, key=lambda number: number not in starting_jobs):
-            job, plates, can_start = books.get_job(number), plates_by_job[number], number in starting_jobs
-            if self.is_running(number) or (not can_start and candidates.can_use_all(job, job.planned_for)):
+        assembly_ratio, forecast_size = compute_assembly_ratio(books.jobs.values()), 0
+        for job_id in sorted(plates_by_job, key=lambda job_id: job_id not in starting_jobs):
+            job, plates, can_start = books.get_job(job_id), plates_by_job[job_id], job_id in starting_jobs
+            if self.is_running(job_id) or (not can_start and candidates.can_use_all(job, job.planned_for)):
                 continue
             idle_printers, usable_printers = candidates.choose_printers(job, plates)
             # Idle printers change often, so a job that cannot start yet is examined again when it can.
-            key = number, job.plan, frozenset(idle_printers if can_start else ()), frozenset(usable_printers)
+            key = job_id, job.plan, frozenset(idle_printers if can_start else ()), frozenset(usable_printers)
             if key in self._examined_keys:
                 continue
-            end_s = _find_end_s(plates, plate_by_printer, situation)
-            planned_job = _describe_job(job, plates, situation, ratio, end_s)
+            end_s = _compute_immediate_end_s(plates, plate_by_printer, situation)
+            planned_job = _describe_job(job, plates, situation, assembly_ratio, end_s)
             names = None
             if may_revise(planned_job, situation, (idle_printers, usable_printers)):
                 if forecast_size > MAX_FORECAST_SIZE:
@@ -159,56 +159,56 @@ class PlanRevisions:
 
     def _start_planning(self, job: PlannedJob, names: tuple[str, ...], now_s: float) -> StartPlanning:
         """Start planning a job again for some printers; its plates are held for a limited time."""
-        number = job.number
-        log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
-        self._running[number] = StartPlanning(number, names, round_count=1)
-        self._start_times_s[number] = now_s
-        self._hold_ends_s[number] = now_s + PLANNING_TIMEOUT_RATIO * job.planning_s
-        return self._running[number]
+        job_id = job.id
+        log.info("job %d is planned again for %s", job_id, " ".join(names), extra={"job": job_id})
+        self._running[job_id] = StartPlanning(job_id, names, round_count=1)
+        self._start_times_s[job_id] = now_s
+        self._hold_ends_s[job_id] = now_s + PLANNING_TIMEOUT_RATIO * job.planning_s
+        return self._running[job_id]
 
     def _is_changeable(self, books: Books, job: Job) -> bool:
         if job.state is not JobState.PRINTING:
             return False
-        revision = books.find_revision(job.id)
-        known_revision, is_changeable = self._change_checks.get(job.id, (None, False))
-        if known_revision is not revision:
+        version = books.find_job_version(job.id)
+        known_version, is_changeable = self._change_checks.get(job.id, (None, False))
+        if known_version is not version:
             is_changeable = _may_change(books, job)
-            self._change_checks[job.id] = revision, is_changeable
+            self._change_checks[job.id] = version, is_changeable
         return is_changeable
 
     def finish(
-        self, number: int, result: Plan | FarmError, books: Books, situation: Situation
+        self, job_id: int, result: Plan | FarmError, books: Books, situation: Situation
     ) -> ev.PlanRevised | None:
         """Return the event of a plan that replaces the earlier plan; None if the earlier plan is kept.
 
         Parameters
         ----------
-        number
+        job_id
             The job.
         result
             The new plan, or the error that prevented it.
         books, situation
             The committed books; all waiting plates, and the fleet.
         """
-        order = self._running[number]
-        self.end_replanning(number)
-        job = books.get_job(number)
-        changeable_jobs = {number} if _may_change(books, job) else set()
-        plates = _find_unstarted_jobs(books, situation, changeable_jobs).get(number)
+        running = self._running[job_id]
+        self.end_replanning(job_id)
+        job = books.get_job(job_id)
+        changeable_jobs = {job_id} if _may_change(books, job) else set()
+        plates = _find_unstarted_jobs(books, situation, changeable_jobs).get(job_id)
         if plates is None:  # a person has cancelled or changed the job in the meantime
             return None
         if isinstance(result, FarmError):
-            log.warning("job %d keeps its plan: %s", number, result, extra={"job": number})
+            log.warning("job %d keeps its plan: %s", job_id, result, extra={"job": job_id})
             return None
         planned_event = build_planned_event(
             job, result, situation.printers, books, situation.rules, situation.now_s
         )
         planned_event = planned_event.model_copy(
-            update={"printers": order.printers, "planning_s": situation.now_s - self._start_times_s[number]}
+            update={"printers": running.printers, "planning_s": situation.now_s - self._start_times_s[job_id]}
         )
         event = ev.PlanRevised(**dict(planned_event))
         if not _ends_sooner(event, books, situation):
-            log.info("job %d keeps its plan: the new one does not end sooner", number, extra={"job": number})
+            log.info("job %d keeps its plan: the new one does not end sooner", job_id, extra={"job": job_id})
             return None
         return event
 
@@ -293,7 +293,7 @@ def _select_largest_printers(printers: Sequence[FleetPrinter], request: JobReque
     return tuple(sorted(p.name for p in largest[: request.limit_printer_count(len(printers))]))
 
 
-def _find_end_s(
+def _compute_immediate_end_s(
     plates: Sequence[WaitingPlate], plate_by_printer: Mapping[str, str], situation: Situation
 ) -> float | None:
     """Return the expected end of plates that all start now; None if any of them does not start now."""
@@ -304,15 +304,19 @@ def _find_end_s(
 
 
 def _describe_job(
-    job: Job, plates: tuple[WaitingPlate, ...], situation: Situation, ratio: float, end_s: float | None
+    job: Job,
+    plates: tuple[WaitingPlate, ...],
+    situation: Situation,
+    assembly_ratio: float,
+    end_s: float | None,
 ) -> PlannedJob:
     return PlannedJob(
-        number=job.id,
+        id=job.id,
         plates=plates,
         planned_for=job.planned_for,
         requirements=derive_job_requirements(job),
         planning_s=max(job.planning_s or 0.0, CUTTING_TIME_S * situation.time_scale),
-        done_by_s=job.compute_print_deadline_s(ratio),
+        print_deadline_s=job.compute_print_deadline_s(assembly_ratio),
         end_s=end_s,
     )
 

@@ -124,7 +124,7 @@ class InvalidTransition(FarmError):
         self.history, self.reason = tuple(history), reason
         entity = "the farm" if lifecycle is None else f"{lifecycle.entity_name} {key}"
         state = reason or ("not in the books" if start is None else f"{start}")
-        message = f"{type(event).__name__} does not fit: {entity} is {state}"
+        message = f"{type(event).__name__} is not allowed: {entity} is {state}"
         if self.history:
             message += f"; before that: {', '.join(self.history)}"
         super().__init__(message)

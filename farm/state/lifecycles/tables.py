@@ -55,7 +55,7 @@ def _make_row(
     )
 
 
-_LIVE_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
+_OPEN_JOB_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
 _DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 """States that are derived from a job's plates."""
 JOB_LIFECYCLE = Lifecycle(
@@ -73,11 +73,11 @@ JOB_LIFECYCLE = Lifecycle(
         _make_row(ev.JobApproved, [JobState.HELD], _DERIVED_STATES),
         _make_row(ev.JobReleased, [JobState.QUEUED, JobState.PLANNING, JobState.HELD], None),
         _make_row(ev.JobFailed, [JobState.PLANNING], [JobState.FAILED]),
-        _make_row(ev.JobPaused, _LIVE_STATES, None),
-        _make_row(ev.JobMoved, _LIVE_STATES, None),
-        _make_row(ev.JobRescheduled, _LIVE_STATES, None),
+        _make_row(ev.JobPaused, _OPEN_JOB_STATES, None),
+        _make_row(ev.JobMoved, _OPEN_JOB_STATES, None),
+        _make_row(ev.JobRescheduled, _OPEN_JOB_STATES, None),
         _make_row(ev.JobAssembled, [JobState.PRINTED, JobState.DONE], None),
-        _make_row(ev.JobCancelled, _LIVE_STATES, [JobState.CANCELLED]),
+        _make_row(ev.JobCancelled, _OPEN_JOB_STATES, [JobState.CANCELLED]),
         _make_row(ev.JobPruned, [JobState.DONE, JobState.FAILED, JobState.CANCELLED], None),
     ),
     consequences=(
@@ -146,7 +146,7 @@ PLATE_LIFECYCLE = Lifecycle(
     ),
 )
 
-_OPEN_STATES = tuple(state for state in PrintState if not state.ended)
+_OPEN_PRINT_STATES = tuple(state for state in PrintState if not state.ended)
 PRINT_LIFECYCLE = Lifecycle(
     entity_name="print",
     key_field="print_id",
@@ -155,11 +155,13 @@ PRINT_LIFECYCLE = Lifecycle(
     transitions=(
         _make_row(ev.PlateAssigned, [NO_STATE], [PrintState.ASSIGNED]),
         _make_row(ev.PrintFound, [NO_STATE], [PrintState.ASSIGNED]),
-        _make_row(ev.PrintProgressed, _OPEN_STATES, _OPEN_STATES),
-        _make_row(ev.PauseRequested, _OPEN_STATES, None),
-        _make_row(ev.PrintFailRequested, _OPEN_STATES, None),
+        _make_row(ev.PrintProgressed, _OPEN_PRINT_STATES, _OPEN_PRINT_STATES),
+        _make_row(ev.PauseRequested, _OPEN_PRINT_STATES, None),
+        _make_row(ev.PrintFailRequested, _OPEN_PRINT_STATES, None),
         _make_row(ev.PrintWithdrawn, [PrintState.ASSIGNED], None),
-        _make_row(ev.PrintEnded, _OPEN_STATES, [PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED]),
+        _make_row(
+            ev.PrintEnded, _OPEN_PRINT_STATES, [PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED]
+        ),
         _make_row(ev.StillKept, PrintState, None),
     ),
     consequences=(_make_row(ev.BedCleared, [PrintState.FAILED, PrintState.CANCELLED], [PrintState.DONE]),),

@@ -15,7 +15,7 @@ from farm.model import Shares
 MIN_PRINTS = 30
 """Minimum number of finished prints from which factors by feature are learned."""
 MAX_PRINTS = 60
-"""Number of latest finished prints that are used; after a change of the printer, half of them suffice."""
+"""Number of latest finished prints that are used; they are few, so a change of the printer soon shows."""
 MIN_FACTOR, MAX_FACTOR = 0.7, 1.5
 """Limits of the factor of a feature."""
 _FACTOR_SPREAD = 0.2

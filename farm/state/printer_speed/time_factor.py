@@ -13,25 +13,25 @@ _MAX_DIFFERENCE = 0.1  # maximum difference of a print's ratio from the factor; 
 _LATEST_WEIGHT = 0.25  # weight of the latest print in the mean
 
 
-def shows_speed(expected_s: float, actual_s: float, starved_s: float = 0.0) -> bool:
+def shows_speed(sliced_s: float, actual_s: float, starved_s: float = 0.0) -> bool:
     """Return whether a print's time shows the speed of its printer; see `update_time_factor`.
 
-    A time of less than half or more than twice the expected time does not: the print was paused, or the
+    A time of less than half or more than twice the sliced time does not: the print was paused, or the
     clock was set.
     """
-    if expected_s < MIN_LEARNED_S or actual_s <= 0.0 or starved_s > MAX_STARVED_SHARE * actual_s:
+    if sliced_s < MIN_LEARNED_S or actual_s <= 0.0 or starved_s > MAX_STARVED_SHARE * actual_s:
         return False
-    return 1 / _IMPLAUSIBLE_RATIO < actual_s / expected_s < _IMPLAUSIBLE_RATIO
+    return 1 / _IMPLAUSIBLE_RATIO < actual_s / sliced_s < _IMPLAUSIBLE_RATIO
 
 
-def update_time_factor(factor: float, expected_s: float, actual_s: float, starved_s: float = 0.0) -> float:
+def update_time_factor(factor: float, sliced_s: float, actual_s: float, starved_s: float = 0.0) -> float:
     """Compute a printer's factor after one more print, as an exponentially weighted mean with bounded steps.
 
     Parameters
     ----------
     factor
         The factor before this print; 1 for a new printer.
-    expected_s
+    sliced_s
         Seconds of the layers according to the slicer, without a factor.
     actual_s
         Seconds that the layers took, without heat-up, start and end code.
@@ -44,7 +44,7 @@ def update_time_factor(factor: float, expected_s: float, actual_s: float, starve
         New factor, between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`; `factor`
         itself if the print does not show the speed.
     """
-    if not shows_speed(expected_s, actual_s, starved_s):
+    if not shows_speed(sliced_s, actual_s, starved_s):
         return factor
-    difference = min(_MAX_DIFFERENCE, max(-_MAX_DIFFERENCE, actual_s / expected_s - factor))
+    difference = min(_MAX_DIFFERENCE, max(-_MAX_DIFFERENCE, actual_s / sliced_s - factor))
     return min(MAX_TIME_FACTOR, max(MIN_TIME_FACTOR, factor + _LATEST_WEIGHT * difference))

@@ -1,4 +1,4 @@
-"""Retention: files that the books name, jobs whose files are deleted, nights until the disk is full. Pure."""
+"""Retention: files that the books refer to, jobs whose files are deleted, nights to a full disk. Pure."""
 
 from farm.state.retention.disk_forecast import (
     DiskUse,
@@ -6,7 +6,7 @@ from farm.state.retention.disk_forecast import (
     describe_shortage,
     estimate_nights_until_full,
 )
-from farm.state.retention.file_names import list_deletable_files, list_job_file_names, list_named_files
+from farm.state.retention.file_names import list_deletable_files, list_job_file_names, list_referenced_files
 from farm.state.retention.selection import (
     MIN_AGE_S,
     RetentionRules,
@@ -27,7 +27,7 @@ __all__ = [
     "list_deletable_files",
     "list_job_file_names",
     "list_jobs_with_lost_files",
-    "list_named_files",
     "list_prunable_files",
+    "list_referenced_files",
     "select_jobs",
 ]

@@ -93,9 +93,10 @@ def describe_shortage(folder: str, use: DiskUse, max_gb: float, reserve_gb: floa
     nights = estimate_nights_until_full(use, max_gb * _GB, reserve_gb * _GB)
     if nights > WARNING_NIGHTS:
         return None
-    time = "now" if nights < 0.5 else "in about a night" if nights < 1.5 else "in about two nights"
+    count = "one night" if nights < 1.5 else "two nights"
+    state = "is full now" if nights < 0.5 else f"will be full in about {count}"
     return (
-        f"the disk of {folder} is full {time} ({use.free_bytes / _GB:.1f} GB free, "
-        f"{use.daily_bytes / _GB:.1f} GB stored a day): free some space, or lower `fleet.keep` in "
+        f"the disk of {folder} {state} ({use.free_bytes / _GB:.1f} GB free, "
+        f"{use.daily_bytes / _GB:.1f} GB stored per day): free some space, or lower `fleet.keep` in "
         "fleet.yaml, start the daemon again and `farm prune`"
     )

@@ -8,8 +8,8 @@ from farm.model import Job
 from farm.state.books import Books, replace_fields
 
 
-def list_named_files(books: Books) -> frozenset[str]:
-    """List all files that the books name and that must exist; for pruned jobs only the pictures."""
+def list_referenced_files(books: Books) -> frozenset[str]:
+    """List all files to which the books refer, and which must exist; for pruned jobs only the pictures."""
     return frozenset().union(*group_file_names_by_job(books).values())
 
 
@@ -23,7 +23,7 @@ def list_deletable_files(books: Books) -> frozenset[str]:
             *books.prints.values(),
         ]
     )
-    return list_named_files(all_books) - list_named_files(books)
+    return list_referenced_files(all_books) - list_referenced_files(books)
 
 
 def list_job_file_names(books: Books, job: Job) -> frozenset[str]:
@@ -34,7 +34,7 @@ def list_job_file_names(books: Books, job: Job) -> frozenset[str]:
 def group_file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
     """List the files of each job; several jobs may share a file."""
     names = {job.id: _list_own_names(job) for job in books.jobs.values()}
-    kept_jobs = {number for number, job in books.jobs.items() if job.pruned_s is None}
+    kept_jobs = {job_id for job_id, job in books.jobs.items() if job.pruned_s is None}
     for part in books.parts.values():
         if part.job in kept_jobs:
             names[part.job].add(part.file)
@@ -44,11 +44,11 @@ def group_file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
     for attempt in books.prints.values():
         if attempt.job in kept_jobs:
             names[attempt.job].update(still.file for still in attempt.stills)
-    return {number: frozenset(job_names) for number, job_names in names.items()}
+    return {job_id: frozenset(job_names) for job_id, job_names in names.items()}
 
 
 def _list_own_names(job: Job) -> set[str]:
-    """List the files that the record of a job names, without those of its parts, plates and prints."""
+    """List the files in the record of a job, without those of its parts, plates and prints."""
     pictures = {*job.part_pictures.values(), *([job.picture] if job.picture else [])}
     if job.pruned_s is not None:
         return pictures

@@ -31,7 +31,7 @@ def find_keep_reason(books: Books, job: Job) -> str | None:
 
 def _find_keep_reason(books: Books, job: Job, unjudged_jobs: Mapping[int, str]) -> str | None:
     if job.pruned_s is not None:
-        return "pruned already"
+        return "already pruned"
     if job.state not in _PRUNABLE_STATES or job.ended_s is None:
         return f"{job.state}"
     if any(True for _ in books.list_open_prints(job.id)):
@@ -59,7 +59,7 @@ def _is_unjudged(attempt: Print) -> bool:
 def select_jobs(
     books: Books, sizes: Mapping[str, int], rules: RetentionRules, now_s: float, backup_s: float
 ) -> list[int]:
-    """Select the jobs whose files are deleted: those that ended too long ago, then the oldest to free space.
+    """Select the jobs whose files are deleted: those that ended too long ago, then the oldest, to free space.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def select_jobs(
     Returns
     -------
     list of int
-        Numbers of the jobs, in the order of their ends. Jobs that ended within the last two days are never
+        Ids of the jobs, in the order of their ends. Jobs that ended within the last two days are never
         selected.
     """
     names = group_file_names_by_job(books)
@@ -100,8 +100,8 @@ def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set
     """List the files that pruning may delete: those that no open or recently ended job needs."""
     prunable_jobs = {job.id for job, _ in _list_candidates(books, now_s - MIN_AGE_S)}
     kept_names: set[str] = set()
-    for number, job_names in group_file_names_by_job(books).items():
-        kept_names |= _list_kept_names(books.jobs[number]) if number in prunable_jobs else job_names
+    for job_id, job_names in group_file_names_by_job(books).items():
+        kept_names |= _list_kept_names(books.jobs[job_id]) if job_id in prunable_jobs else job_names
     return set(names) - kept_names
 
 
@@ -115,11 +115,11 @@ def list_jobs_with_lost_files(books: Books, names: Container[str]) -> list[int]:
     if not any(name in names for job_names in names_by_job.values() for name in job_names):
         return []
     return [
-        number
-        for number, job_names in names_by_job.items()
+        job_id
+        for job_id, job_names in names_by_job.items()
         if any(name not in names for name in job_names)
-        and all(name in names for name in _list_kept_names(books.jobs[number]))
-        and _find_keep_reason(books, books.jobs[number], unjudged_jobs) is None
+        and all(name in names for name in _list_kept_names(books.jobs[job_id]))
+        and _find_keep_reason(books, books.jobs[job_id], unjudged_jobs) is None
     ]
 
 

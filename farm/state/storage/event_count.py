@@ -13,7 +13,7 @@ class EventCount:
     """File with the number of events that are committed to the books at a path.
 
     The number reveals lost commits: if a checksum in the write-ahead log is wrong, SQLite drops the rest of
-    the log without an error. The file is not synced, so that its number may be too small after a power cut,
+    the log without an error. The file is not synced, so its number may be too small after a power cut,
     but never too large. Disk errors are ignored, because the file is only needed to detect such a loss.
     """
 
@@ -27,13 +27,13 @@ class EventCount:
             return int(self._path.read_bytes())
         return 0
 
-    def write(self, number: int) -> None:
+    def write(self, count: int) -> None:
         """Write the number of committed events."""
         with suppress(OSError):
             if self._descriptor is None:
                 flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
                 self._descriptor = os.open(self._path, flags, 0o600)
-            os.pwrite(self._descriptor, b"%020d" % number, 0)
+            os.pwrite(self._descriptor, b"%020d" % count, 0)
 
     def remove(self) -> None:
         """Delete the file of books that were moved away. Raises OSError."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 NEW_FILE_GRACE_S = 3600.0
-"""Wall seconds for which a new file is kept even if the books do not name it."""
+"""Wall seconds for which a new file is kept even if the books do not refer to it."""
 
 
 def compute_sha256(path: Path) -> str:
@@ -51,8 +51,8 @@ def remove_broken_links(jobs: Path) -> None:
 def store_file(folder: Path, source: Path) -> str:
     """Move a finished file into the store, under its hash and suffix; return its new name.
 
-    The bytes are synced to the disk before the new name exists, so every named file is complete. A file that
-    is stored again counts as new: `delete_files` does not delete it before the books name it.
+    The bytes are synced to the disk before the new name exists, so every file with such a name is complete.
+    A file that is stored again counts as new: `delete_files` does not delete it before the books refer to it.
     """
     name = compute_sha256(source) + source.suffix.lower()
     target = folder / name
@@ -98,9 +98,9 @@ def list_files(folder: Path) -> dict[str, StoredFile]:
 def delete_files(
     folder: Path, names: Iterable[str], now_s: float, min_age_s: float = NEW_FILE_GRACE_S
 ) -> int:
-    """Delete files that the books do not name; return the number of freed bytes.
+    """Delete files to which the books do not refer; return the number of freed bytes.
 
-    Recently stored files stay, because the event that names them may follow.
+    Recently stored files stay, because the event that refers to them may follow.
 
     Parameters
     ----------
@@ -124,11 +124,11 @@ def delete_files(
 
 
 @contextmanager
-def _lock(folder: Path, kind: int) -> Iterator[None]:
+def _lock(folder: Path, operation: int) -> Iterator[None]:
     """Hold the lock of the store's folder: shared for storing a file, exclusive for deleting one."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        fcntl.flock(descriptor, kind)
+        fcntl.flock(descriptor, operation)
         yield
     finally:
         os.close(descriptor)

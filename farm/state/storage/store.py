@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from farm.errors import FarmError
 from farm.model import Entity, Key, share_field_set
 from farm.state.books import Books, list_changed_entities, list_removed_keys, locate_entity
-from farm.state.event_rows import EVENTS_QUERY, UPKEEP_QUERY, EventRow, make_row
+from farm.state.event_rows import EVENTS_QUERY, PRINTER_QUERY, EventRow, make_row
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.event_count import EventCount
@@ -296,9 +296,9 @@ class Store:
         """Read the events after a number, oldest first, as all users may see them. Raises StoreError."""
         return self._read_rows(EVENTS_QUERY, last_number, limit)
 
-    def read_upkeep_events(self, printer: str, limit: int) -> list[EventRow]:
-        """Read events on the upkeep of a printer, newest first. Raises StoreError."""
-        return self._read_rows(UPKEEP_QUERY, printer, limit)
+    def read_printer_events(self, printer: str, limit: int) -> list[EventRow]:
+        """Read the maintenance, reels, losses and alarms of a printer, newest first. Raises StoreError."""
+        return self._read_rows(PRINTER_QUERY, printer, limit)
 
     def _read_rows(self, query: str, *values: object) -> list[EventRow]:
         try:

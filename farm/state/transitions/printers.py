@@ -107,7 +107,7 @@ def _(event: ev.BooksRestored, books: Books) -> Result:
 @change.register
 def _(event: ev.OutageConfirmed, books: Books) -> Result:
     if books.outage is None:
-        raise InvalidTransition(event, None, None, None, "in no outage")
+        raise InvalidTransition(event, None, None, None, "not in an outage")
     return put(books, replace_fields(books.outage, confirmed_s=event.at_s)), ()
 
 

@@ -1,7 +1,7 @@
 """Rules for events that move a job in the queue, or change its start time. Pure.
 
 A moved job takes the priority of the job that follows it, and a rank between its neighbours. The rank of a
-job that was never moved is its number, so later jobs follow all earlier jobs of their priority.
+job that was never moved is its id, so later jobs follow all earlier jobs of their priority.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from farm.state.transitions.rules import change
 @change.register
 def _(event: ev.JobMoved, books: Books) -> Result:
     other_jobs = [job for job in books.list_open_jobs() if job.id != event.job]
-    numbers = [job.id for job in other_jobs]
-    if event.before is not None and event.before not in numbers:
+    job_ids = [job.id for job in other_jobs]
+    if event.before is not None and event.before not in job_ids:
         target = books.get_job(event.before)
         raise InvalidTransition(event, JOB_LIFECYCLE, target.id, target.state, "not in the queue")
-    place = len(other_jobs) if event.before is None else numbers.index(event.before)
+    place = len(other_jobs) if event.before is None else job_ids.index(event.before)
     return put(books, *_place_job(books.get_job(event.job), other_jobs, place, max(books.jobs))), ()
 
 
@@ -32,7 +32,7 @@ def _(event: ev.JobRescheduled, books: Books) -> Result:
     return put(books, replace_fields(books.get_job(event.job), not_before_s=event.not_before_s)), ()
 
 
-def _place_job(job: Job, other_jobs: list[Job], index: int, last_number: int) -> Iterator[Job]:
+def _place_job(job: Job, other_jobs: list[Job], index: int, last_id: int) -> Iterator[Job]:
     """Yield a job with its new rank, and the other jobs with new ranks if no rank between them is free.
 
     Parameters
@@ -41,14 +41,14 @@ def _place_job(job: Job, other_jobs: list[Job], index: int, last_number: int) ->
         The other open jobs, in their order.
     index
         Index in `other_jobs` before which the job is put.
-    last_number
-        Largest number of any job, and thus the largest rank of a job that was not moved.
+    last_id
+        Largest id of any job, and thus the largest rank of a job that was not moved.
     """
     jobs_before, jobs_after = other_jobs[:index], other_jobs[index:]
     if not other_jobs:
         return
     priority = (jobs_after[0] if jobs_after else jobs_before[-1]).priority
-    high = jobs_after[0].queue_rank[1] if jobs_after else last_number + 1.0
+    high = jobs_after[0].queue_rank[1] if jobs_after else last_id + 1.0
     low = (
         jobs_before[-1].queue_rank[1] if jobs_before and jobs_before[-1].priority == priority else high - 2.0
     )
@@ -59,4 +59,4 @@ def _place_job(job: Job, other_jobs: list[Job], index: int, last_number: int) ->
         return
     order = [*jobs_before, job, *jobs_after]
     for i, moved_job in enumerate(order):
-        yield replace_fields(moved_job, moved_rank=last_number - len(order) + 1.0 + i)
+        yield replace_fields(moved_job, moved_rank=last_id - len(order) + 1.0 + i)

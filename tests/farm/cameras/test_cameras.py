@@ -18,7 +18,7 @@ from farm.model import Moment, PrintState
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
 from farm.state import events as ev
-from farm.state.retention import list_deletable_files, list_named_files
+from farm.state.retention import list_deletable_files, list_referenced_files
 from farm.state.storage.store import Store
 from hosts.fake_camera import make_jpeg
 
@@ -149,7 +149,7 @@ def test_still_is_kept_with_the_print_when_it_ends(rig, state, moment):
     (still,) = rig.controller.books.prints[print_id].stills
     assert (still.moment, still.at_s) == (moment, 200.0)
     assert (rig.state.files / still.file).read_bytes() == make_jpeg()
-    assert still.file in list_named_files(rig.controller.books)
+    assert still.file in list_referenced_files(rig.controller.books)
     assert not list(rig.state.work.iterdir())
 
 
@@ -191,7 +191,7 @@ def test_stills_are_deleted_with_the_files_of_their_job(rig):
         ev.BedCleared(at_s=300.0, printer="a", by="ann"), ev.JobPruned(at_s=400.0, job=1, by="ann")
     )
     books = rig.controller.books
-    assert still.file in list_deletable_files(books) and still.file not in list_named_files(books)
+    assert still.file in list_deletable_files(books) and still.file not in list_referenced_files(books)
 
 
 def test_hanging_camera_is_cancelled_when_the_daemon_ends(rig):

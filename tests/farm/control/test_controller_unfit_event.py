@@ -23,7 +23,7 @@ def test_unfit_snapshot_is_logged_and_other_printers_continue(tmp_path, monkeypa
     with caplog.at_level(logging.ERROR):
         farm.report_ready("a", nozzle_c=31.0)
     assert farm.controller.books == old_books
-    assert "PrinterAdded does not fit: printer a is not_clear; before that: " in caplog.text
+    assert "PrinterAdded is not allowed: printer a is not_clear; before that: " in caplog.text
     assert "PrinterAdded, " in caplog.text and "BedReported" in caplog.text
     assert farm.controller.telemetry.snapshots["a"].nozzle_c == 31.0  # the snapshot is shown nevertheless
     farm.report_ready("b", nozzle_c=32.0, print=None)

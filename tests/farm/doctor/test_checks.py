@@ -174,7 +174,7 @@ CASES = {
         {"disk": DiskUse(free_bytes=3e9, stored_bytes=20e9, prunable_bytes=0.0, daily_bytes=2e9)},
         "warning",
         "room",
-        "the disk of /s is full in about a night (3.0 GB free, 2.0 GB stored a day)",
+        "the disk of /s will be full in about one night (3.0 GB free, 2.0 GB stored per day)",
     ),
     "little room": ({"free_spaces": (FreeSpace("/s", 10**9),)}, "warning", "room", "a large job may not fit"),
     "read-only disk": ({"free_spaces": (FreeSpace("/s", None),)}, "problem", "room", "cannot be written"),

@@ -8,7 +8,7 @@ from farm.scheduling.admission import (
     HoldJob,
     JobAdmission,
     JobRequest,
-    PlanOrder,
+    PrinterChoice,
     StartPlanning,
     find_mismatch,
     is_quick,
@@ -48,14 +48,14 @@ def test_first_job_uses_all_idle_and_clear_printers():
         make_printer("c", is_booked=True),
         make_printer("d"),
     ]
-    assert choose_order(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
-    assert choose_order(ANY_PRINTER, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
-    assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
+    assert choose_order(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PrinterChoice(("a", "d"))
+    assert choose_order(ANY_PRINTER, None, 0, fleet, frozenset("d"), True) == PrinterChoice(("a",))
+    assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PrinterChoice(("a",))
 
 
 def test_largest_printers_are_chosen_if_fewer_are_requested():
     fleet = [make_printer("a"), make_printer("b", boxes=TALL_BOXES)]
-    assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
+    assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PrinterChoice(("b",))
 
 
 def test_job_waits_for_connecting_printers():
@@ -66,19 +66,21 @@ def test_job_waits_for_connecting_printers():
     decision = choose_order(
         ANY_PRINTER, None, 0, [make_printer("a"), make_printer("b", link=Link.STARTING)], frozenset(), False
     )
-    assert decision == PlanOrder(("a",))
+    assert decision == PrinterChoice(("a",))
 
 
 def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
     fleet = [make_printer("a"), make_printer("b", is_booked=True), make_printer("c")]
-    assert choose_order(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
+    assert choose_order(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PrinterChoice(("a", "b", "c"))
     printers = [
         make_printer("a"),
         make_printer("b", link=Link.ABSENT),
         make_printer("c", attention_reason="it smokes"),
     ]
-    assert choose_order(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), round_count=2)
-    assert choose_order(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(
+    assert choose_order(ANY_PRINTER, None, 2, printers, frozenset(), True) == PrinterChoice(
+        ("a",), round_count=2
+    )
+    assert choose_order(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PrinterChoice(
         ("a", "c"), round_count=3
     )
 
@@ -88,15 +90,15 @@ def test_job_is_planned_although_no_printer_is_free():
     broken_printer = make_printer("a", attention_reason="it smokes")
     assert choose_order(
         ANY_PRINTER, None, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
-    ) == PlanOrder(("b", "c"))
+    ) == PrinterChoice(("b", "c"))
     assert choose_order(
         ANY_PRINTER, 1, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
-    ) == PlanOrder(("b",))
+    ) == PrinterChoice(("b",))
     # A printer that needs attention is used only if there is no other.
-    assert choose_order(ANY_PRINTER, None, 0, [broken_printer], frozenset(), True) == PlanOrder(("a",))
+    assert choose_order(ANY_PRINTER, None, 0, [broken_printer], frozenset(), True) == PrinterChoice(("a",))
     assert choose_order(
         ANY_PRINTER, None, 0, [make_printer("d"), busy_printer], frozenset("d"), True
-    ) == PlanOrder(("c", "d"))
+    ) == PrinterChoice(("c", "d"))
 
 
 def test_job_that_no_printer_matches_is_held_with_the_reason():
@@ -113,17 +115,17 @@ def test_job_at_night_is_planned_for_unattended_printers():
     blocked_printers = frozenset("c")
     assert choose_order(
         ANY_PRINTER, None, 0, fleet, frozenset(), True, blocked_printers=blocked_printers
-    ) == PlanOrder(("a", "b"))
+    ) == PrinterChoice(("a", "b"))
     assert choose_order(
         ANY_PRINTER, None, 3, fleet, frozenset(), True, blocked_printers=blocked_printers
-    ) == PlanOrder(("a", "b"), round_count=2)
+    ) == PrinterChoice(("a", "b"), round_count=2)
     assert choose_order(
         ANY_PRINTER, None, 0, fleet[2:], frozenset(), True, blocked_printers=blocked_printers
-    ) == PlanOrder(("c",))
+    ) == PrinterChoice(("c",))
     busy_printers = [make_printer("a", is_booked=True), fleet[2]]
     assert choose_order(
         ANY_PRINTER, None, 0, busy_printers, frozenset(), True, blocked_printers=blocked_printers
-    ) == PlanOrder(("a",))
+    ) == PrinterChoice(("a",))
 
 
 def make_queued_job(number, **changes):

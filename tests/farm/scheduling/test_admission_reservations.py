@@ -7,7 +7,7 @@ from farm.scheduling.admission import (
     Availability,
     JobRequest,
     PendingPlan,
-    PlanOrder,
+    PrinterChoice,
     choose_printers,
     choose_unreserved_printers,
     list_pending_printers,
@@ -52,16 +52,16 @@ def test_printers_are_reserved_for_replans_and_as_spares():
 
 def test_reserved_printers_are_avoided_while_another_is_free():
     fleet = (make_printer("a"), make_printer("b"), make_printer("c", is_booked=True))
-    assert choose_printers(ANY_PRINTER, Availability(fleet, {"b": "6/03"})) == PlanOrder(("a",))
+    assert choose_printers(ANY_PRINTER, Availability(fleet, {"b": "6/03"})) == PrinterChoice(("a",))
     pending_plan = PendingPlan(job=8, priority=1, printers=frozenset("b"))
-    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 5, [pending_plan]) == PlanOrder(
+    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 5, [pending_plan]) == PrinterChoice(
         ("a",)
     )
     shared_plan = PendingPlan(job=8, priority=1, printers=frozenset("ab"))
-    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 1, [shared_plan]) == PlanOrder(
+    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 1, [shared_plan]) == PrinterChoice(
         ("a", "b", "c")
     )
-    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 2, [shared_plan]) == PlanOrder(
+    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 2, [shared_plan]) == PrinterChoice(
         ("a", "b")
     )
     assert list_pending_printers([shared_plan]) == {"a": "job 8", "b": "job 8"}
@@ -69,9 +69,9 @@ def test_reserved_printers_are_avoided_while_another_is_free():
 
 def test_printers_of_a_replan_are_avoided_while_others_exist():
     fleet = (make_printer("a"), make_printer("c", is_booked=True))
-    assert choose_printers(ANY_PRINTER, Availability(fleet, replan_printers=frozenset("a"))) == PlanOrder(
+    assert choose_printers(ANY_PRINTER, Availability(fleet, replan_printers=frozenset("a"))) == PrinterChoice(
         ("c",)
     )
-    assert choose_printers(ANY_PRINTER, Availability(fleet[:1], replan_printers=frozenset("a"))) == PlanOrder(
-        ("a",)
-    )
+    assert choose_printers(
+        ANY_PRINTER, Availability(fleet[:1], replan_printers=frozenset("a"))
+    ) == PrinterChoice(("a",))

@@ -51,7 +51,7 @@ plate_lists = st.lists(
             Requirements, st.none(), st.none(), st.none(), st.sampled_from([make_box(100.0), make_box(250.0)])
         ),
         expected_s=st.floats(600, 9 * HOUR_S),
-        heating_s=st.just(300.0),
+        overhead_s=st.just(300.0),
         first_layer_s=st.just(500.0),
         grams=st.floats(0, 100),
         job=st.integers(1, 2),
@@ -127,7 +127,7 @@ def test_second_round_waits_for_a_cleared_bed():
 
 
 def test_heating_limit_delays_starts():
-    plates = [make_plate(f"1/{i}", "abc"[i], expected_s=HOUR_S, heating_s=600.0) for i in range(3)]
+    plates = [make_plate(f"1/{i}", "abc"[i], expected_s=HOUR_S, overhead_s=600.0) for i in range(3)]
     forecast = make_forecast(plates, [make_printer(name) for name in "abc"], make_rules(max_heating=2), 0.0)
     assert [slot.start_s for slot in forecast.slots] == [0.0, 0.0, 600.0]
 
@@ -141,14 +141,16 @@ def test_absent_printer_is_not_used():
 
 
 def test_time_of_a_plate_scales_with_the_time_factor():
-    plate = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
+    plate = make_plate("p", "a", expected_s=1100.0, overhead_s=100.0, time_factor=1.25)
     for factor, expected_s in ((1.0, 100.0 + 800.0), (1.25, 1100.0)):
         printer = make_printer("b", time_factors=TimeFactors(factor))
         assert compute_printing_s(plate, printer) == pytest.approx(expected_s)
 
 
 def test_time_of_a_plate_depends_on_its_features():
-    plate = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, feature_shares=(0.5, 0.2, 0.1, 0.0, 0.2))
+    plate = make_plate(
+        "p", "a", expected_s=1100.0, overhead_s=100.0, feature_shares=(0.5, 0.2, 0.1, 0.0, 0.2)
+    )
     printer = make_printer("b", time_factors=TimeFactors(1.1, (1.0, 1.0, 1.2, 1.0, 1.4)))
     assert compute_printing_s(plate, printer) == pytest.approx(100.0 + 1000.0 * 1.1)
     travel_plate = replace(plate, feature_shares=(0.0, 0.0, 0.0, 0.0, 1.0))

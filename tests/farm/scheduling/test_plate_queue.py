@@ -38,7 +38,7 @@ def test_summaries_of_a_queue_match_its_plates(waiting_plates):
     assert all(plate in queue for plate in waiting_plates)
     assert queue.planned_printers == {plate.planned_printer for plate in waiting_plates}
     assert queue.demands == {plate.demand for plate in waiting_plates}
-    assert queue.starts_s == {plate.not_before_s for plate in waiting_plates} - {None}
+    assert queue.earliest_starts_s == {plate.not_before_s for plate in waiting_plates} - {None}
     assert list(queue.repeats) == [plate for plate in queue if plate.is_repeat]
     assert queue.extra_printer_counts == {
         plate.job: plate.extra_printer_count for plate in waiting_plates if plate.job != 1

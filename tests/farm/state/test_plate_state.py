@@ -118,6 +118,22 @@ def test_plate_without_remaining_attempts_does_not_block_others():
     assert "1/01 failed 3 times, last on a: no heat" in books.jobs[1].reason
 
 
+@pytest.mark.parametrize(
+    ("plate_count", "end"), [(1, "no heat"), (2, "(and 1 more plate)"), (3, "(and 2 more plates)")]
+)
+def test_reason_of_a_failed_job_counts_its_failed_plates(plate_count, end):
+    books = make_printing_books(plates=plate_count)
+    for index in range(1, plate_count + 1):
+        for attempt in range(MAX_ATTEMPTS):
+            print_id = f"{index}.{attempt}"
+            cleared_event = ev.BedCleared(at_s=9.0, printer="a", by="ann")
+            end_event = make_end_event(print_id, PrintState.FAILED, reason="no heat")
+            books, _ = apply_events(
+                books, cleared_event, make_assigned_event(f"1/{index:02d}", "a", print_id), end_event
+            )
+    assert books.jobs[1].reason.endswith(end)
+
+
 def test_failed_cancelled_and_good_parts_can_be_reprinted():
     repeated_event = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (

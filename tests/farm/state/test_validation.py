@@ -48,7 +48,7 @@ BROKEN_BOOKS = {
     ),
     "an ended job has no end": (
         lambda b: add_entries(b, replace_fields(b.jobs[1], state=JobState.CANCELLED)),
-        "job 1: it is cancelled and has no end",
+        "job 1: it is cancelled and has no end time",
     ),
     "a queued job has plates": (
         lambda b: add_entries(b, replace_fields(b.jobs[1], state=JobState.QUEUED)),

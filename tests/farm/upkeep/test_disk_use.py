@@ -12,7 +12,7 @@ from books.recording_controller import Farm
 from drivers.clock import Clock
 from farm.model import JobState
 from farm.paths import StateFolder
-from farm.state.retention import list_named_files
+from farm.state.retention import list_referenced_files
 from farm.upkeep.disk_use import measure_disk
 from farm.upkeep.upkeep import Upkeep
 from farm.views import list_tasks
@@ -24,7 +24,7 @@ def test_files_of_open_jobs_are_not_counted_as_prunable(tmp_path):
     state, books = StateFolder(tmp_path), make_old_books((JobState.DONE, 5), (JobState.PRINTING, 0))
     write_files(books, state, size=100)
     disk_use = measure_disk(state, books, NOW_S, 1.0)
-    assert disk_use.stored_bytes == 100 * len(list_named_files(books))
+    assert disk_use.stored_bytes == 100 * len(list_referenced_files(books))
     assert disk_use.prunable_bytes == 600  # the picture stays
     assert disk_use.daily_bytes == 0.0  # all files are old
     assert disk_use.free_bytes == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.05)
@@ -46,7 +46,7 @@ def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
     with farm.store:
         assert list_task_texts(10**9) == []  # 4 MB a day are stored, and 0.5 GB must stay free
         (text,) = list_task_texts(507 * 10**6)
-        assert "is full in about two nights" in text and "`farm prune`" in text
+        assert "will be full in about two nights" in text and "`farm prune`" in text
         (text,) = list_task_texts(4 * 10**8)
         assert "is full now" in text
         assert list_task_texts(10**9) == []

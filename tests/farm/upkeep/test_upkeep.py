@@ -20,7 +20,7 @@ from farm.planning import list_job_files
 from farm.state import events as ev
 from farm.state import validate_books
 from farm.state.books import Books
-from farm.state.retention import list_named_files
+from farm.state.retention import list_referenced_files
 from farm.state.storage import Store, StoreError, back_up, link_files, list_files, open_books
 from farm.state.storage.backups import list_backups
 from farm.upkeep import upkeep
@@ -106,7 +106,7 @@ def show_job(state, books, number):
 
 def check_jobs(state, books, old_books):
     """Check that every job is shown as before the prune, and that no file of the books is missing."""
-    assert list_named_files(books) <= list_files(state.files).keys()
+    assert list_referenced_files(books) <= list_files(state.files).keys()
     for number, job in books.jobs.items():
         (old_view, old_rows), (view, rows) = (
             show_job(state, old_books, number),
@@ -131,8 +131,8 @@ def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
     assert [job.id for job in answer.jobs] == OLD_JOBS
     assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD_JOBS
     assert answer.freed_bytes == 3 * 6 * 1000  # all files but the picture
-    assert list_files(state.files).keys() == list_named_files(books)
-    assert answer.stored_bytes == 1000 * len(list_named_files(books))
+    assert list_files(state.files).keys() == list_referenced_files(books)
+    assert answer.stored_bytes == 1000 * len(list_referenced_files(books))
     assert [path.name for path in state.find_job_folder(1).iterdir()] == ["assembly.png"]
     assert len(list(state.find_job_folder(4).iterdir())) > 4
     check_jobs(state, books, old_books)
@@ -149,7 +149,7 @@ def test_dry_run_lists_the_same_and_changes_nothing(tmp_path):
     with farm.store:
         preview = asyncio.run(cleanup.prune("ann", dry_run=True))
         assert farm.controller.books == old_books and not list_backups(state)
-        assert len(list_files(state.files)) == len(list_named_files(old_books))
+        assert len(list_files(state.files)) == len(list_referenced_files(old_books))
         result = asyncio.run(cleanup.prune("ann", dry_run=False))
     assert preview == result.model_copy(update={"dry_run": True})
 
@@ -185,7 +185,7 @@ def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
 def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
     """Keep files, because a person may have moved the database and may put it back."""
     state, old_books = fill_state(tmp_path)
-    for name in list_named_files(old_books):
+    for name in list_referenced_files(old_books):
         stored_s = time.time() - (89 if name.endswith("gcode") else 91) * DAY_S
         os.utime(state.files / name, (stored_s, stored_s))
     state.books.rename(tmp_path / "moved.db")
@@ -193,7 +193,7 @@ def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
     with farm.store:
         asyncio.run(finish_cleanup(cleanup))
     assert list_files(state.files).keys() == {
-        name for name in list_named_files(old_books) if name.endswith("gcode")
+        name for name in list_referenced_files(old_books) if name.endswith("gcode")
     }
 
 
@@ -238,7 +238,7 @@ def test_backup_from_before_a_compaction_is_restored(tmp_path):
         books = farm.controller.books
     assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD_JOBS
     assert validate_books(books) == validate_books(old_books)
-    assert list_named_files(books) <= list_files(state.files).keys()
+    assert list_referenced_files(books) <= list_files(state.files).keys()
 
 
 def test_reprint_of_a_pruned_job_is_refused_with_its_reason(tmp_path):
@@ -273,7 +273,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
     with farm.store:
         asyncio.run(run_nights())
         assert farm.build_view_context(state).warnings == ()
-        assert list_files(state.files).keys() == list_named_files(farm.controller.books)
+        assert list_files(state.files).keys() == list_referenced_files(farm.controller.books)
 
 
 def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatch):
@@ -338,7 +338,7 @@ def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
             check_jobs(state, farm.controller.books, old_books)  # the prune is incomplete
             asyncio.run(finish_cleanup(cleanup))
             books = farm.controller.books
-            assert list_files(state.files).keys() == list_named_files(books)
+            assert list_files(state.files).keys() == list_referenced_files(books)
             dead_links = [link for link in state.jobs.glob("*/*") if not link.exists()]
             assert not dead_links
             asyncio.run(cleanup.prune("ann", dry_run=False))

@@ -5,7 +5,7 @@ import os
 from books.make_books import apply_events, make_fleet_events, make_job, make_plan_event
 from farm.model import JobState, Print, PrintState, Verdict
 from farm.state.books import Books, put, replace_fields
-from farm.state.retention import list_named_files
+from farm.state.retention import list_referenced_files
 
 DAY_S = 86400.0
 NOW_S = 1000 * DAY_S
@@ -61,7 +61,7 @@ def add_good_prints(books):
 def write_files(books, state, size=1000, names=None):
     """Write the files with these names, or all that the books name, with an old modification time."""
     state.files.mkdir(exist_ok=True)
-    for name in list_named_files(books) if names is None else names:
+    for name in list_referenced_files(books) if names is None else names:
         path = state.files / name
         path.write_bytes(b"x" * size)
         os.utime(path, (1000.0, 1000.0))

@@ -54,7 +54,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
             context,
             name,
             controller.telemetry.list_temperatures(name, context.now_s),
-            services.streams.log.read_upkeep_events(name, _MAX_UPKEEP_EVENTS),
+            services.streams.log.read_printer_events(name, _MAX_UPKEEP_EVENTS),
             None if printer is None else printer.find_obstacle(),
             controller.scheduler.list_reservations().get(name),
         )

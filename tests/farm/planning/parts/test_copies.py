@@ -14,7 +14,6 @@ from books.make_books import make_plan_event
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, TimeFactors
-from farm.planning.booking import store_plan
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.copies import (
     MAX_PLATES,
@@ -25,6 +24,7 @@ from farm.planning.parts.copies import (
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.plan import DecomposeTask, Plan
+from farm.planning.plan_storage import store_plan
 from slicing.checks import FeatureTimes
 
 PRINTER_MODEL = "ultimaker2_plus"

@@ -35,7 +35,7 @@ def make_family_printer(name, family, nozzle_mm=0.4, **changes):
 def make_part(duration_h=10.0, **changes):
     fields = {
         "requirements": Requirements("generic_pla", None, 0.4, make_box(100.0), PLUS),
-        "heating_s": 300.0,
+        "overhead_s": 300.0,
         "grams": 50.0,
     }
     return make_plate("1/01", "a", **{**fields, "expected_s": duration_h * HOUR_S, **changes})

@@ -17,8 +17,8 @@ from farm.model import JobOptions, Part, PartPrintOptions, Plate
 from farm.paths import StateFolder
 from farm.planning.replanning import replan
 from farm.planning.replanning.cut_part import cut_part, read_pin_distances_mm
+from farm.planning.replanning.plate_replanner import PlateReplanner
 from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
-from farm.planning.replanning.worker import ReplanWorker
 from farm.state.storage.file_store import store_file
 
 PLUS, UM2 = "ultimaker2_plus", "ultimaker2"
@@ -76,8 +76,8 @@ def run_replan(state, task, is_cut):
     results = []
 
     async def main():
-        worker = ReplanWorker(state, SameProcess(), lambda *outcome: results.append(outcome))
-        worker.start(task, is_cut)
+        replanner = PlateReplanner(state, SameProcess(), lambda *outcome: results.append(outcome))
+        replanner.start(task, is_cut)
         while not results:
             await asyncio.sleep(0)
 

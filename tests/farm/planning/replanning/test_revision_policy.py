@@ -32,7 +32,7 @@ def make_planned_job(plate_durations_h, names, **changes):
             f"1/{index:02d}",
             names[index % len(names)],
             expected_s=duration_h * HOUR_S + 300.0,
-            heating_s=300.0,
+            overhead_s=300.0,
         )
         for index, duration_h in enumerate(plate_durations_h, 1)
     )
@@ -78,9 +78,9 @@ def test_fewer_parts_are_planned_for_unattended_nights():
 
 def test_plan_that_meets_its_deadline_stays():
     fleet = [make_printer(name) for name in "abcdefgh"]
-    job = make_planned_job([8.0, 8.0], "ab", done_by_s=9 * HOUR_S)
+    job = make_planned_job([8.0, 8.0], "ab", print_deadline_s=9 * HOUR_S)
     assert choose_printers(job, fleet, "abcdefgh") is None
-    assert choose_printers(replace(job, done_by_s=7 * HOUR_S), fleet, "abcdefgh") == tuple("abcdefgh")
+    assert choose_printers(replace(job, print_deadline_s=7 * HOUR_S), fleet, "abcdefgh") == tuple("abcdefgh")
 
 
 def test_plan_in_rounds_is_not_made_for_fewer_printers():

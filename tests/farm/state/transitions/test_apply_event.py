@@ -59,7 +59,7 @@ INVALID_EVENTS = {
         ev.BedCleared(at_s=4.0, printer="a", by="ann"),
         "printer a is printing",
     ),
-    "an outage is confirmed without one": ([], ev.OutageConfirmed(at_s=4.0, by="ann"), "in no outage"),
+    "an outage is confirmed without one": ([], ev.OutageConfirmed(at_s=4.0, by="ann"), "not in an outage"),
     "a print ends in an open state": (
         [ASSIGNMENT],
         make_end_event("x", PrintState.HEATING),

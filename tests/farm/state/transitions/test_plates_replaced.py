@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from books.example_night import make_view_context
 from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.model import Bed, JobState, PrintState, Verdict
-from farm.planning.booking import list_job_files
+from farm.planning.plan_storage import list_job_files
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import MAX_ATTEMPTS, PlateState

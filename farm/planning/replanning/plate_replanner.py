@@ -27,8 +27,8 @@ CUTTING_LIMIT = Limit("recutting a part", 900.0)
 ReplanListener = Callable[[str, "ReplannedPlate | FarmError"], None]
 
 
-class ReplanWorker:
-    """Worker that replans plates concurrently.
+class PlateReplanner:
+    """Replanner of several plates at the same time.
 
     Parameters
     ----------

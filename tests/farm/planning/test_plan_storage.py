@@ -7,10 +7,10 @@ import pytest
 
 from books.decompose_tasks import join_slices, make_decompose_task, make_slice_tasks
 from farm.model import Job, PartPrintOptions
-from farm.planning.booking import MAX_WALL_WARNINGS, MAY_FALL_WARNING, list_job_files, store_plan
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.parts.slice_part import slice_part
+from farm.planning.plan_storage import MAX_WALL_WARNINGS, MAY_FALL_WARNING, list_job_files, store_plan
 from slicing.checks import UnprintedWall
 
 
