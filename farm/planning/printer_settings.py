@@ -32,14 +32,16 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
     ]
     if not matching_sections:
         available = sorted({_describe_filament(section) for section in enabled_sections})
-        description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
+        filament = " ".join(filter(None, (options.material, options.colour)))
         if options.only:
+            lack = f" or lacks {filament}" if filament else ""
             raise RefusedError(
-                f"{' '.join(options.only)} is disabled, or lacks {description}: "
-                "send the file to another address"
+                f"{' '.join(options.only)} is disabled{lack}: send the file to the address of another printer"
             )
         raise RefusedError(
-            f"no printer of the fleet has {description}; it has {', '.join(available) or 'no printer at all'}"
+            f"no printer of the fleet has {filament}; it has {', '.join(available)}"
+            if available
+            else "all printers of the fleet are disabled"
         )
     return matching_sections
 

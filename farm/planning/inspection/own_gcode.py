@@ -272,7 +272,7 @@ def _describe_obstacle(section: PrinterSection, accepted_gcode: AcceptedGcode) -
             outermost = low if low < 0 else high
             return (
                 f"moves to {axis} {outermost:.1f}, and {section.name} reaches 0 to {end:g}: "
-                "choose an Ultimaker 2+ in your slicer"
+                f"choose the {profile.title} in your slicer"
             )
     return None
 

@@ -135,6 +135,14 @@ def test_file_that_fits_no_printer_is_refused(inspect_lines, lines, message):
     assert error.value.code is ErrorCode.NO_FIT
 
 
+def test_file_for_another_printer_names_the_right_one(inspect_lines):
+    with pytest.raises(FarmError, match="choose the Creality Ender-3 in your slicer"):
+        inspect_lines(
+            make_marlin(body=["G0 Z12", "G0 X-20"]),
+            [make_section("a", "creality_ender3", material="generic_pla_175")],
+        )
+
+
 def test_file_without_a_nozzle_needs_printers_with_one_size(inspect_lines):
     fleet = [make_section("a"), make_section("b", nozzle_mm=0.8, colour="red")]
     with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as error:
