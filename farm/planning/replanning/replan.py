@@ -15,6 +15,8 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Part, Plate, TimeFactors
 from farm.planning.part_records import DecomposedPart, SlicedPart
 from farm.planning.plan_storage import (
+    MAX_WALL_WARNINGS,
+    MAY_FALL_WARNING,
     PlateNames,
     store_part,
     store_plate,
@@ -105,10 +107,12 @@ def store_resliced_part(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedP
     Raises
     ------
     FarmError
-        `slice` if more walls are too thin to print on this printer than on that of the old plate.
+        `slice` if more walls are too thin to print on this printer than on that of the old plate, up to the
+        maximum number of its warnings.
     """
     thin_walls = sliced_part.result.unprinted_walls
-    if len(thin_walls) > len(task.plate.warnings):
+    known_warnings = [warning for warning in task.plate.warnings if warning != MAY_FALL_WARNING]
+    if len(thin_walls[:MAX_WALL_WARNINGS]) > len(known_warnings):
         raise FarmError(f"{task.part.id}: {thin_walls[0]}", ErrorCode.SLICE)
     names = PlateNames(task.plate.job, task.part.id, make_next_plate_id(task.plate.id))
     plate = store_plate(names, sliced_part, task.find_time_factors(sliced_part.printer.name), task.files)

@@ -3,6 +3,7 @@
 import asyncio
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Part, PartPrintOptions, Plate
 from farm.paths import StateFolder
+from farm.planning.plan_storage import MAX_WALL_WARNINGS, MAY_FALL_WARNING
 from farm.planning.replanning import replan
 from farm.planning.replanning.cut_part import cut_part, read_pin_distances_mm
 from farm.planning.replanning.plate_replanner import PlateReplanner
@@ -144,6 +146,34 @@ def test_printer_that_would_omit_walls_is_not_used(state, monkeypatch):
     assert isinstance(result, FarmError)
     assert (state.files / task.part.file).is_file()
     assert replan.make_next_plate_id("1/01") == "1/01-2"
+
+
+@pytest.mark.parametrize(
+    ("warnings", "wall_count", "is_accepted"),
+    [
+        (
+            ("a thin wall",) * MAX_WALL_WARNINGS,
+            MAX_WALL_WARNINGS + 5,
+            True,
+        ),  # further walls were not recorded
+        (("a thin wall",), 2, False),
+        ((MAY_FALL_WARNING,), 1, False),
+        ((), 0, True),
+    ],
+)
+def test_printer_is_used_if_it_omits_no_more_walls_than_the_old_one(
+    state, monkeypatch, warnings, wall_count, is_accepted
+):
+    task = make_task(state, (40.0, 30.0, 4.0), (UM2,))
+    task = replace(task, plate=task.plate.model_copy(update={"warnings": warnings}))
+    monkeypatch.setattr(replan, "store_plate", lambda *_: task.plate)
+    slice_result = SimpleNamespace(unprinted_walls=("a thin wall",) * wall_count)
+    sliced_part = SimpleNamespace(result=slice_result, printer=task.printers[0])
+    if is_accepted:
+        assert replan.store_resliced_part(task, sliced_part).plates == (task.plate,)
+    else:
+        with pytest.raises(FarmError, match="a thin wall"):
+            replan.store_resliced_part(task, sliced_part)
 
 
 def test_pins_of_pieces_avoid_the_distances_of_the_job(state):
