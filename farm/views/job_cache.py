@@ -24,22 +24,22 @@ class PartsAndPlates:
     plates: list[api.PlateStatus]
 
 
-class RevisionCache(Generic[T]):
-    """Cache of descriptions of jobs, each valid for one revision of its job in the books."""
+class JobVersionCache(Generic[T]):
+    """Cache of descriptions of jobs, each valid for one version of its job in the books."""
 
     def __init__(self) -> None:
         self._descriptions: dict[int, tuple[object, T]] = {}
 
     def find(self, books: Books, job: int, make_description: Callable[[], T]) -> T:
         """Return the cached description of a job, or make a new one if the job has changed."""
-        revision = books.find_job_version(job)
+        version = books.find_job_version(job)
         cached = self._descriptions.get(job)
-        if cached is not None and revision is not None and cached[0] is revision:
+        if cached is not None and version is not None and cached[0] is version:
             return cached[1]
         description = make_description()
         if job not in self._descriptions and len(self._descriptions) >= MAX_JOBS:
             self._descriptions.pop(next(iter(self._descriptions)))
-        self._descriptions[job] = revision, description
+        self._descriptions[job] = version, description
         return description
 
 
@@ -57,5 +57,5 @@ class JobCache:
     """
 
     def __init__(self) -> None:
-        self.contents = RevisionCache[PartsAndPlates]()
-        self.totals = RevisionCache[JobTotals]()
+        self.contents = JobVersionCache[PartsAndPlates]()
+        self.totals = JobVersionCache[JobTotals]()

@@ -15,7 +15,7 @@ from farm.state import events as ev
 from farm.state.books import put
 from farm.views import JobCache, ViewContext, describe_jobs, group_waits, summarise_jobs
 from farm.views import job_cache as module
-from farm.views.job_cache import RevisionCache
+from farm.views.job_cache import JobVersionCache
 from farm.wording import group_holds
 
 FLEET = Fleet.model_validate(
@@ -101,8 +101,8 @@ def test_unchanged_parts_and_plates_are_not_described_again():
 
 def test_cache_keeps_a_limited_number_of_jobs(monkeypatch):
     monkeypatch.setattr(module, "MAX_JOBS", 2)
-    cache, books = RevisionCache(), put(make_planned_books(), *(make_job(number) for number in (2, 3)))
-    books = replace(books, _revisions=dict.fromkeys((1, 2, 3), "first"))
+    cache, books = JobVersionCache(), put(make_planned_books(), *(make_job(number) for number in (2, 3)))
+    books = replace(books, _job_versions=dict.fromkeys((1, 2, 3), "first"))
     described_jobs = []
 
     def find_contents(job):

@@ -59,7 +59,7 @@ def add_good_prints(books):
 
 
 def write_files(books, state, size=1000, names=None):
-    """Write the files with these names, or all that the books name, with an old modification time."""
+    """Write the files with these names, or all that the books refer to, with an old modification time."""
     state.files.mkdir(exist_ok=True)
     for name in list_referenced_files(books) if names is None else names:
         path = state.files / name
