@@ -105,10 +105,10 @@ class PlanBuilder:
         sliced_count = cached_count = 0
 
         def report_progress() -> None:
-            step = PlanProgress(
+            progress = PlanProgress(
                 step=PlanStep.SLICING, done=sliced_count, of=len(decomposed_job.parts), cached=cached_count
             )
-            self._on_progress(step)
+            self._on_progress(progress)
 
         def count_slice(result: PlateResult) -> None:
             nonlocal sliced_count, cached_count

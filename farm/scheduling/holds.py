@@ -236,7 +236,7 @@ class HoldReasons:
                 code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {requirements}"
             )
         needs = plate.requirements.describe(mismatches) if mismatches else ""
-        hold = self._find_shared_hold(plate, group)
+        hold = self._find_group_hold(plate, group)
         return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
 
     def _make_group(self, mismatches: tuple[Capabilities, ...]) -> _PrinterGroup:
@@ -246,7 +246,8 @@ class HoldReasons:
         idle = tuple(name for name in names if name in self._idle_printers)
         return _PrinterGroup(frozenset(names), idle, self._make_busy_hold(names), next(obstacles, None))
 
-    def _find_shared_hold(self, plate: WaitingPlate, group: _PrinterGroup) -> Hold:
+    def _find_group_hold(self, plate: WaitingPlate, group: _PrinterGroup) -> Hold:
+        """Return the reason why no printer of a group gets a plate; see `find_hold`."""
         rules, now_s = self._situation.rules, self._situation.now_s
         if plate.not_before_s is not None and plate.not_before_s > now_s:
             return rules.make_start_hold(plate.not_before_s, now_s)  # no printer would start it now

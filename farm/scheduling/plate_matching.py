@@ -127,7 +127,7 @@ class _PrinterKind:
     def from_printers(cls, names: list[str], inputs: MatchingInputs) -> _PrinterKind:
         """Create the kind from its free printers."""
         first = inputs.fleet[names[0]]
-        max_grams = max(_read_grams(inputs.fleet[name]) for name in names)
+        max_grams = max(_get_available_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.find_start_window(first.may_print_unattended, inputs.now_s)
         planned_printers, rank = inputs.planned_printers, inputs.order.rank_by_name
         unassigned_printers = names.copy()
@@ -203,7 +203,7 @@ class _Matching:
             for name in names:
                 if (
                     name in assigned
-                    or grams > _read_grams(inputs.fleet[name])
+                    or grams > _get_available_grams(inputs.fleet[name])
                     or not self._may_use(plate, name)
                 ):
                     continue
@@ -245,7 +245,7 @@ class _Matching:
             name
             for kind in self._list_kinds(plate, grams)
             for name in kind.names
-            if grams <= _read_grams(inputs.fleet[name]) and self._may_use(plate, name)
+            if grams <= _get_available_grams(inputs.fleet[name]) and self._may_use(plate, name)
         ]
         names.sort(key=inputs.order.rank_by_name.__getitem__)
         return names
@@ -264,5 +264,5 @@ class _Matching:
         return name not in self._inputs.spare_printers or may_take_spare(plate, self._inputs.fleet)
 
 
-def _read_grams(printer: FleetPrinter) -> float:
+def _get_available_grams(printer: FleetPrinter) -> float:
     return float("inf") if printer.grams is None else printer.grams

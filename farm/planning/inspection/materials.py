@@ -59,8 +59,8 @@ def parse_material(text: str, kinds: Mapping[str, str]) -> NamedMaterial | None:
     words = text.split()
     for length in range(len(words), 0, -1):
         for first in range(len(words) - length + 1):
-            middle = " ".join(words[first : first + length])
-            material = materials.get(middle.casefold()) or materials.get(_normalise_name(middle))
+            phrase = " ".join(words[first : first + length])
+            material = materials.get(phrase.casefold()) or materials.get(_normalise_name(phrase))
             if material is not None:
                 colour = " ".join(words[:first] + words[first + length :])
                 return NamedMaterial(material.name, material.kind, colour or None)

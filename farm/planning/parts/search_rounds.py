@@ -34,21 +34,21 @@ class SearchRounds:
 
     async def run(self) -> DecomposedJob:
         """Search for parts. Raises FarmError; see `decompose_job`."""
-        answer: DecomposedJob | PausedJob = await self._workers.run(
+        result: DecomposedJob | PausedJob = await self._workers.run(
             decompose_job, self._task, limit=DECOMPOSING_LIMIT
         )
-        while isinstance(answer, PausedJob):
-            outcomes = await self._make_attempts(answer)
-            answer = await self._continue_search(answer.record, outcomes)
-        return answer
+        while isinstance(result, PausedJob):
+            outcomes = await self._make_attempts(result)
+            result = await self._continue_search(result.record, outcomes)
+        return result
 
     async def _continue_search(
         self, record: Path, outcomes: tuple[Path | str, ...]
     ) -> DecomposedJob | PausedJob:
         """Continue the search after a round; beyond a limit, end it with the best result so far."""
-        answer: DecomposedJob | PausedJob
+        result: DecomposedJob | PausedJob
         try:
-            answer = await self._workers.run(
+            result = await self._workers.run(
                 continue_job, self._task, record, outcomes, limit=DECOMPOSING_LIMIT
             )
         except FarmError as error:
@@ -56,10 +56,10 @@ class SearchRounds:
                 raise
             self._log_warning("the search for parts ends early", error)
             reason = f"not started: {error}"
-            answer = await self._workers.run(
+            result = await self._workers.run(
                 continue_job, self._task, record, outcomes, reason, limit=DECOMPOSING_LIMIT
             )
-        return answer
+        return result
 
     def read_progress(self, now_s: float) -> DecomposeProgress | None:
         """Read the progress of all tasks; None if no task has started.

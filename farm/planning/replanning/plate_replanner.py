@@ -46,9 +46,9 @@ class PlateReplanner:
 
     def start(self, task: ReplanTask, is_cut: bool) -> None:
         """Start replanning a plate, in the background."""
-        task_run = asyncio.get_running_loop().create_task(self._replan_plate(task, is_cut))
-        self._running.add(task_run)
-        task_run.add_done_callback(self._running.discard)
+        running_task = asyncio.get_running_loop().create_task(self._replan_plate(task, is_cut))
+        self._running.add(running_task)
+        running_task.add_done_callback(self._running.discard)
 
     def stop(self) -> None:
         """Stop all replans; the next daemon examines the plates again."""

@@ -93,9 +93,9 @@ class NightlyBackup:
         now_s = self._clock.now()
         try:
             if not only_if_due or is_backup_due(self._state, now_s):
-                copy = await asyncio.to_thread(back_up, self._state, now_s)
-                log.info("the database is backed up to %s", copy)
-                self._clean_up(copy)
+                backup = await asyncio.to_thread(back_up, self._state, now_s)
+                log.info("the database is backed up to %s", backup)
+                self._clean_up(backup)
             self._report(None)
         except Exception as error:  # a failed backup must not stop the daemon
             log.exception("the nightly backup of the database failed")
@@ -158,20 +158,20 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     except DamagedBooks as error:
         damage = error
     log.error("%s", damage)
-    for copy in list_backups(state):
+    for backup in list_backups(state):
         try:
-            Store(copy).close()
+            Store(backup).close()
         except StoreError as error:
-            log.error("the backup %s cannot be used: %s", copy, error)
+            log.error("the backup %s cannot be used: %s", backup, error)
             continue
         damaged_path = state.books.with_name(f"{state.books.name}.damaged-{now_s:.0f}")
         for suffix in ("-wal", "-shm", "-count", ""):
             path = state.books.with_name(state.books.name + suffix)
             if path.exists():
                 path.rename(damaged_path.with_name(damaged_path.name + suffix))
-        copy_books(copy, state.books, parse_backup_time_s(copy))
-        log.error("the database was restored from %s; the damaged one is %s", copy, damaged_path)
-        return Store(state.books), parse_backup_time_s(copy)
+        copy_books(backup, state.books, parse_backup_time_s(backup))
+        log.error("the database was restored from %s; the damaged one is %s", backup, damaged_path)
+        return Store(state.books), parse_backup_time_s(backup)
     raise FarmError(
         f"{damage}, and {state.backups} has no intact backup of it: move {state.books} away, and the "
         "farm starts with an empty database"
