@@ -77,7 +77,7 @@ def _can_take_plate(situation: Situation, printer: FleetPrinter, plate: WaitingP
     """Return whether a plate may start now on a printer that is free."""
     return (
         plate.requirements.matches(printer.capabilities)
-        and find_filament_shortage(plate, printer, printer.grams) is None
+        and find_filament_shortage(plate, printer) is None
         and situation.can_start(plate, printer)
         and (printer.name not in situation.spare_printers or may_take_spare(plate, situation.fleet))
     )

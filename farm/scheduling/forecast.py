@@ -304,7 +304,7 @@ def _find_fitting_printers(
             for kind, kind_printers in kinds.items()
             if plate.requirements.matches(kind)
             for printer in kind_printers
-            if find_filament_shortage(plate, printer, printer.grams) is None
+            if find_filament_shortage(plate, printer) is None
         ]
         for plate in plates
     }

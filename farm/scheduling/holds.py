@@ -271,7 +271,7 @@ class HoldReasons:
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
         """Return why an idle, clear printer does not get a plate; None if another plate was assigned."""
         printer = self._situation.fleet[name]
-        reel_hold = find_filament_shortage(plate, printer, printer.grams)
+        reel_hold = find_filament_shortage(plate, printer)
         if reel_hold is not None:
             return reel_hold
         start = self._situation.rules.find_start(plate, printer, self._situation.now_s)

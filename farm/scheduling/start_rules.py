@@ -292,12 +292,12 @@ def compute_needed_grams(plate: WaitingPlate) -> float:
     return max(plate.grams * GRAMS_RATIO, plate.grams + MIN_RESERVE_GRAMS)
 
 
-def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
-    """Return a hold if a reel has too few grams for a plate; None if they suffice or are unknown."""
+def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter) -> Hold | None:
+    """Return a hold if a printer's reel has too few grams for a plate; None if enough or unknown."""
     grams_needed = compute_needed_grams(plate)
-    if grams is None or grams >= grams_needed:
+    if printer.grams is None or printer.grams >= grams_needed:
         return None
-    stock, need = f"{printer.name} has {grams:.0f} g", f"needs {grams_needed:.0f} g"
+    stock, need = f"{printer.name} has {printer.grams:.0f} g", f"needs {grams_needed:.0f} g"
     return Hold(
         code=HoldCode.REEL_TOO_SHORT,
         text=f"{stock}, but this plate {need}: load a reel, then `farm load {printer.name}`",

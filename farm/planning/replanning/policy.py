@@ -252,7 +252,7 @@ def _find_best_printer(
 
 
 def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> bool:
-    has_filament = find_filament_shortage(plate, printer, printer.grams) is None
+    has_filament = find_filament_shortage(plate, printer) is None
     return has_filament and situation.can_start(plate, printer)
 
 

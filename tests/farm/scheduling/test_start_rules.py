@@ -360,8 +360,11 @@ def test_spares_are_kept_for_plates_that_failed():
 def test_reel_with_enough_grams_is_accepted():
     plate, printer = make_plate("p1", "a", grams=200.0), make_printer("a")
     needed_grams = compute_needed_grams(plate)
-    assert find_filament_shortage(plate, printer, needed_grams) is None
-    assert find_filament_shortage(plate, printer, needed_grams - 0.1).code is HoldCode.REEL_TOO_SHORT
+    assert find_filament_shortage(plate, replace(printer, grams=needed_grams)) is None
+    assert (
+        find_filament_shortage(plate, replace(printer, grams=needed_grams - 0.1)).code
+        is HoldCode.REEL_TOO_SHORT
+    )
 
 
 def test_longest_plate_of_a_job_is_served_first():
