@@ -192,7 +192,7 @@ def test_each_scheduling_run_starts_one_job_if_the_forecasts_are_large(tmp_path,
 
 def test_job_with_a_later_start_is_not_examined_again_when_printers_become_idle(farm, monkeypatch):
     examined_jobs = []
-    monkeypatch.setattr(revisions, "choose_revision", lambda job, *_: examined_jobs.append(job.number))
+    monkeypatch.setattr(revisions, "choose_revision", lambda job, *_: examined_jobs.append(job.id))
     controller: Controller = farm.controller
     at_s = controller.clock.now()
     controller.handle(ev.JobRescheduled(at_s=at_s, job=1, not_before_s=at_s + 9 * HOUR_S))
