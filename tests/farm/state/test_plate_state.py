@@ -122,7 +122,7 @@ def test_plate_without_remaining_attempts_does_not_block_others():
     ("plate_count", "end"), [(1, "no heat"), (2, "(and 1 more plate)"), (3, "(and 2 more plates)")]
 )
 def test_reason_of_a_failed_job_counts_its_failed_plates(plate_count, end):
-    books = make_printing_books(plates=plate_count)
+    books = make_planned_books(plates=plate_count)
     for index in range(1, plate_count + 1):
         for attempt in range(MAX_ATTEMPTS):
             print_id = f"{index}.{attempt}"
