@@ -122,8 +122,9 @@ def measure_response_times(farm: WebFarm, key: str) -> Iterator[list[float]]:
     requester.start()
     yield []
     receiver.send(None)
-    yield receiver.recv()
+    durations_ms = receiver.recv()
     requester.join()
+    yield durations_ms
 
 
 def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
