@@ -1,4 +1,4 @@
-"""Pydantic models of `fleet.yaml` and their validation rules. No I/O except resolving port names."""
+"""Pydantic models of `fleet.yaml`, and their validation, which resolves port names and finds time zones."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_WATCH_INTERVAL_S = 0.5  # wall seconds; the heaters of a dead agent's printer must be off within 5
+_WATCH_INTERVAL_S = 0.5  # wall seconds; the heaters of a dead agent's printer must be off within 5 s
 _TICK_INTERVAL_S = 1.0
 _FORECAST_INTERVAL_S = 15.0
 _FORECAST_PAUSE_S = 0.02  # pause between two steps, for other work
@@ -77,7 +77,7 @@ _LOG_INTERVAL_S = 60.0
 _MAX_LOG_BYTES, _MAX_OLD_LOGS = 10 * 2**20, 4
 # A view of a large farm has 50,000 objects; it takes a sixth longer with Python's own threshold of 700.
 _GC_THRESHOLDS = (20_000, 20, 20)
-_CLOCK_INTERVAL_S = 1.0  # wall seconds; the longest delay of timers after the clock was set back
+_CLOCK_INTERVAL_S = 1.0  # wall seconds; timers are late by at most this time when the clock is set back
 _ABORT_TIMEOUT_S = 150.0  # wall seconds within which every print can be stopped safely
 _GRACE_PERIOD_S = 3  # wall seconds for requests that are still running when the daemon ends
 

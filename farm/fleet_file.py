@@ -57,14 +57,14 @@ _PATTERN_DESCRIPTIONS = {
     "group": "a group of this host, like farm",
     "operators": "a group of this host, like farm-staff",
 }
-"""Descriptions of the keys that must match a pattern."""
+"""Descriptions of the allowed values, by keys whose values must match a pattern."""
 
-Completion = Callable[[PrinterSection, FleetSection], PrinterSection]
-"""Function that checks a printer and fills in derived values. Raises FieldError with the wrong key."""
+SectionCompleter = Callable[[PrinterSection, FleetSection], PrinterSection]
+"""Function that checks a section and fills in derived values. Raises FieldError with the wrong key."""
 
 
 def load_fleet(
-    path: Path, models: frozenset[str], complete: Completion = lambda printer, _: printer
+    path: Path, models: frozenset[str], complete: SectionCompleter = lambda printer, _: printer
 ) -> Fleet:
     """Read and check a fleet file.
 

@@ -26,10 +26,10 @@ def format_filament(
     grams: float, length_mm: float, price: float | None = None, currency: str | None = None
 ) -> str:
     """Format an amount of filament, with its price if it is known."""
-    parts = [f"{_format_amount(grams)} g", f"{_format_amount(length_mm / 1000)} m"]
+    amounts = [f"{_format_amount(grams)} g", f"{_format_amount(length_mm / 1000)} m"]
     if price is not None:
-        parts.append(f"{price:.2f} {currency}" if currency else f"price {price:.2f}")
-    return ", ".join(parts)
+        amounts.append(f"{price:.2f} {currency}" if currency else f"price {price:.2f}")
+    return ", ".join(amounts)
 
 
 _GENERIC_PREFIX = "generic_"

@@ -101,8 +101,8 @@ class StatusSampler:
         while True:
             state = pool.state
             view = describe_cluster(state)
-            names_place = any(phrase in view.text for phrase in ("running: ", "on this host"))
-            names_wait = "wait" in view.text or "on the way" in view.text
+            names_place = any(phrase in view.text for phrase in ("running: ", "this computer"))
+            names_wait = "wait" in view.text or "not started" in view.text
             now_s = time.monotonic()
             if names_place or names_wait or not (state.tasks or state.waiting_count or state.local_count):
                 last_named_s = now_s

@@ -67,7 +67,7 @@ class AgentListener(HostListener, Protocol):
         """Handle a refusal to start a print; `is_late` is true if the request came after its deadline."""
 
     def find_unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent's prints must be listed, as they are unknown; else None."""
+        """Return the time since which an agent's prints are unknown; None if all of them are known."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Handle the list of prints in an agent's journal."""
@@ -86,9 +86,10 @@ class AgentConnection:
         The farm's state folder and clock.
     listener
         Receiver of the agent's reports.
+    farm
+        Name of the farm, for an agent that has its own connection to another host.
     host
-        Connection to the service of its host. For an agent that has its own connection to another host, the
-        name of the farm.
+        Connection to its host; None if that host does not run `farm host`.
     """
 
     def __init__(
@@ -98,7 +99,8 @@ class AgentConnection:
         state: StateFolder,
         clock: Clock,
         listener: AgentListener,
-        host: HostConnection | str = "",
+        farm: str = "",
+        host: HostConnection | None = None,
     ) -> None:
         self._name = name
         self._log = PrinterLog(log, name)
@@ -106,12 +108,11 @@ class AgentConnection:
         self._folder = state.find_agent_folder(name)
         self._clock = clock
         self._listener = listener
-        self._host = None if isinstance(host, str) else host
-        farm = host if isinstance(host, str) else host.farm
+        self._host = host
         route = load_route(self._folder, section, farm, clock)
         self._is_remote = route is not None
         self._heartbeat = Heartbeat()
-        open_route = route if self._host is None else partial(self._host.open, name)
+        open_route = route if host is None else partial(host.open, name)
         self._client = AgentClient(self._folder, open_route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
         self._start_times_s: deque[float] = deque(maxlen=_MAX_RESTARTS_PER_MINUTE)  # monotonic times
@@ -138,7 +139,7 @@ class AgentConnection:
                 self._log.warning("its agent ended with exit code %s", self._process.returncode)
             self._process = None
         if self._is_stopping or self._is_remote:
-            return  # the bridge on the other host starts and watches it
+            return  # a process on the other host starts and watches it
         if self._process is not None or is_alive(self._folder):
             self._kill_if_hung()
             return

@@ -89,11 +89,6 @@ class HostConnection:
         self._last_message_s = 0.0
         self._task: asyncio.Task[None] | None = None
 
-    @property
-    def farm(self) -> str:
-        """Name of the farm."""
-        return self._request.farm
-
     def describe_loss(self) -> str | None:
         """Describe why the host cannot be reached; None if it is connected."""
         if self._connected_event.is_set() and self._mux is not None and not self._mux.is_lost:

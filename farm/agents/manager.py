@@ -34,7 +34,7 @@ class AgentManager:
         farm = fleet.fleet.name
         self._connections = {
             name: AgentConnection(
-                name, section, state, clock, listener, self.hosts.find_connection(name) or farm
+                name, section, state, clock, listener, farm, self.hosts.find_connection(name)
             )
             for name, section in ((section.name, section) for section in fleet.printers if section.enabled)
         }

@@ -122,7 +122,9 @@ def to_farm_snapshot(
         its report of an unknown bed are out of date.
     """
     is_outdated = report.protocol < m.StartPrint.min_protocol and report.print is None
-    is_stale = report.protocol < m.Snapshot.filament_protocol and report.bed_unknown_reason is not None
+    is_filament_unreported = (
+        report.protocol < m.Snapshot.filament_protocol and report.bed_unknown_reason is not None
+    )
     return AgentSnapshot(
         **report.dump_readings(),
         printer=printer,
@@ -133,7 +135,7 @@ def to_farm_snapshot(
         bed_c=report.bed.now_c if report.bed else None,
         nozzle_target_c=report.nozzle.target_c if report.nozzle else None,
         bed_target_c=report.bed.target_c if report.bed else None,
-        filament=FilamentState.UNKNOWN if is_stale else FilamentState(report.filament),
+        filament=FilamentState.UNKNOWN if is_filament_unreported else FilamentState(report.filament),
         bed_clear=report.bed_clear if is_simulated else None,
         bed_unknown_reason=None if is_bed_cleared else _flatten_reason(report.bed_unknown_reason),
         alarm=None if is_bed_cleared else _flatten_reason(report.alarm),

@@ -1,6 +1,7 @@
 """Requests and responses of the daemon, which are also the objects that `--json` prints.
 
-Times are ISO 8601 in the fleet's time zone, on the farm's clock; durations are in seconds.
+`docs/reference/json.md` describes every field. Times are ISO 8601 in the fleet's time zone, on the farm's
+clock; durations are in seconds.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from farm.api.hosts import HostList as HostList
 from farm.api.hosts import HostPortView as HostPortView
 from farm.api.hosts import HostUpdate as HostUpdate
 from farm.api.hosts import HostView as HostView
-from farm.api.jobs import JobFigures as JobFigures
+from farm.api.jobs import JobOverview as JobOverview
 from farm.api.jobs import JobSummary as JobSummary
 from farm.api.jobs import JobView as JobView
 from farm.api.jobs import PartView as PartView
@@ -62,7 +63,7 @@ from farm.api.status import ClusterTaskView as ClusterTaskView
 from farm.api.status import ClusterView as ClusterView
 from farm.api.status import ClusterWorkerView as ClusterWorkerView
 from farm.api.status import DaemonView as DaemonView
-from farm.api.status import FarmFigures as FarmFigures
+from farm.api.status import FarmOverview as FarmOverview
 from farm.api.status import FleetView as FleetView
 from farm.api.status import LastPrint as LastPrint
 from farm.api.status import NightView as NightView

@@ -50,7 +50,7 @@ class RunView(View):
     ended: str | None  # null while the job is printing
 
 
-class JobFigures(View):
+class JobOverview(View):
     """Job without its parts and plates."""
 
     id: int
@@ -99,13 +99,13 @@ class JobFigures(View):
     submitted_to_assembled_s: float | None = None  # time from submission to `assembled`
 
 
-class JobSummary(JobFigures):
+class JobSummary(JobOverview):
     """Job in the status of the whole farm."""
 
     plate_count: int
 
 
-class JobView(JobFigures):
+class JobView(JobOverview):
     """Job with its parts and plates."""
 
     parts: list[PartView]

@@ -148,7 +148,7 @@ class DaemonView(View):
     since: str
 
 
-class FarmFigures(View):
+class FarmOverview(View):
     """Whole farm without its jobs."""
 
     model_config = ConfigDict(populate_by_name=True)
@@ -162,7 +162,7 @@ class FarmFigures(View):
     cluster: ClusterView | None = None  # null if only the daemon's host computes plans
 
 
-class Status(FarmFigures):
+class Status(FarmOverview):
     """Whole farm, with the parts and plates of its jobs."""
 
     jobs: list[JobView]  # open jobs, jobs without a verdict, and the most recent of the other jobs
@@ -175,7 +175,7 @@ class Wait(View):
     plates: list[str]
 
 
-class StatusSummary(FarmFigures):
+class StatusSummary(FarmOverview):
     """Whole farm as `farm status` prints it: without the parts and plates of jobs."""
 
     jobs: list[JobSummary]  # the same jobs as in `Status`

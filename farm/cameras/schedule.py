@@ -103,7 +103,7 @@ def find_due_stills(
 
 
 def _shows_first_layer(print_id: str, snapshot: AgentSnapshot | None) -> bool:
-    """Return whether the first layer of an open print is complete and still visible."""
+    """Return whether the first layer of an open print is complete, and not yet hidden by later ones."""
     report = None if snapshot is None else snapshot.print
     if report is None or report.print_id != print_id or report.layer is None:
         return False

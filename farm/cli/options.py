@@ -41,13 +41,14 @@ _LOCAL_REASONS = {
     "web": "the kernel there identifies the user of the link",
     "prune": "deleted files cannot be restored",
 }
+"""Commands that refuse `--url` and `FARM_URL`, each with the reason."""
 _IGNORED_URL_REASONS = {
     "daemon": "it is the server itself",
     "doctor": "it checks this host",
     "discover": "it lists the ports of this host",
     "estop": "it resets the boards by their cables, even if the daemon hangs",
 }
-"""Commands that ignore `FARM_URL`, each with the reason why they refuse `--url`."""
+"""Commands that refuse `--url` and ignore `FARM_URL`, each with the reason."""
 LOCAL_COMMANDS = {**_LOCAL_REASONS, **_IGNORED_URL_REASONS}
 """Commands that work only on the farm's own host, each with the reason."""
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]

@@ -122,7 +122,7 @@ class Controller:
         effects: list[Effect] = []
         self.scheduler.next_change_s = -math.inf
         try:
-            instructions = self._schedule() if schedules_now else ()
+            instructions = self._schedule() if schedules_now else ()  # begins after the commits
             for effect in chain(self._commit_events(events), repeated_instructions, instructions):
                 effects.append(effect)  # noqa: PERF402  (after an error, the earlier effects are performed)
         finally:
@@ -231,7 +231,7 @@ class Controller:
         self.handle(make_refused_print_end(attempt, printer, reason, is_late, self.clock.now()))
 
     def find_unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent's prints must be listed, as they are unknown; else None."""
+        """Return the time since which an agent's prints are unknown; None if all of them are known."""
         return self.books.get_printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:

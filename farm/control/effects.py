@@ -57,33 +57,33 @@ class FarmEffects:
             case _:
                 self._agents.perform(effect, books, self._state.files)
 
-    def _start_planning(self, order: StartPlanning, books: Books) -> None:
-        job, fleet = books.get_job(order.job), apply_reels(self._fleet, books.printers)
+    def _start_planning(self, instruction: StartPlanning, books: Books) -> None:
+        job, fleet = books.get_job(instruction.job), apply_reels(self._fleet, books.printers)
         start_s = max(self._clock.now(), job.not_before_s or 0.0)
         limit_s = job.assembled_by_s if job.done_by_s is None else job.done_by_s
         request = PlanRequest(
             job=job,
-            printers=tuple(fleet.find_printer(name) for name in order.printers),
-            round_count=order.round_count,
-            time_factors={name: books.get_printer(name).time_factors for name in order.printers},
+            printers=tuple(fleet.find_printer(name) for name in instruction.printers),
+            round_count=instruction.round_count,
+            time_factors={name: books.get_printer(name).time_factors for name in instruction.printers},
             time_limit_s=None if limit_s is None else max(0.0, limit_s - start_s),
             assembly_ratio=compute_assembly_ratio(books.jobs.values()),
-            is_quick=order.is_quick,
+            is_quick=instruction.is_quick,
         )
         self._planner.start(request)
 
-    def _start_replan(self, order: StartReplan, books: Books) -> None:
-        plate, fleet = books.plates[order.plate], apply_reels(self._fleet, books.printers)
+    def _start_replan(self, instruction: StartReplan, books: Books) -> None:
+        plate, fleet = books.plates[instruction.plate], apply_reels(self._fleet, books.printers)
         (part,) = (books.parts[name] for name in plate.parts)
         job = books.get_job(plate.job)
         task = ReplanTask(
             plate=plate,
             part=part,
             options=job.options,
-            printers=tuple(fleet.find_printer(name) for name in order.printers),
+            printers=tuple(fleet.find_printer(name) for name in instruction.printers),
             files=self._state.files,
             folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
-            time_factors={name: books.get_printer(name).time_factors for name in order.printers},
+            time_factors={name: books.get_printer(name).time_factors for name in instruction.printers},
             other_parts=tuple(
                 job_part
                 for job_part in map(books.parts.__getitem__, job.parts)
@@ -91,7 +91,7 @@ class FarmEffects:
             ),
             reports=tuple(filter(None, (job.decomposition, *job.cuts.values()))),
         )
-        self._plate_replanner.start(task, order.is_cut)
+        self._plate_replanner.start(task, instruction.is_cut)
 
     def _link_files(self, number: int, books: Books) -> None:
         job = books.get_job(number)

@@ -39,7 +39,7 @@ class JobPlanning:
         self.holds: dict[int, Hold] = {}
         self.revisions = PlanRevisions()
         self._admission = JobAdmission()
-        self._orders: dict[int, tuple[StartPlanning, float]] = {}  # last order for each job, with its time
+        self._started_plans: dict[int, tuple[StartPlanning, float]] = {}  # last of each job, with its time
 
     def on_progress(self, number: int, progress: PlanProgress) -> None:
         """Store the progress of a plan; a job that already has a plan does not wait for free disk space."""
@@ -66,7 +66,7 @@ class JobPlanning:
     def admit(
         self, books: Books, situation: Situation, reserved_printers: dict[str, str], is_starting: bool
     ) -> Iterator[tuple[ev.AnyEvent, StartPlanning | None]]:
-        """Yield the events on queued jobs, each with the order to perform once the event is committed.
+        """Yield the events on queued jobs, each with the instruction to perform once the event is committed.
 
         See `find_reservations` and `farm.scheduling.JobAdmission.decide` for the parameters.
         """
@@ -88,10 +88,10 @@ class JobPlanning:
             elif not decision.hold.has_same_reason(books.get_job(decision.job).hold):
                 yield ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold), None
 
-    def begin(self, order: StartPlanning, now_s: float) -> None:
+    def begin(self, instruction: StartPlanning, now_s: float) -> None:
         """Record that a job is being planned."""
-        self._admission.begin_planning(order)
-        self._orders[order.job] = order, now_s
+        self._admission.begin_planning(instruction)
+        self._started_plans[instruction.job] = instruction, now_s
 
     def end(self, number: int) -> None:
         """Remove a job that is no longer being planned."""
@@ -127,8 +127,9 @@ class JobPlanning:
         if isinstance(result, FarmError):
             return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))
         event = build_planned_event(job, result, situation.printers, books, situation.rules, now_s)
-        order, start_s = self._orders.get(job.id, (None, now_s))
-        changes = {"printers": order.printers if order is not None else (), "planning_s": now_s - start_s}
+        instruction, start_s = self._started_plans.get(job.id, (None, now_s))
+        printers = () if instruction is None else instruction.printers
+        changes = {"printers": printers, "planning_s": now_s - start_s}
         return event.model_copy(update=changes)
 
     def list_running_jobs(self, books: Books) -> list[int]:

@@ -143,11 +143,11 @@ class Scheduler:
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
         books, is_starting = self._situations.books, self._situations.is_starting()
         reserved_printers = self._replanning.reserved_printers
-        for event, order in self._planning.admit(books, situation, reserved_printers, is_starting):
+        for event, instruction in self._planning.admit(books, situation, reserved_printers, is_starting):
             yield from self._commit_in_transaction([event])
-            if order is not None:
-                self._planning.begin(order, event.at_s)
-                yield order
+            if instruction is not None:
+                self._planning.begin(instruction, event.at_s)
+                yield instruction
 
     def _find_reservations(self, situation: Situation) -> dict[str, str]:
         reserved_printers = self._replanning.reserved_printers

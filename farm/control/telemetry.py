@@ -79,7 +79,10 @@ class Telemetry:
         )
 
     def reject(self, snapshot: AgentSnapshot, previous_snapshot: AgentSnapshot | None, reason: str) -> None:
-        """Undo the change by a snapshot that could not be handled, so that its repetition is handled."""
+        """Record that a snapshot could not be handled, so that its repetition is handled in full.
+
+        The previous link is kept, because the loss of a printer is found by comparing both links.
+        """
         self._failures[snapshot.printer] = reason
         if previous_snapshot is None:
             self.snapshots.pop(snapshot.printer, None)

@@ -8,13 +8,12 @@ from datetime import UTC, datetime
 from drivers.messages import PROTOCOL
 from farm.doctor.facts import Facts
 from farm.doctor.finding import Finding, make_problem, make_success, make_warning
+from farm.planning.job_planner import MIN_FREE_BYTES
 from farm.state import validate_books
 from farm.state.retention import describe_shortage
 from farm.state.storage import SCHEMA_VERSION
 from farm.text import format_count
 
-MIN_FREE_BYTES = 64 * 1024**2
-"""Free bytes that the daemon needs to plan (`farm.planning.job_planner.MIN_FREE_BYTES`)."""
 RECOMMENDED_FREE_BYTES = 2 * 1024**3
 """Free bytes that suffice for the plans, slices and backups of a large job."""
 MIN_SHARED_MEMORY_BYTES = 16 * 1024**2
@@ -74,7 +73,7 @@ def check_user(facts: Facts) -> Iterator[Finding]:
     if facts.fleet is None:
         return
     operators = facts.fleet.fleet.operators
-    if operators is not None and operators not in user.known_groups:
+    if operators is not None and operators not in user.existing_groups:
         yield make_problem(
             "groups", f"fleet.operators: there is no group {operators}", f"`sudo groupadd {operators}`"
         )
@@ -82,7 +81,13 @@ def check_user(facts: Facts) -> Iterator[Finding]:
         text = f"{user.name} is not in the group {operators}: only its members approve, clear and resume"
         yield make_warning("groups", text, f"`sudo usermod -aG {operators} {user.name}`, then log in again")
     else:
-        yield make_success("groups", "the groups that fleet.yaml names exist")
+        group = facts.fleet.fleet.group
+        users = (
+            f"members of {group}"
+            if group in user.existing_groups
+            else f"{user.name} alone, as there is no group {group}"
+        )
+        yield make_success("groups", f"the daemon's socket is for {users}")
 
 
 def check_books(facts: Facts) -> Iterator[Finding]:

@@ -248,14 +248,14 @@ def _read_user_facts(fleet: Fleet | None, state: StateFolder) -> UserFacts:
     for gid in {*os.getgroups(), os.getgid()}:
         with suppress(KeyError):
             groups.add(grp.getgrgid(gid).gr_name)
-    known_groups = set()
+    existing_groups = set()
     for name in {fleet.fleet.group, fleet.fleet.operators} if fleet is not None else ():
         with suppress(KeyError):
-            known_groups.add(grp.getgrnam(name or "").gr_name)
+            existing_groups.add(grp.getgrnam(name or "").gr_name)
     owner = None
     with suppress(OSError, KeyError):
         owner = pwd.getpwuid(state.root.stat().st_uid).pw_name
-    return UserFacts(getpass.getuser(), frozenset(groups), frozenset(known_groups), owner)
+    return UserFacts(getpass.getuser(), frozenset(groups), frozenset(existing_groups), owner)
 
 
 def _measure_free_spaces(state: StateFolder) -> Iterator[FreeSpace]:

@@ -165,7 +165,7 @@ class UserFacts:
         The user of this process.
     groups
         The groups of this process.
-    known_groups
+    existing_groups
         Groups of fleet.yaml that exist on the host.
     state_owner
         Owner of the state folder; None if there is none.
@@ -173,7 +173,7 @@ class UserFacts:
 
     name: str
     groups: frozenset[str] = frozenset()
-    known_groups: frozenset[str] = frozenset()
+    existing_groups: frozenset[str] = frozenset()
     state_owner: str | None = None
 
 

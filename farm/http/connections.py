@@ -27,7 +27,7 @@ MAX_CONNECTIONS = 64
 _MIN_CONNECTIONS = 4
 _RESERVED_DESCRIPTORS = 32  # descriptors for database, socket, timers, log, and the start of an agent
 _MAX_HANDSHAKES = 64
-_DESCRIPTORS_PER_PRINTER, _DESCRIPTORS_PER_WORKER = 3, 3
+_DESCRIPTORS_PER_DEVICE, _DESCRIPTORS_PER_WORKER = 3, 3
 _DESCRIPTORS_PER_CONNECTION = 2  # the connection and the file of an upload
 _CHECK_INTERVAL_S = 1.0
 _RETRY_INTERVAL_S = 0.1
@@ -45,19 +45,19 @@ class WaitingConnection(Protocol):
         """Time at which the connection began to wait, on the event loop's clock; None if it does not wait."""
 
 
-def compute_connection_limit(descriptor_limit: int, printer_count: int, worker_count: int) -> int:
+def compute_connection_limit(descriptor_limit: int, device_count: int, worker_count: int) -> int:
     """Return the number of connections that leaves enough descriptors for agents and workers.
 
     Parameters
     ----------
     descriptor_limit
         Soft limit on the descriptors of this process (RLIMIT_NOFILE).
-    printer_count, worker_count
-        Number of printers, and of workers.
+    device_count, worker_count
+        Number of printers and cameras, and number of workers.
     """
     reserved_descriptors = (
         _RESERVED_DESCRIPTORS
-        + _DESCRIPTORS_PER_PRINTER * printer_count
+        + _DESCRIPTORS_PER_DEVICE * device_count
         + _DESCRIPTORS_PER_WORKER * worker_count
     )
     return max(
@@ -196,14 +196,14 @@ class BoundedServer(uvicorn.Server):
 
         With too many open handshakes, the oldest is abandoned.
         """
-        oldest = self.find_abandoned_handshake(self._handshakes, connection)
+        oldest = self.find_handshake_to_abandon(self._handshakes, connection)
         if oldest is not None:
             oldest.cancel()
         task = asyncio.create_task(self._connect_client(connection))
         self._handshakes[task] = connection
         task.add_done_callback(lambda handshake: self._handshakes.pop(handshake, None))
 
-    def find_abandoned_handshake(
+    def find_handshake_to_abandon(
         self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
     ) -> asyncio.Task[None] | None:
         """Return the handshake to abandon for a new connection; None if none needs to be abandoned.

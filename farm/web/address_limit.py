@@ -81,7 +81,7 @@ class AddressLimitedServer(BoundedServer):
             await asyncio.sleep(0.0)
         await super().make_room(connection)
 
-    def find_abandoned_handshake(
+    def find_handshake_to_abandon(
         self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
     ) -> asyncio.Task[None] | None:
         """Return the oldest handshake of an address at its limit; otherwise decide as the base class does."""
@@ -91,7 +91,7 @@ class AddressLimitedServer(BoundedServer):
         ]
         if client is not None and len(client_handshakes) >= self._address_limit:
             return client_handshakes[0]
-        return super().find_abandoned_handshake(handshakes, connection)
+        return super().find_handshake_to_abandon(handshakes, connection)
 
     def _list_connections(self, client: str) -> list[WaitingConnection]:
         """List the connections of a client."""

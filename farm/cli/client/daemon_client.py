@@ -144,8 +144,8 @@ class Client:
     def add_key(self, request: api.KeyRequest) -> api.NewKey:
         return self._request(api.NewKey, "POST", "/keys", body=request)
 
-    def revoke_key(self, name: str) -> None:
-        self._send("POST", f"/keys/{name}/revoke")
+    def revoke_key(self, key_id: str) -> None:
+        self._send("POST", f"/keys/{key_id}/revoke")
 
     def grant_key(self, code: str, grant: api.AppKeyGrant) -> api.NameResponse:
         return self._request(api.NameResponse, "POST", f"/keys/requests/{code}/grant", body=grant)

@@ -85,10 +85,10 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: ReportCallback) 
     if not targets and fleet_error is not None:
         raise fleet_error
     names = list(printers)
-    used_targets = {name: targets[name] for name in names or targets if name in targets}
+    selected_targets = {name: targets[name] for name in names or targets if name in targets}
     report = synchronise_reports(report)
     hot_printers, moving_printers = [], []
-    for result in _run_stops(used_targets, report):
+    for result in _run_stops(selected_targets, report):
         report(_describe_outcome(result, start_s))
         if not result.is_confirmed_off:
             hot_printers.append(result.printer)

@@ -202,7 +202,7 @@ def resume(paths: FarmPaths, targets: OptionalTargets = None) -> None:
         client.send_command(f"{find_target_path(target)}/resume")
         print(f"{_format_target(target)}: resumed")
     for task in client.fetch_status_summary().todo:
-        if task.code == "hours":  # resumed, but it will be ended when the attended hours end
+        if task.code == "hours":  # a resumed print will be ended when the attended hours end
             print(task.text)
 
 

@@ -228,7 +228,8 @@ def hosts(
         updated_hosts = client.update_hosts()
         if not json:
             print(
-                f"agents are replaced when idle on {' '.join(updated_hosts.hosts)}, beginning with the first"
+                f"updating the agents of {' '.join(updated_hosts.hosts)}, one host first; each agent is "
+                "replaced when it is idle"
             )
     response = client.fetch_hosts()
     if json:

@@ -1,4 +1,4 @@
-"""Consoles, tables and colours of the CLI. Texts from users and printers are never parsed as markup."""
+"""Consoles, styles and JSON of the CLI. Texts from users and printers are never parsed as markup."""
 
 from __future__ import annotations
 

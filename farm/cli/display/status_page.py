@@ -56,30 +56,30 @@ def render_status(view: api.StatusSummary, width: int | None = None, height: int
 
 def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None) -> list[Block]:
     """List the blocks of the page; with a `height`, one line for each job, and urgent printers first."""
-    time, brief = view.fleet.now, height is not None
+    now, is_brief = view.fleet.now, height is not None
     open_jobs = [job for job in view.jobs if not _is_finished(job)]
     ended_jobs = [job for job in view.jobs if _is_finished(job)]
     printers = view.printers
     if height is not None and len(printers) > height - _OTHER_LINE_COUNT:
         printers = sorted(printers, key=rank_urgency)
-    headings, *table = lay_out_printers(printers, time, width)
-    max_lines = 1 if brief else None  # lines of a job
+    headings, *table = lay_out_printers(printers, now, width)
+    max_lines = 1 if is_brief else None  # lines of a job
     open_job_lines = [
-        line for lines in _list_open_job_lines(open_jobs, time, width) for line in lines[:max_lines]
+        line for lines in _list_open_job_lines(open_jobs, now, width) for line in lines[:max_lines]
     ]
-    ended_lines = [line for job in ended_jobs for line in _list_job_lines(job, time, width)[:max_lines]]
+    ended_lines = [line for job in ended_jobs for line in _list_job_lines(job, now, width)[:max_lines]]
     night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
     cluster = [] if view.cluster is None else _fold_texts("COMPUTE", [view.cluster.text], "", width)
     return [
         Block(wrap_text(_format_title(view.fleet), width, _INDENT)),
         Block(_list_task_lines(view.todo, width), rank=1, min_lines=4),
         Block(night, rank=4, min_lines=1),
-        Block(open_job_lines, rank=3, noun="job" if brief else "line", min_lines=4),
+        Block(open_job_lines, rank=3, noun="job" if is_brief else "line", min_lines=4),
         Block(_list_wait_lines(view.waits, width), rank=5, min_lines=2),
         Block(cluster, rank=4, min_lines=1),
         Block([headings], rank=2, min_lines=1),
         Block(table, rank=2, noun="printer" if len(table) == len(printers) else "line", min_lines=8),
-        Block(ended_lines, rank=6, noun="ended job" if brief else "line"),
+        Block(ended_lines, rank=6, noun="ended job" if is_brief else "line"),
     ]
 
 
@@ -177,14 +177,14 @@ def _list_open_job_lines(jobs: Sequence[api.JobSummary], now: str, width: int | 
         if _waits_in_queue(job) and job.hold is not None:
             jobs_by_hold.setdefault(job.hold.text, []).append(job)
     for job in jobs:
-        same_hold = (
+        jobs_with_same_hold = (
             jobs_by_hold.get(job.hold.text, []) if _waits_in_queue(job) and job.hold is not None else []
         )
-        if len(same_hold) < 2:
+        if len(jobs_with_same_hold) < 2:
             yield _list_job_lines(job, now, width)
-        elif job is same_hold[0]:
-            numbers = shorten_names(str(held_job.id) for held_job in same_hold)
-            names = join_counted_names(held_job.name[:_NAME_WIDTH] for held_job in same_hold)
+        elif job is jobs_with_same_hold[0]:
+            numbers = shorten_names(str(held_job.id) for held_job in jobs_with_same_hold)
+            names = join_counted_names(held_job.name[:_NAME_WIDTH] for held_job in jobs_with_same_hold)
             text = f"{numbers} ({names}): {_list_job_figures(job, now)[0]}"
             yield _fold_texts("JOBS", [text], "", width)
 
@@ -220,30 +220,30 @@ def _list_job_figures(job: api.JobSummary, now: str) -> list[str]:
         return [format_planning(job.progress)]
     if not job.plate_count:
         return [f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)]
-    parts = [
+    figures = [
         f"printed {job.printed}/{job.plate_count}"
         + (f", good {job.good}/{job.printed}" if job.printed else "")
     ]
     if job.options.copies > 1:
-        parts[0] += f", copies {job.printed_copies}/{job.options.copies}"
+        figures[0] += f", copies {job.printed_copies}/{job.options.copies}"
     if job.state not in (JobState.PRINTING, JobState.PRINTED):
-        parts[0] = f"{job.state}, {parts[0]}"
+        figures[0] = f"{job.state}, {figures[0]}"
     if job.paused:
-        parts.append(f"paused, `farm resume {job.id}`")
-    parts.append(f"expected {format_duration(job.estimated_s)}")
+        figures.append(f"paused, `farm resume {job.id}`")
+    figures.append(f"expected {format_duration(job.estimated_s)}")
     if job.elapsed_s is not None and job.current_s is not None:
         has_ended, current_text = JobState(job.state).ended, format_duration(job.current_s)
         if has_ended or current_text != format_duration(job.estimated_s):
-            parts[-1] += f", {'actual' if has_ended else 'now'} {current_text}"
+            figures[-1] += f", {'actual' if has_ended else 'now'} {current_text}"
     if job.state == JobState.PRINTING and job.eta:
-        parts[-1] += f" (ends {format_time(job.eta, now)})"
+        figures[-1] += f" (ends {format_time(job.eta, now)})"
     if job.speedup and job.utilisation and job.plate_count > 1:
-        parts.append(f"single printer {format_duration(job.serial_s)}")
-        parts.append(f"speed-up {job.speedup:.1f}, utilisation {format_share(job.utilisation)}")
+        figures.append(f"single printer {format_duration(job.serial_s)}")
+        figures.append(f"speed-up {job.speedup:.1f}, utilisation {format_share(job.utilisation)}")
     if job.wasted_s > 0:
-        parts.append(f"wasted {format_duration(job.wasted_s)}, {format_mass(job.wasted_grams)}")
+        figures.append(f"wasted {format_duration(job.wasted_s)}, {format_mass(job.wasted_grams)}")
     if job.progress is not None:
-        parts.append(f"planned again: {format_planning(job.progress)}")
+        figures.append(f"planned again: {format_planning(job.progress)}")
     if job.hold is not None:
-        parts.append(job.hold.text)
-    return parts
+        figures.append(job.hold.text)
+    return figures

@@ -216,11 +216,11 @@ def list_workers(records: dict[str, dict[str, Any]], installation: Installation)
     """List the workers that run tasks of farms, in order of their addresses, and compare their versions."""
     workers = []
     for address, record in sorted(records.items()):
-        facts = record.get(RESOURCE)
-        if isinstance(facts, dict):
-            refusal = Installation.from_record(facts).describe_difference(installation)
+        versions = record.get(RESOURCE)
+        if isinstance(versions, dict):
+            refusal_reason = Installation.from_record(versions).describe_difference(installation)
             slot_count = int(record["nthreads"])
-            workers.append(ClusterWorker(str(record["name"]), address, slot_count, refusal))
+            workers.append(ClusterWorker(str(record["name"]), address, slot_count, refusal_reason))
     return tuple(workers)
 
 

@@ -38,10 +38,10 @@ def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
     Returns
     -------
     id, text
-        The public part, which names the key, and the whole text, which is shown only once.
+        The public part, which identifies the key, and the whole text, which is shown only once.
     """
-    name = "".join(secrets.choice(CODE_CHARACTERS) for _ in range(_ID_LENGTH))
-    return name, f"{_PREFIXES[kind]}_{name}_{secrets.token_urlsafe(_SECRET_BYTES)}"
+    key_id = "".join(secrets.choice(CODE_CHARACTERS) for _ in range(_ID_LENGTH))
+    return key_id, f"{_PREFIXES[kind]}_{key_id}_{secrets.token_urlsafe(_SECRET_BYTES)}"
 
 
 def digest_key(text: str) -> str:
@@ -105,9 +105,9 @@ class KeyCommands:
                 f"there is a key named {request.name}: choose another name, or "
                 f"`farm key revoke {keys_with_name[0].id}`"
             )
-        name, text = make_key_text()
+        key_id, text = make_key_text()
         key = Key(
-            id=name,
+            id=key_id,
             name=request.name,
             role=request.role,
             digest=digest_key(text),
@@ -116,9 +116,9 @@ class KeyCommands:
             expires_s=None if request.days is None else now_s + request.days * _DAY_S,
         )
         self._controller.handle(ev.KeyAdded(at_s=now_s, key=key))
-        return api.NewKey(id=name, text=text, role=key.role)
+        return api.NewKey(id=key_id, text=text, role=key.role)
 
-    def revoke(self, name: str, caller_name: str) -> None:
+    def revoke(self, key_id: str, caller_name: str) -> None:
         """Revoke a key, or end a session, immediately.
 
         Raises
@@ -128,6 +128,6 @@ class KeyCommands:
         RefusedError
             If the key is already revoked.
         """
-        if self._controller.books.get_key(name).revoked_s is not None:
-            raise RefusedError(f"the key {name} is revoked already")
-        self._controller.handle(ev.KeyRevoked(at_s=self._controller.clock.now(), key=name, by=caller_name))
+        if self._controller.books.get_key(key_id).revoked_s is not None:
+            raise RefusedError(f"the key {key_id} is revoked already")
+        self._controller.handle(ev.KeyRevoked(at_s=self._controller.clock.now(), key=key_id, by=caller_name))

@@ -37,9 +37,9 @@ def make_key_routes(services: Services, keys: KeyCommands) -> APIRouter:
     async def add_key(request: api.KeyRequest, operator_name: OperatorName) -> api.NewKey:
         return keys.add(request, operator_name)
 
-    @router.post("/keys/{name}/revoke")
-    async def revoke_key(name: str, operator_name: OperatorName) -> None:
-        keys.revoke(name, operator_name)
+    @router.post("/keys/{key_id}/revoke")
+    async def revoke_key(key_id: str, operator_name: OperatorName) -> None:
+        keys.revoke(key_id, operator_name)
 
     @router.post("/keys/requests/{code}/grant")
     async def grant_key(code: str, grant: api.AppKeyGrant, operator_name: OperatorName) -> api.NameResponse:

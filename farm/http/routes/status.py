@@ -146,7 +146,7 @@ def summarise_farm(services: Services) -> api.StatusSummary:
     )
 
 
-def _describe_overview(services: Services, context: ViewContext) -> api.FarmFigures:
+def _describe_overview(services: Services, context: ViewContext) -> api.FarmOverview:
     """Describe the whole farm without its jobs."""
     controller = services.controller
     fleet = controller.fleet
@@ -154,7 +154,7 @@ def _describe_overview(services: Services, context: ViewContext) -> api.FarmFigu
     obstacles = {
         printer.name: printer.find_obstacle() for printer in controller.situations.describe_printers()
     }
-    return api.FarmFigures(
+    return api.FarmOverview(
         daemon=services.describe_daemon(context),
         todo=list_tasks(context),
         night=describe_night(context),
@@ -197,7 +197,7 @@ def _describe_work(state: ClusterState) -> str:
     """Describe in one sentence where tasks run."""
     if state.place is Place.THIS_COMPUTER:
         tasks = format_count(state.local_count, "task") if state.local_count else "nothing to do"
-        return f"no worker of {state.scheduler} for {state.loss_s:.0f} s: computing on this host, {tasks}"
+        return f"no worker of {state.scheduler} for {state.loss_s:.0f} s: this computer computes, {tasks}"
     queue_note = f", {format_count(state.waiting_count, 'task')} waiting" if state.waiting_count else ""
     if state.place is Place.WAITING:
         return f"waiting for a worker of {state.scheduler}, {state.loss_s:.0f} s so far{queue_note}"
@@ -206,10 +206,10 @@ def _describe_work(state: ClusterState) -> str:
     places = ", ".join(f"{host} {count}" for host, count in sorted(counts.items()))
     slots = format_count(sum(worker.slot_count for worker in usable_workers), "slot")
     head = f"{format_count(len(usable_workers), 'worker')} with {slots} on {state.scheduler}"
-    sent_count = len(state.tasks) - counts.total()
+    unstarted_count = len(state.tasks) - counts.total()
     running_note = f"running: {places}" if places else "nothing is running"
-    running_note += f", {format_count(sent_count, 'task')} on the way" if sent_count else ""
-    local_note = f", {format_count(state.local_count, 'task')} on this host" if state.local_count else ""
+    running_note += f", {format_count(unstarted_count, 'task')} not started" if unstarted_count else ""
+    local_note = f", {format_count(state.local_count, 'task')} on this computer" if state.local_count else ""
     return f"{head}; {running_note}{queue_note}{local_note}"
 
 

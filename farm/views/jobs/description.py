@@ -83,13 +83,13 @@ def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.
 
 def _describe_figures(
     context: ViewContext, job: Job, plates: Sequence[Plate], assembly_ratio: float
-) -> api.JobFigures:
+) -> api.JobOverview:
     """Describe a job without its parts and plates."""
     books = context.books
     totals = context.job_cache.totals.find(books, job.id, lambda: compute_job_totals(books, job))
     times = measure_times(context, job)
     assembly = measure_assembly(job, times.end_s, assembly_ratio)
-    return api.JobFigures(
+    return api.JobOverview(
         id=job.id,
         name=job.name,
         state=job.state,

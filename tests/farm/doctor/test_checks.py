@@ -78,7 +78,7 @@ CASES = {
         "the state folder belongs to ann",
     ),
     "no such group": (
-        {"user": replace(SOUND_FACTS.user, known_groups=frozenset())},
+        {"user": replace(SOUND_FACTS.user, existing_groups=frozenset())},
         "problem",
         "groups",
         "there is no group ops",
@@ -191,6 +191,18 @@ def test_sound_installation_has_no_problem():
     findings = check_installation(SOUND_FACTS)
     assert {item.level for item in findings} == {Level.OK}
     assert not any(item.action for item in findings)
+
+
+@pytest.mark.parametrize(
+    ("groups", "text"),
+    [
+        ({"ops"}, "the daemon's socket is for farm alone, as there is no group farm"),
+        ({"ops", "farm"}, "the daemon's socket is for members of farm"),
+    ],
+)
+def test_users_of_the_socket_are_named(groups, text):
+    facts = replace(SOUND_FACTS, user=replace(SOUND_FACTS.user, existing_groups=frozenset(groups)))
+    assert [item.text for item in check_installation(facts) if item.check == "groups"] == [text]
 
 
 @pytest.mark.parametrize(("changes", "level", "check", "text"), CASES.values(), ids=CASES)

@@ -84,7 +84,7 @@ def test_commands_that_continue_prints_are_for_operators(tmp_path, path, body):
 @pytest.mark.parametrize("group", [None, NO_GROUP])
 def test_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
     app = build_app(tmp_path, operators=group)
-    values = {"number": "1", "name": "a", "part": "p01", "request_id": "r" * 8, "code": "1234"}
+    values = {"number": "1", "name": "a", "part": "p01", "request_id": "r" * 8, "code": "1234", "key_id": "k"}
     routes = [
         (verb, path.format(**values)) for path, verbs in app.openapi()["paths"].items() for verb in verbs
     ]

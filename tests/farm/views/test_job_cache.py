@@ -85,7 +85,7 @@ def test_cached_view_equals_a_fresh_one(steps_and_holds):
         context, jobs = make_context(books, cache, now_s, holds), books.jobs.values()
         for summary, view in zip(summarise_jobs(context, jobs), views, strict=True):
             assert summary.plate_count == len(view.plates)
-            names = api.JobFigures.model_fields
+            names = api.JobOverview.model_fields
             assert all(getattr(summary, name) == getattr(view, name) for name in names)
         assert [(wait.hold, wait.plates) for wait in group_waits(context, jobs)] == group_holds(views)
 

@@ -139,10 +139,10 @@ def test_oldest_handshake_of_a_client_with_too_many_is_abandoned():
 
         handshakes = {"other": accept_from("127.0.0.2")}
         handshakes |= {number: accept_from("127.0.0.1") for number in range(4)}
-        assert server.find_abandoned_handshake(handshakes, accept_from("127.0.0.1")) == 0
-        assert server.find_abandoned_handshake(handshakes, accept_from("127.0.0.2")) is None
+        assert server.find_handshake_to_abandon(handshakes, accept_from("127.0.0.1")) == 0
+        assert server.find_handshake_to_abandon(handshakes, accept_from("127.0.0.2")) is None
         handshakes |= {f"client {number}": accept_from(f"127.0.1.{number}") for number in range(60)}
-        assert server.find_abandoned_handshake(handshakes, accept_from("127.0.0.3")) == "other"
+        assert server.find_handshake_to_abandon(handshakes, accept_from("127.0.0.3")) == "other"
 
 
 def test_long_head_is_refused():

@@ -76,11 +76,11 @@ def make_status(books):
 
 def summarise_status(status):
     """Return the status without the parts and plates of the jobs, as `farm status` prints it."""
-    figures = set(api.JobFigures.model_fields)
+    figures = set(api.JobOverview.model_fields)
     jobs = [
         api.JobSummary(**{name: getattr(job, name) for name in figures}, plate_count=job.plate_count)
         for job in status.jobs
     ]
     waits = [api.Wait(hold=hold, plates=plates) for hold, plates in group_holds(status.jobs)]
-    farm_figures = {name: getattr(status, name) for name in api.FarmFigures.model_fields}
+    farm_figures = {name: getattr(status, name) for name in api.FarmOverview.model_fields}
     return api.StatusSummary(**farm_figures, jobs=jobs, waits=waits)

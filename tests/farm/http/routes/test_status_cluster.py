@@ -25,7 +25,7 @@ def describe_state(place, workers=(), tasks=(), waiting_count=0, local_count=0, 
 def test_workers_that_run_tasks_are_named():
     view = describe_state(Place.CLUSTER, WORKERS, TASKS, waiting_count=7)
     assert view.text == (
-        "2 workers with 6 slots on tls://a:8786; running: pc-b 2, pc-c 1, 1 task on the way, 7 tasks waiting"
+        "2 workers with 6 slots on tls://a:8786; running: pc-b 2, pc-c 1, 1 task not started, 7 tasks waiting"
     )
     assert [(task.group, task.worker) for task in view.tasks] == [
         ("job 3", "pc-b"),
@@ -41,5 +41,5 @@ def test_lost_cluster_is_described_with_its_duration_and_the_place_of_work():
         "waiting for a worker of tls://a:8786, 12 s so far, 1 task waiting"
     )
     assert describe_state(Place.THIS_COMPUTER, local_count=2, loss_s=31.0).text == (
-        "no worker of tls://a:8786 for 31 s: computing on this host, 2 tasks"
+        "no worker of tls://a:8786 for 31 s: this computer computes, 2 tasks"
     )
