@@ -10,7 +10,7 @@ from rich.console import Console
 from books.make_books import PRINTERS, apply_events, make_end_event, make_job, make_planned_books
 from farm.cli.display.job_page import render_job
 from farm.config import Fleet
-from farm.model import AgentSnapshot, Gluing, JobState, Link
+from farm.model import AgentSnapshot, Gluing, JobState, Link, Role
 from farm.paths import StateFolder
 from farm.scheduling import describe_plates
 from farm.state import events as ev
@@ -20,6 +20,8 @@ from farm.views.context import ViewContext
 from farm.views.dashboard import HistoryFilter, describe_history, write_csv
 from farm.views.jobs import measure_assembly
 from farm.views.report import list_figures
+from farm.web.notes import Reader
+from farm.web.pages.fleet.history import render_history
 
 FLEET = Fleet.model_validate(
     {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in PRINTERS]}
@@ -92,6 +94,16 @@ def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
     assert [(row.assembled, row.assembly_s) for row in rows] == [(context.format_time(5000.0), 3000.0)] * 5
     for line in csv.DictReader(io.StringIO(write_csv(list_history(context)), newline="")):
         assert (line["assembled"], line["assembly_s"]) == (context.format_time(5000.0), "3000")
+
+
+def test_history_page_has_the_expected_time_of_gluing_until_it_is_reported(books):
+    books = print_parts(books)
+    reader = Reader("ann", Role.LOOK)
+    view = describe_history(make_context(books, 300.0), HistoryFilter())
+    assert ">expected 1h00</td></tr>" in render_history(view, FLEET.fleet, reader)
+    books, _ = apply_events(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
+    view = describe_history(make_context(books, 6000.0), HistoryFilter())
+    assert ">50 min</td></tr>" in render_history(view, FLEET.fleet, reader)
 
 
 def test_reported_times_correct_those_expected_of_a_later_job(books):

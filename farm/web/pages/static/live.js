@@ -80,7 +80,6 @@ const showWarning = (isStale) => {
     warning.textContent = `No updates from the farm since ${since}. This page may be outdated; trying again.`;
   }
   warning.hidden = !isStale;
-  main.classList.toggle("old", isStale);
 };
 
 // -- the stream -------------------------------------------------------------------------------------------------
