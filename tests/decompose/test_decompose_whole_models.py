@@ -40,7 +40,7 @@ def make_separate_bodies() -> Solid:
     )
 
 
-def make_pin_sheet() -> Solid:
+def make_sheet() -> Solid:
     return box((0, 0, 0), (400, 300, 2))
 
 
@@ -81,7 +81,7 @@ def cut_solid(solid: Solid, cost: CostModel, printers: int, granularity: int) ->
         (make_nested_bodies, 6, 12),
         (make_touching_bodies, 6, 8),
         (make_separate_bodies, 6, 8),
-        (make_pin_sheet, 3, 10),
+        (make_sheet, 3, 10),
         (make_wall, 3, 10),
         (make_pins, 6, 8),
         (make_cube(100.0), 5, 8),

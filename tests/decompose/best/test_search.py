@@ -216,10 +216,10 @@ def test_result_is_kept_when_a_later_grid_fails(
 ) -> None:
     engines = Engines(result, lambda options: 1.5 * BOUND_S)
 
-    def fail_after_first_attempt(task: Problem) -> Decomposition:
+    def fail_after_first_attempt(problem: Problem) -> Decomposition:
         if engines.engine_grids:
             raise error
-        return engines(task)
+        return engines(problem)
 
     best_result = find_best_result(make_problem(cost), fail_after_first_attempt)
     assert best_result.makespan_s == 1.5 * BOUND_S
@@ -258,11 +258,11 @@ def test_broken_rule_is_reported_after_the_budget_was_spent(
 ) -> None:
     engines = Engines(result, compute_far_makespan_s, faulty_engines=(Engine.GUILLOTINE,))
 
-    def fail_after_budget(task: Problem) -> Decomposition:
-        if task.options.engine is Engine.GUILLOTINE:
-            return engines(task)
-        task.effort.record(Work.SUM, round(1e12))
-        assert task.effort.is_spent()
+    def fail_after_budget(problem: Problem) -> Decomposition:
+        if problem.options.engine is Engine.GUILLOTINE:
+            return engines(problem)
+        problem.effort.record(Work.SUM, round(1e12))
+        assert problem.effort.is_spent()
         raise error
 
     second_attempt = find_best_result(make_problem(cost, granularity=8), fail_after_budget).attempts[1]

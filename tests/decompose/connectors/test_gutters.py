@@ -23,7 +23,7 @@ def place(solids, right=RIGHT, up=UP):
 
 
 def make_stairs(x_mm, ends_mm):
-    """Make a body from x = 0 to 20 in boxes side by side, 25 mm wide, with these heights."""
+    """Make a body of boxes side by side, 20 mm long from `x_mm` and 25 mm wide, with these ends in z."""
     return Solid.union(
         [
             Solid.box((x_mm, 25 * n, low), (x_mm + 20, 25 * n + 25, high))

@@ -36,9 +36,9 @@ def test_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarra
         return
     x, y = outline.T
     assert (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2.0 == pytest.approx(hull.area)
-    edges = find_half_planes(outline)
+    half_planes = find_half_planes(outline)
     assert len(outline) == len(hull.exterior.coords) - 1  # no corner on a straight side
-    assert (points @ edges[:, :2].T + edges[:, 2] <= 1e-9).all()
+    assert (points @ half_planes[:, :2].T + half_planes[:, 2] <= 1e-9).all()
 
 
 @settings(deadline=None)  # the first call compiles

@@ -68,14 +68,14 @@ PRINTERS = tuple(TargetPrinter(str(i), ((200.0, 200.0, 200.0),)) for i in range(
 @pytest.fixture(scope="module")
 def model() -> Model:
     """Make a rotated block with a step."""
-    step = Solid.union([Solid.box((0, 0, 0), (150, 80, 40)), Solid.box((20, 10, 30), (90, 60, 110))])
+    block = Solid.union([Solid.box((0, 0, 0), (150, 80, 40)), Solid.box((20, 10, 30), (90, 60, 110))])
     rotation = trimesh.transformations.rotation_matrix(0.4, (0.2, 0.1, 1.0))[:3, :3]
-    return Model(step.rotate(rotation), (), 1.0)
+    return Model(block.rotate(rotation), (), 1.0)
 
 
 @pytest.fixture(scope="module")
 def budget_runner(cost: CostModel, model: Model) -> BudgetRunner:
-    """Return a function that cuts the step for four printers within a budget."""
+    """Return a function that cuts the block for four printers within a budget."""
 
     def decompose(budget_s: float, executor: Executor | None = None) -> Decomposition:
         return decompose_module.decompose_model(

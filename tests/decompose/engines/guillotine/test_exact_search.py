@@ -23,15 +23,15 @@ PRINTERS = tuple(TargetPrinter(str(i), ((220.0, 220.0, 200.0),)) for i in range(
 
 
 @pytest.fixture
-def task(ball: Model, cost: CostModel) -> Problem:
+def problem(ball: Model, cost: CostModel) -> Problem:
     options = Options(Engine.GUILLOTINE, 7, fit_first_layer=False, prove=False)
     return Problem(ball, PRINTERS, cost, options, is_thorough=True)
 
 
 @pytest.fixture
-def search_result(task: Problem) -> tuple[ExactSearch, list[Box]]:
-    grid = task.build_grid(task.model)
-    search = ExactSearch(task, grid, task.price_boxes(grid), 0.0)
+def search_result(problem: Problem) -> tuple[ExactSearch, list[Box]]:
+    grid = problem.build_grid(problem.model)
+    search = ExactSearch(problem, grid, problem.price_boxes(grid), 0.0)
     return search, list(search.run())
 
 
@@ -60,7 +60,7 @@ def test_looser_partitions_are_complete_without_more_work(
     )
 
 
-def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_earliest_end_after_plane_shifts_is_chosen(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """Expect the second of the looser partitions."""
     ends_s: dict[int, float] = {}
     results: list[tuple[Piece, ...]] = []
@@ -75,7 +75,7 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
 
     monkeypatch.setattr(exact_search, "shift_planes", record_partition)
     monkeypatch.setattr(Problem, "compute_makespan_s", lambda _, pieces: ends_s[id(pieces[0])])
-    result = exact_search.cut_for_uniform_printers(task)
+    result = exact_search.cut_for_uniform_printers(problem)
     assert len(results) > 2
     assert result.pieces == results[2]
 
@@ -85,25 +85,25 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
     [(1.0, np.inf, True), (np.inf, 0.0, True), (np.inf, np.inf, False)],
 )
 def test_partitions_far_above_the_best_are_not_improved(
-    best_known_s: float, budget_s: float, thorough: bool, task: Problem, monkeypatch: pytest.MonkeyPatch
+    best_known_s: float, budget_s: float, thorough: bool, problem: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse_to_list(self: ExactSearch, best_partition: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
         raise AssertionError
 
     monkeypatch.setattr(ExactSearch, "list_looser_partitions", refuse_to_list)
     exact_search.cut_for_uniform_printers(
-        replace(task, best_known_s=best_known_s, effort=Effort(budget_s), is_thorough=thorough)
+        replace(problem, best_known_s=best_known_s, effort=Effort(budget_s), is_thorough=thorough)
     )
 
 
 def test_pieces_of_earlier_rounds_are_dropped_without_another_result(
-    task: Problem, search_result: tuple[ExactSearch, list[Box]], monkeypatch: pytest.MonkeyPatch
+    problem: Problem, search_result: tuple[ExactSearch, list[Box]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     search, partition = search_result
     assert len(search.pieces_by_box) > len(partition)
     monkeypatch.setattr(exact_search, "MAX_KEPT_FACES", 0)
-    grid = task.build_grid(task.model)
-    frugal_search = ExactSearch(task, grid, task.price_boxes(grid), 0.0)
+    grid = problem.build_grid(problem.model)
+    frugal_search = ExactSearch(problem, grid, problem.price_boxes(grid), 0.0)
     pieces_by_box = frugal_search.run()
     assert list(pieces_by_box) == partition
     assert set(frugal_search.pieces_by_box) == set(partition)
@@ -112,7 +112,7 @@ def test_pieces_of_earlier_rounds_are_dropped_without_another_result(
 
 @pytest.mark.parametrize("budget_s", [np.inf, 0.0])
 def test_corrected_piece_counts_need_few_solves(
-    budget_s: float, task: Problem, monkeypatch: pytest.MonkeyPatch
+    budget_s: float, problem: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Check that each correction starts from the last makespan, with and without a budget."""
     corrections, max_solves = iter(range(10)), 2
@@ -122,19 +122,19 @@ def test_corrected_piece_counts_need_few_solves(
     monkeypatch.setattr(ExactSearch, "_forbid_faulty_boxes", lambda self, _: False)
     monkeypatch.setattr(ExactSearch, "_compute_true_makespan_s", lambda self, _: self.min_s)
     monkeypatch.setattr(ExactSearch, "_improve_partition", lambda self, _: [])
-    task = replace(task, effort=Effort(budget_s))
-    grid = task.build_grid(task.model)
-    tables = task.price_boxes(grid)
+    problem = replace(problem, effort=Effort(budget_s))
+    grid = problem.build_grid(problem.model)
+    tables = problem.price_boxes(grid)
     solver = Partitioner(tables)
     assert solver.find_min_makespan_s(len(PRINTERS), 1.0) is not None
-    search = ExactSearch(task, grid, tables, 1.0)
+    search = ExactSearch(problem, grid, tables, 1.0)
     search.run()
     assert search.solver.sum_count <= solver.sum_count + 10 * max_solves * count_cuts(tables.shape)
-    assert task.effort.is_cut_short == (budget_s == 0.0)
+    assert problem.effort.is_cut_short == (budget_s == 0.0)
 
 
 def test_search_ends_when_its_share_of_the_budget_is_spent(
-    task: Problem, monkeypatch: pytest.MonkeyPatch
+    problem: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Use corrections that never end once a first partition has been found."""
     corrections = 0
@@ -150,8 +150,8 @@ def test_search_ends_when_its_share_of_the_budget_is_spent(
     monkeypatch.setattr(ExactSearch, "_compute_true_makespan_s", lambda self, _: 1e9)
     monkeypatch.setattr(ExactSearch, "_improve_partition", lambda self, _: [])
     effort = Effort(0.1)
-    task = replace(task, effort=effort)
-    grid = task.build_grid(task.model)
-    ExactSearch(task, grid, task.price_boxes(grid), 1.0).run()
+    problem = replace(problem, effort=effort)
+    grid = problem.build_grid(problem.model)
+    ExactSearch(problem, grid, problem.price_boxes(grid), 1.0).run()
     assert effort.is_cut_short
     assert effort.spent_s < effort.budget_s

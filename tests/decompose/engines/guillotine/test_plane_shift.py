@@ -50,7 +50,7 @@ def shift_boxes(problem: Problem, partition: list[Box]) -> tuple[list[Piece], li
 
 
 @pytest.fixture(scope="module")
-def cone() -> Solid:
+def tapered_block() -> Solid:
     """Make a tapered block of 240 mm; one of its halves takes far longer than the other."""
     corners = np.array([[x, y, z] for x in (0.0, 240.0) for y in (0.0, 80.0) for z in (0.0, 80.0)])
     corners[4:, 1:] = corners[4:, 1:] * 0.3 + 28.0
@@ -61,29 +61,29 @@ def cone() -> Solid:
     return Solid.from_arrays(corners, faces)
 
 
-def test_cone_is_cut_into_two_parts_of_equal_time(cone: Solid, cost: CostModel) -> None:
-    task = make_problem(cone, cost, 2, cells=2)
-    nx, ny, nz = task.build_grid(task.model).shape
+def test_tapered_block_is_cut_into_two_parts_of_equal_time(tapered_block: Solid, cost: CostModel) -> None:
+    problem = make_problem(tapered_block, cost, 2, cells=2)
+    nx, ny, nz = problem.build_grid(problem.model).shape
     middle = nx // 2
-    old_pieces, new_pieces = shift_boxes(task, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
-    assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
-    times_s = [pose.price_s for pose in task.find_poses(new_pieces) if pose is not None]
+    old_pieces, new_pieces = shift_boxes(problem, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
+    assert compute_longest_s(problem, new_pieces) < 0.95 * compute_longest_s(problem, old_pieces)
+    times_s = [pose.price_s for pose in problem.find_poses(new_pieces) if pose is not None]
     assert max(times_s) <= 1.02 * min(times_s)
-    assert sum(piece.solid.volume_mm3 for piece in new_pieces) == pytest.approx(cone.volume_mm3)
+    assert sum(piece.solid.volume_mm3 for piece in new_pieces) == pytest.approx(tapered_block.volume_mm3)
     assert (
         new_pieces[0].boxes_mm[0, 1, 0] == new_pieces[1].boxes_mm[0, 0, 0] < old_pieces[0].boxes_mm[0, 1, 0]
     )
 
 
 def test_other_parts_are_balanced_if_one_pose_would_get_worse(
-    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Use a thin end that would need another pose if it were longer, so that the other cut moves."""
-    task = make_problem(cone, cost, 3, cells=4)
-    nx, ny, nz = task.build_grid(task.model).shape
+    problem = make_problem(tapered_block, cost, 3, cells=4)
+    nx, ny, nz = problem.build_grid(problem.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     boxes = [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)]
-    end_mm = task.build_grid(task.model).planes[0][thirds[2]]
+    end_mm = problem.build_grid(problem.model).planes[0][thirds[2]]
     find_pose = Problem.find_pose
 
     def worsen_pose(self: Problem, piece: Piece) -> Pose | None:
@@ -92,8 +92,8 @@ def test_other_parts_are_balanced_if_one_pose_would_get_worse(
         return replace(result, price_s=10.0 * result.price_s) if result and is_longer else result
 
     monkeypatch.setattr(Problem, "find_pose", worsen_pose)
-    old_pieces, new_pieces = shift_boxes(task, boxes)
-    assert compute_longest_s(task, new_pieces) < 0.96 * compute_longest_s(task, old_pieces)
+    old_pieces, new_pieces = shift_boxes(problem, boxes)
+    assert compute_longest_s(problem, new_pieces) < 0.96 * compute_longest_s(problem, old_pieces)
     assert max(piece.solid.bounds_mm[0, 0] for piece in new_pieces) >= end_mm - 0.1
 
 
@@ -111,88 +111,90 @@ class RoundCounter:
         monkeypatch.setattr(_PlaneShift, "_take_steps", count_round)
 
 
-def make_halves(task: Problem) -> list[Box]:
-    nx, ny, nz = task.build_grid(task.model).shape
+def make_halves(problem: Problem) -> list[Box]:
+    nx, ny, nz = problem.build_grid(problem.model).shape
     return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
 
 
-def start_shift(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
+def start_shift(problem: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     """Start the search for two halves of a model; return it with the halves in their poses."""
-    grid = task.build_grid(task.model)
-    pieces_by_box = {box: cut_cells(task.model.solid, grid, box) for box in make_halves(task)}
+    grid = problem.build_grid(problem.model)
+    pieces_by_box = {box: cut_cells(problem.model.solid, grid, box) for box in make_halves(problem)}
     boxes_mm = np.array([grid.find_bounds_mm(box) for box in pieces_by_box])
     cell_mm = np.array([np.diff(item).min() for item in grid.planes])
     cells = NeededCells(grid.planes, grid.is_needed)
-    result = _PlaneShift(task, cells, cell_mm, boxes_mm, list(pieces_by_box.values()))
+    result = _PlaneShift(problem, cells, cell_mm, boxes_mm, list(pieces_by_box.values()))
     return result, result.pose_start_parts()
 
 
 def test_planes_move_once_after_the_budget_is_spent(
-    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rounds = RoundCounter(monkeypatch)
-    task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    old_pieces, new_pieces = shift_boxes(task, make_halves(task))
-    assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
+    problem = replace(make_problem(tapered_block, cost, 2, cells=2), effort=Effort(0.0))
+    old_pieces, new_pieces = shift_boxes(problem, make_halves(problem))
+    assert compute_longest_s(problem, new_pieces) < 0.95 * compute_longest_s(problem, old_pieces)
     assert rounds.started_count == 1
-    assert task.effort.is_cut_short
+    assert problem.effort.is_cut_short
 
 
-def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_last_round_prices_every_part(
+    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(plane_shift, "MAX_ROUNDS", 1)
-    task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    old_pieces, new_pieces = shift_boxes(task, make_halves(task))
-    assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
-    assert not task.effort.is_cut_short
+    problem = replace(make_problem(tapered_block, cost, 2, cells=2), effort=Effort(0.0))
+    old_pieces, new_pieces = shift_boxes(problem, make_halves(problem))
+    assert compute_longest_s(problem, new_pieces) < 0.95 * compute_longest_s(problem, old_pieces)
+    assert not problem.effort.is_cut_short
 
 
 @pytest.mark.parametrize("is_faulty", [False, True])
 def test_useless_round_is_not_repeated_after_the_budget_is_spent(
-    is_faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    is_faulty: bool, tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Make every moved part ten times slower in its true pose, or give it faults."""
-    task = replace(make_problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    grid = task.build_grid(task.model)
+    problem = replace(make_problem(tapered_block, cost, 2, cells=2), effort=Effort(0.0))
+    grid = problem.build_grid(problem.model)
     find_pose = Problem.find_pose
 
     def worsen_pose(self: Problem, piece: Piece) -> Pose | None:
         result = find_pose(self, piece)
         return result and replace(result, price_s=10.0 * result.price_s)
 
-    pieces_by_box = {box: cut_cells(cone, grid, box) for box in make_halves(task)}
-    task.find_poses([piece for pieces in pieces_by_box.values() for piece in pieces])
+    pieces_by_box = {box: cut_cells(tapered_block, grid, box) for box in make_halves(problem)}
+    problem.find_poses([piece for pieces in pieces_by_box.values() for piece in pieces])
     if is_faulty:
         monkeypatch.setattr(_PlaneShift, "_has_faults", lambda *_: True)
     else:
         monkeypatch.setattr(Problem, "find_pose", worsen_pose)
     rounds = RoundCounter(monkeypatch)
-    shift_planes(task, grid, pieces_by_box)
+    shift_planes(problem, grid, pieces_by_box)
     assert rounds.started_count == 1
-    assert task.effort.is_cut_short
+    assert problem.effort.is_cut_short
 
 
 def test_fixed_longest_part_does_not_stop_other_faces(
-    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Check that an identical round is not repeated."""
     shifts = []
     monkeypatch.setattr(
         _PlaneShift, "_take_steps", lambda _, parts, slopes: shifts.append(len(parts)) or [*parts]
     )
-    task = make_problem(cone, cost, 2, cells=2)
-    shift_boxes(task, make_halves(task))
+    problem = make_problem(tapered_block, cost, 2, cells=2)
+    shift_boxes(problem, make_halves(problem))
     assert shifts == [2]
 
 
-def test_only_the_face_that_slows_a_part_is_limited(cone: Solid, cost: CostModel) -> None:
-    task = make_problem(cone, cost, 2, cells=2)
-    search, parts = start_shift(task)
+def test_only_the_face_that_slows_a_part_is_limited(tapered_block: Solid, cost: CostModel) -> None:
+    problem = make_problem(tapered_block, cost, 2, cells=2)
+    search, parts = start_shift(problem)
     (group,) = np.unique(search.groups[search.groups >= 0])
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower_part = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
     assert search._limit_faces(parts, [slower_part, parts[1]], [0], 0.5)
     assert search.limits_mm.tolist() == [[-math.inf, parts[0].box_mm[1, 0]]] * (group + 1)
-    assert task.effort.done_units[Work.FACE_MEASURED] > 0
+    assert problem.effort.done_units[Work.FACE_MEASURED] > 0
     assert not search._limit_faces(parts, [slower_part, parts[1]], [0], 0.5)  # its face is already limited
     search.limits_mm[:] = -math.inf, math.inf
     assert not search._limit_faces(parts, [slower_part, parts[1]], [], 0.5)
@@ -205,15 +207,17 @@ def test_time_that_jumps_limits_its_face_and_the_other_parts_still_improve(
 ) -> None:
     """Cut a bar for three printers, of which one part takes twice its time if a face moves too far."""
     bar = Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0))
-    task = make_problem(bar, cost, 3, cells=6)
-    grid = task.build_grid(task.model)
+    problem = make_problem(bar, cost, 3, cells=6)
+    grid = problem.build_grid(problem.model)
     ends_mm = [grid.planes[0][0], 90.0, 220.0, grid.planes[0][-1]]
     low_mm, high_mm = grid.find_bounds_mm((0, 0, 0, *grid.shape))
     boxes_mm = np.array(
         [[[a, *low_mm[1:]], [b, *high_mm[1:]]] for a, b in pairwise(ends_mm)], dtype=np.float64
     )
     pieces = [cut_box(bar, *box) for box in boxes_mm]
-    search = _PlaneShift(task, NeededCells(grid.planes, grid.is_needed), np.full(3, 50.0), boxes_mm, pieces)
+    search = _PlaneShift(
+        problem, NeededCells(grid.planes, grid.is_needed), np.full(3, 50.0), boxes_mm, pieces
+    )
     parts = search.pose_start_parts()
     cut = PartCutter.cut_in_old_poses
 
@@ -230,7 +234,7 @@ def test_time_that_jumps_limits_its_face_and_the_other_parts_still_improve(
 
 
 def test_new_pose_is_computed_once_and_recorded(
-    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Give every part a new pose after its first move."""
     measure_piece, find_pose, posed_parts = PartCutter._measure_piece, Problem.find_pose, []
@@ -244,71 +248,71 @@ def test_new_pose_is_computed_once_and_recorded(
 
     monkeypatch.setattr(PartCutter, "_measure_piece", make_tall)
     monkeypatch.setattr(Problem, "find_pose", record_piece)
-    task = make_problem(cone, cost, 2, cells=2)
-    old_pieces, new_pieces = shift_boxes(task, make_halves(task))
+    problem = make_problem(tapered_block, cost, 2, cells=2)
+    old_pieces, new_pieces = shift_boxes(problem, make_halves(problem))
     assert new_pieces[0].solid is not old_pieces[0].solid
-    assert len({*posed_parts}) == len(posed_parts) == task.effort.done_units[Work.PIECE_POSED] > 4
+    assert len({*posed_parts}) == len(posed_parts) == problem.effort.done_units[Work.PIECE_POSED] > 4
 
 
-def test_slower_of_two_printers_gets_less_work(cone: Solid, cost: CostModel) -> None:
-    task = make_problem(cone, cost, 2, cells=2)
+def test_slower_of_two_printers_gets_less_work(tapered_block: Solid, cost: CostModel) -> None:
+    problem = make_problem(tapered_block, cost, 2, cells=2)
     slow_printer, quick_printer = TargetPrinter("slow", BOXES_MM, 1.2), TargetPrinter("quick", BOXES_MM, 0.9)
-    task = replace(task, printers=(slow_printer, quick_printer))
-    grid = task.build_grid(task.model)
+    problem = replace(problem, printers=(slow_printer, quick_printer))
+    grid = problem.build_grid(problem.model)
     nx, ny, nz = grid.shape
     pieces_by_box = {
-        box: [replace(piece, printer=printer) for piece in cut_cells(cone, grid, box)]
+        box: [replace(piece, printer=printer) for piece in cut_cells(tapered_block, grid, box)]
         for box, printer in (
             ((0, 0, 0, nx // 2, ny, nz), quick_printer),
             ((nx // 2, 0, 0, nx, ny, nz), slow_printer),
         )
     }
-    before_s = compute_longest_s(task, [piece for pieces in pieces_by_box.values() for piece in pieces])
-    new_pieces = shift_planes(task, grid, pieces_by_box)
-    times_s = {p.printer: task.find_pose(p).price_s * p.time_factor for p in new_pieces}  # type: ignore[union-attr]
-    assert compute_longest_s(task, new_pieces) < before_s
+    before_s = compute_longest_s(problem, [piece for pieces in pieces_by_box.values() for piece in pieces])
+    new_pieces = shift_planes(problem, grid, pieces_by_box)
+    times_s = {p.printer: problem.find_pose(p).price_s * p.time_factor for p in new_pieces}  # type: ignore[union-attr]
+    assert compute_longest_s(problem, new_pieces) < before_s
     assert times_s[quick_printer] == pytest.approx(times_s[slow_printer], rel=0.03)
 
 
 def test_lid_moves_into_the_hollow_behind_it(cost: CostModel) -> None:
     """Use two cells of 45 mm in front of the hollow, where a wall of 24 mm is enough."""
     block = Solid.box((0.0, 0.0, 0.0), (180.0, 180.0, 180.0))
-    task = make_problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
-    task = replace(task, options=replace(task.options, min_wall_mm=24.0))
-    grid = task.build_grid(task.model)
+    problem = make_problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
+    problem = replace(problem, options=replace(problem.options, min_wall_mm=24.0))
+    grid = problem.build_grid(problem.model)
     assert grid.shape == (8, 8, 8)
     assert not grid.is_needed[2:6, 2:6, 2:6].any()
     end_layers = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
     walls = [(0, 0, 2, 2, 8, 6), (6, 0, 2, 8, 8, 6), (2, 0, 2, 6, 2, 6), (2, 6, 2, 6, 8, 6)]
-    old_pieces, new_pieces = shift_boxes(task, [*end_layers, *walls])
-    assert compute_longest_s(task, new_pieces) < 0.85 * compute_longest_s(task, old_pieces)
+    old_pieces, new_pieces = shift_boxes(problem, [*end_layers, *walls])
+    assert compute_longest_s(problem, new_pieces) < 0.85 * compute_longest_s(problem, old_pieces)
     assert 24.0 <= new_pieces[0].boxes_mm[0, 1, 2] < 32.0
 
 
 def test_next_search_continues_from_the_result_of_the_last(
-    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Limit the reach of a search; with `thorough`, several searches reach the best position."""
-    task = replace(make_problem(cone, cost, 2, cells=2), is_thorough=True)
-    _, far_pieces = shift_boxes(task, make_halves(task))
+    problem = replace(make_problem(tapered_block, cost, 2, cells=2), is_thorough=True)
+    _, far_pieces = shift_boxes(problem, make_halves(problem))
     monkeypatch.setattr(plane_shift, "MAX_MOVE_SHARE", 0.05)
-    old_pieces, new_pieces = shift_boxes(task, make_halves(task))
-    assert compute_longest_s(task, new_pieces) < 1.03 * compute_longest_s(task, far_pieces)
-    assert compute_longest_s(task, new_pieces) < 0.95 * compute_longest_s(task, old_pieces)
-    _, quick_pieces = shift_boxes(replace(task, is_thorough=False), make_halves(task))
-    assert compute_longest_s(task, quick_pieces) > 1.05 * compute_longest_s(task, new_pieces)
+    old_pieces, new_pieces = shift_boxes(problem, make_halves(problem))
+    assert compute_longest_s(problem, new_pieces) < 1.03 * compute_longest_s(problem, far_pieces)
+    assert compute_longest_s(problem, new_pieces) < 0.95 * compute_longest_s(problem, old_pieces)
+    _, quick_pieces = shift_boxes(replace(problem, is_thorough=False), make_halves(problem))
+    assert compute_longest_s(problem, quick_pieces) > 1.05 * compute_longest_s(problem, new_pieces)
 
 
-def test_time_ratio_of_a_slice_is_used(cone: Solid, cost: CostModel) -> None:
-    task = make_problem(cone, cost, 2, cells=2)
-    grid = task.build_grid(task.model)
+def test_time_ratio_of_a_slice_is_used(tapered_block: Solid, cost: CostModel) -> None:
+    problem = make_problem(tapered_block, cost, 2, cells=2)
+    grid = problem.build_grid(problem.model)
     pieces_by_box = {
-        box: [replace(piece, time_ratio=time_ratio) for piece in cut_cells(cone, grid, box)]
-        for box, time_ratio in zip(make_halves(task), (1.0, 1.3), strict=True)
+        box: [replace(piece, time_ratio=time_ratio) for piece in cut_cells(tapered_block, grid, box)]
+        for box, time_ratio in zip(make_halves(problem), (1.0, 1.3), strict=True)
     }
-    a, b = shift_planes(task, grid, pieces_by_box)
+    a, b = shift_planes(problem, grid, pieces_by_box)
     assert (a.time_ratio, b.time_ratio) == (1.0, 1.3)
-    a_s, b_s = (pose.price_s for pose in task.find_poses([a, b]) if pose is not None)
+    a_s, b_s = (pose.price_s for pose in problem.find_poses([a, b]) if pose is not None)
     assert a_s == pytest.approx(1.3 * b_s, rel=0.02)
 
 
@@ -317,10 +321,10 @@ def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> N
     bar = Solid.union(
         [Solid.box((0.0, 0.0, 0.0), (300.0, 40.0, 40.0)), Solid.box((0.0, -20.0, -20.0), (95.0, 60.0, 60.0))]
     )
-    task = make_problem(bar, cost, 3, cells=4)
-    nx, ny, nz = task.build_grid(task.model).shape
+    problem = make_problem(bar, cost, 3, cells=4)
+    nx, ny, nz = problem.build_grid(problem.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
-    old_pieces, new_pieces = shift_boxes(task, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
+    old_pieces, new_pieces = shift_boxes(problem, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
     vertices, faces = bar.arrays()
     flats_mm = find_flat_faces(vertices[faces], 0).coordinates_mm
     new_planes_mm = {float(piece.boxes_mm[0, 0, 0]) for piece in new_pieces} - {
@@ -328,7 +332,7 @@ def test_shifted_plane_keeps_its_distance_from_a_flat_face(cost: CostModel) -> N
     }
     assert new_planes_mm
     assert all(np.abs(flats_mm - plane_mm).min() >= PLANE_CLEARANCE_MM - 1e-6 for plane_mm in new_planes_mm)
-    assert compute_longest_s(task, new_pieces) < compute_longest_s(task, old_pieces)
+    assert compute_longest_s(problem, new_pieces) < compute_longest_s(problem, old_pieces)
 
 
 def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
@@ -336,12 +340,12 @@ def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
     bar = Solid.union(
         [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
     )
-    task = make_problem(bar, cost, 2, cells=8)
-    grid = task.build_grid(task.model)
+    problem = make_problem(bar, cost, 2, cells=8)
+    grid = problem.build_grid(problem.model)
     nx, ny, nz = grid.shape
     index = int(np.searchsorted(grid.planes[0], 220.0)) - 1
-    _, new_pieces = shift_boxes(task, [(0, 0, 0, index, ny, nz), (index, 0, 0, nx, ny, nz)])
-    assert all(pose is not None for pose in task.find_poses(new_pieces))
+    _, new_pieces = shift_boxes(problem, [(0, 0, 0, index, ny, nz), (index, 0, 0, nx, ny, nz)])
+    assert all(pose is not None for pose in problem.find_poses(new_pieces))
     assert max(np.ptp(piece.solid.bounds_mm[:, 0]) for piece in new_pieces) <= 220.0
 
 
@@ -350,16 +354,16 @@ def test_shifted_part_still_fits_its_printer(cost: CostModel) -> None:
 def test_shifted_planes_give_a_complete_and_no_slower_partition(
     ring_with_bar: Solid, cost: CostModel, corner: tuple[int, int, int]
 ) -> None:
-    task = make_problem(ring_with_bar, cost, 8, cells=6)
-    grid = task.build_grid(task.model)
+    problem = make_problem(ring_with_bar, cost, 8, cells=6)
+    grid = problem.build_grid(problem.model)
     nx, ny, nz = grid.shape
     x, y, z = (min(a, n - 1) for a, n in zip(corner, grid.shape, strict=True))
     left_boxes: list[Box] = [(0, 0, 0, x, y, nz), (0, y, 0, x, ny, z), (0, y, z, x, ny, nz)]
     partition: list[Box] = [*left_boxes, (x, 0, 0, nx, ny, z), (x, 0, z, nx, ny, nz)]
     partition = [box for box in partition if cut_cells(ring_with_bar, grid, box)]
-    old_pieces, new_pieces = shift_boxes(task, partition)
+    old_pieces, new_pieces = shift_boxes(problem, partition)
     assert len(new_pieces) <= len(old_pieces)
-    assert compute_longest_s(task, new_pieces) <= compute_longest_s(task, old_pieces)
+    assert compute_longest_s(problem, new_pieces) <= compute_longest_s(problem, old_pieces)
     assert sum(piece.solid.volume_mm3 for piece in new_pieces) == pytest.approx(ring_with_bar.volume_mm3)
-    second_result = shift_boxes(task, partition)[1]
+    second_result = shift_boxes(problem, partition)[1]
     assert [p.boxes_mm.tolist() for p in second_result] == [p.boxes_mm.tolist() for p in new_pieces]
