@@ -11,7 +11,7 @@ from drivers.errors import Fault
 from drivers.link import LinkFault, Report
 
 SD_PRINT_REASON = "it is printing from its SD card"
-MOVED_REASON = "somebody moved it at the printer"
+MOVED_REASON = "somebody moved its axes or its filament at the printer"
 HEATED_REASON = "somebody switched a heater on at the printer"
 MAX_COLD_C = 45.0
 # A heater is stuck on if its target is 0 and it rises by more than STUCK_RISE_C, to above MIN_STUCK_C.

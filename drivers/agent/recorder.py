@@ -198,8 +198,8 @@ class Recorder:
             "starved_s": max(0.0, starved_s),
         }
         if self._program is not None:
-            readings["line"] = context.acknowledged_lines
-            progress = self._program.compute_progress(context.acknowledged_lines)
+            readings["line"] = context.acknowledged_line_count
+            progress = self._program.compute_progress(context.acknowledged_line_count)
             readings["progress_s"] = progress.time_s
             readings["layers"] = self._program.layer_count
             if progress.layer is not None:

@@ -39,14 +39,14 @@ def read_position(answer: bytes) -> Point | None:
         return None
 
 
-def measure_retraction_mm(program: Program, done_lines: int, stop_point: Point | None = None) -> float:
+def measure_retraction_mm(program: Program, done_line_count: int, stop_point: Point | None = None) -> float:
     """Compute the distance from the nozzle's tip back to the end of the filament.
 
     Parameters
     ----------
     program
         The program; the filament was at the nozzle at its first extrusion.
-    done_lines
+    done_line_count
         Number of acknowledged lines.
     stop_point
         Position of the head after a quick stop; None if all moves were executed.
@@ -56,7 +56,7 @@ def measure_retraction_mm(program: Program, done_lines: int, stop_point: Point |
     float
         Distance in mm; 0 at the tip. It is exact, unless a G92 among the last moves shifted the coordinates.
     """
-    motion = MotionState(program, done_lines)
+    motion = MotionState(program, done_line_count)
     return motion.retracted_mm if stop_point is None else motion.find_retraction_mm(stop_point)
 
 
@@ -67,7 +67,7 @@ class MotionState:
     ----------
     program
         The program; the filament was at the nozzle at its first extrusion.
-    done_lines
+    done_line_count
         Number of acknowledged lines.
 
     Attributes
@@ -82,8 +82,8 @@ class MotionState:
         True if G91, or M83, is in effect.
     """
 
-    def __init__(self, program: Program, done_lines: int) -> None:
-        start = max(0, done_lines - WINDOW_LINES)
+    def __init__(self, program: Program, done_line_count: int) -> None:
+        start = max(0, done_line_count - WINDOW_LINES)
         self.is_relative, self.is_e_relative = program.is_relative(start), program.is_e_relative(start)
         if self.is_relative or self.is_e_relative:  # the position is the sum of all previous lines
             self.is_relative = self.is_e_relative = False
@@ -93,8 +93,8 @@ class MotionState:
         self.feedrate_mm_min = _find_feedrate_mm_min(program, start)
         # Start point, end point, and retraction of the filament at the start, in mm.
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=BUFFERED_LINES)
-        for first in range(start, done_lines, WINDOW_LINES):  # limits the memory for a long file
-            for line in program.read_lines(first, min(done_lines, first + WINDOW_LINES)):
+        for first in range(start, done_line_count, WINDOW_LINES):  # limits the memory for a long file
+            for line in program.read_lines(first, min(done_line_count, first + WINDOW_LINES)):
                 self._apply_line(line)
 
     def _apply_line(self, line: bytes) -> None:

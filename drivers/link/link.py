@@ -127,7 +127,7 @@ class Link:
         return not (self._awaits_ok or self._outbox.has_unsent)
 
     @property
-    def streamed_lines(self) -> int:
+    def streamed_line_count(self) -> int:
         """Number of acknowledged lines of the program, counted from its first line."""
         return self._outbox.count_streamed_lines(self._awaits_ok)
 

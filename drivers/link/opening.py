@@ -96,8 +96,9 @@ class Opening:
         if self._unconfirmed_commands and b"Resend" in line:
             self.is_refused = True
             return OpeningLine.REFUSAL
-        answers = line.startswith(b"ok T:" if self._unconfirmed_commands else b"ok") and self._query_count > 0
-        return OpeningLine.READY if answers else OpeningLine.NOTHING
+        ok = b"ok T:" if self._unconfirmed_commands else b"ok"
+        is_answer = line.startswith(ok) and self._query_count > 0
+        return OpeningLine.READY if is_answer else OpeningLine.NOTHING
 
     def take_next_query(self) -> bytes | None:
         """Return the next query for a board that did not restart; None after the last one."""

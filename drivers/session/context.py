@@ -131,9 +131,9 @@ class SessionContext:
     dead_man_timeout_s, last_command_s
         Time without a command after which the firmware's dead-man timer switches heaters off; time of the
         last command.
-    executed_lines
+    executed_line_count
         Number of lines up to the last heating line that the session executed itself.
-    final_lines
+    final_line_count
         Number of lines that the printer has acknowledged, once the stream is over.
     is_pause_requested, pause_ends_s, is_nozzle_paused
         True if a person has requested a pause; the time at which the pause times out; True if the pause
@@ -171,8 +171,8 @@ class SessionContext:
     answer: bytes = field(default=b"", init=False)
     dead_man_timeout_s: float = field(default=0.0, init=False)
     last_command_s: float = field(init=False)
-    executed_lines: int = field(default=0, init=False)
-    final_lines: int | None = field(default=None, init=False)
+    executed_line_count: int = field(default=0, init=False)
+    final_line_count: int | None = field(default=None, init=False)
     is_pause_requested: bool = field(default=False, init=False)
     pause_ends_s: float | None = field(default=None, init=False)
     is_nozzle_paused: bool = field(default=False, init=False)
@@ -192,18 +192,18 @@ class SessionContext:
         return self.phase.ended
 
     @property
-    def acknowledged_lines(self) -> int:
+    def acknowledged_line_count(self) -> int:
         """Number of lines of the file that the printer has acknowledged."""
-        if self.final_lines is not None:
-            return self.final_lines
+        if self.final_line_count is not None:
+            return self.final_line_count
         if self.program is None or self.connection is None:
             return 0  # the link counts the lines of the last print until the board has restarted
-        return self.done_lines
+        return self.done_line_count
 
     @property
-    def done_lines(self) -> int:
+    def done_line_count(self) -> int:
         """Number of lines of the file that were acknowledged or executed by the session."""
-        return max(self.executed_lines, self.link.streamed_lines)
+        return max(self.executed_line_count, self.link.streamed_line_count)
 
     @property
     def report_deadline_s(self) -> float:

@@ -156,7 +156,9 @@ def _find_expected_targets_c(context: SessionContext) -> dict[HeaterName, float]
     program = context.program
     if program is None or context.phase not in _HEATED_PHASES:
         return dict.fromkeys(HeaterName, 0.0)
-    expected_targets_c = {name: program.find_target_c(name, context.done_lines) or 0.0 for name in HeaterName}
+    expected_targets_c = {
+        name: program.find_target_c(name, context.done_line_count) or 0.0 for name in HeaterName
+    }
     if context.is_nozzle_paused:
         expected_targets_c[HeaterName.NOZZLE] = 0.0
     return expected_targets_c

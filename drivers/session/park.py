@@ -62,18 +62,20 @@ def park(context: SessionContext, retracted_mm: float, can_extrude: bool) -> Scr
         context.filament = Filament.UNKNOWN
 
 
-def try_measure_retraction_mm(program: Program, done_lines: int, stop_point: Point | None = None) -> float:
+def try_measure_retraction_mm(
+    program: Program, done_line_count: int, stop_point: Point | None = None
+) -> float:
     """Compute the retraction of the filament in mm; NaN if the file can no longer be read.
 
     The parameters are those of `measure_retraction_mm`.
     """
     try:
-        return measure_retraction_mm(program, done_lines, stop_point)
+        return measure_retraction_mm(program, done_line_count, stop_point)
     except UnreadableFile:
         return math.nan
 
 
-def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> float:
+def compute_lift_mm(context: SessionContext, z_mm: float, done_line_count: int) -> float:
     """Compute the distance by which to lower the bed before the head leaves the part.
 
     Finished parts on the bed may be higher than this one.
@@ -84,10 +86,10 @@ def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> fl
         State of the session.
     z_mm
         Height of the head in mm.
-    done_lines
+    done_line_count
         Number of lines of the program that were acknowledged.
     """
-    max_height_mm = 0.0 if context.program is None else context.program.compute_max_height_mm(done_lines)
+    max_height_mm = 0.0 if context.program is None else context.program.compute_max_height_mm(done_line_count)
     return max(0.0, min(max(z_mm, max_height_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
 
@@ -98,12 +100,12 @@ def can_pause(context: SessionContext) -> bool:
         and context.phase is PrintPhase.PRINTING
         and context.filament is Filament.AT_NOZZLE
         and allows_extrusion(
-            context, context.program.find_target_c(HeaterName.NOZZLE, context.link.streamed_lines) or 0.0
+            context, context.program.find_target_c(HeaterName.NOZZLE, context.link.streamed_line_count) or 0.0
         )
     )
 
 
-def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
+def pause(context: SessionContext, program: Program, done_line_count: int) -> Script:
     """Park the filament, keep the bed warm, wait for a person, and return to the part.
 
     The filament is parked because the print may end in the pause. Source:
@@ -115,7 +117,7 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
         State of the session.
     program
         The program that is being printed.
-    done_lines
+    done_line_count
         Number of its lines that were acknowledged.
     """
     firmware = context.firmware
@@ -124,24 +126,26 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     has_stopped = yield from send(context, firmware.wait_command, firmware.position_query, limit_s=math.inf)
     if not has_stopped or context.position_mm is None:
         raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
-    motion = MotionState(program, done_lines)
+    motion = MotionState(program, done_line_count)
     position_mm = [
         reported_mm if math.isnan(tracked_mm) else tracked_mm
         for tracked_mm, reported_mm in zip(motion.position_mm, context.position_mm, strict=True)
     ]
     yield from park(context, motion.retracted_mm, can_extrude=True)
-    lift_command = b"G1 F1200 Z%.3f" % (position_mm[2] + compute_lift_mm(context, position_mm[2], done_lines))
+    lift_command = b"G1 F1200 Z%.3f" % (
+        position_mm[2] + compute_lift_mm(context, position_mm[2], done_line_count)
+    )
     yield from send(
         context, b"G90", lift_command, b"G1 F9000 X%g Y%g" % context.profile.pause_xy_mm, b"M104 S0"
     )
     context.is_nozzle_paused = True
     yield from arm_dead_man_timer(context, PAUSE_DEAD_MAN_TIMEOUT_S)
     yield from _await_resume(context)
-    target_c = program.find_target_c(HeaterName.NOZZLE, done_lines) or 0.0
+    target_c = program.find_target_c(HeaterName.NOZZLE, done_line_count) or 0.0
     yield from arm_dead_man_timer(context, PRINTING_DEAD_MAN_TIMEOUT_S)
     yield from set_target(context, HeaterName.NOZZLE, target_c)
     context.is_nozzle_paused = False
-    yield from heat(context, HeatCommand(done_lines, HeaterName.NOZZLE, target_c, waits=True))
+    yield from heat(context, HeatCommand(done_line_count, HeaterName.NOZZLE, target_c, waits=True))
     context.filament = Filament.UNKNOWN
     yield from send(
         context,

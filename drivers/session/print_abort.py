@@ -25,8 +25,8 @@ _RESET_FAULTS = frozenset(
 
 def abort_print(context: SessionContext) -> Script:
     """Abort the print, by command if the board responds, else by a reset."""
-    context.final_lines = context.acknowledged_lines
-    is_homed = context.program is not None and context.final_lines > context.program.home_line
+    context.final_line_count = context.acknowledged_line_count
+    is_homed = context.program is not None and context.final_line_count > context.program.home_line
     responds = context.connection is not None and context.link.phase is LinkPhase.LIVE
     if responds and context.fault not in _RESET_FAULTS:
         try:
@@ -47,18 +47,18 @@ def _abort_by_command(context: SessionContext, is_homed: bool) -> TimedScript:
     if not (yield from send(context, *firmware.abort_commands, limit_s=STOP_TIMEOUT_S)):
         return False
     if is_homed:  # before homing, the distance that the bed may move is unknown
-        done_lines = context.done_lines
+        done_line_count = context.done_line_count
         context.position_mm = None
         yield from send(context, firmware.position_query)
         if context.filament is Filament.AT_NOZZLE and context.program is not None:
             can_extrude = context.report is not None and allows_extrusion(context, context.report.nozzle_c)
             yield from park(
                 context,
-                try_measure_retraction_mm(context.program, done_lines, context.position_mm),
+                try_measure_retraction_mm(context.program, done_line_count, context.position_mm),
                 can_extrude,
             )
         z_mm = math.nan if context.position_mm is None else context.position_mm[2]
-        lift_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_lines)
+        lift_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_line_count)
         park_commands = (
             b"G91",
             b"G1 F1200 Z%.3f" % lift_mm,

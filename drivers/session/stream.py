@@ -36,7 +36,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
         if stop == program.home_line + 1:
             yield from check_height(context, program.read_lines(program.home_line, stop)[0])
         if heat_command is not None:
-            context.executed_lines = start = stop + 1
+            context.executed_line_count = start = stop + 1
             yield from heat(context, heat_command)
             can_extrude = heat_command.heater is HeaterName.NOZZLE and allows_extrusion(
                 context, heat_command.target_c
@@ -90,7 +90,7 @@ def _stream_lines(context: SessionContext, program: Program, start: int, stop: i
             return
         link.drop_unsent()
         yield Wait(lambda: link.is_drained)
-        start = link.streamed_lines
+        start = link.streamed_line_count
         if can_pause(context):  # the line in flight may have switched the nozzle off
             yield from pause(context, program, start)
 
@@ -99,7 +99,7 @@ def _finish_print(context: SessionContext, program: Program) -> Script:
     """Send the file's end code, and confirm the heaters off."""
     firmware = context.firmware
     context.phase = PrintPhase.ENDING
-    context.final_lines = program.line_count
+    context.final_line_count = program.line_count
     off_commands = (
         *firmware.heaters_off_commands,
         firmware.fan_off_command,

@@ -75,7 +75,7 @@ def print_program(
         deadline_s = time.monotonic() + TIME_LIMIT_S
         link.on_opened(clock.now())
         while not faults and not (is_connected and link.is_drained):
-            assert time.monotonic() < deadline_s, f"the print does not end: {link.streamed_lines} lines"
+            assert time.monotonic() < deadline_s, f"the print does not end: {link.streamed_line_count} lines"
             wait_s = max(0.0, min(clock.to_wall_duration_s(link.deadline_s - clock.now()), 1.0))
             try:
                 data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
@@ -124,7 +124,7 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
         "resend_ratio 2@420",
     )
     assert faults == []
-    assert link.streamed_lines == len(program)
+    assert link.streamed_line_count == len(program)
     printed_lines = read_executed_commands(tmp_path)
     assert printed_lines == [line for line in program if line in set(printed_lines)]
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
@@ -148,7 +148,7 @@ def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path:
         firmware=MARLIN2,
     )
     assert faults == []
-    assert link.streamed_lines == len(program)
+    assert link.streamed_line_count == len(program)
     printed_lines = read_executed_commands(tmp_path)
     assert printed_lines == [line for line in program if line in set(printed_lines)]
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
@@ -171,7 +171,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
         session.on_port_reset()
         deadline_s = time.monotonic() + TIME_LIMIT_S
         while not context.has_ended:
-            assert time.monotonic() < deadline_s, f"{context.phase}, {context.acknowledged_lines} lines"
+            assert time.monotonic() < deadline_s, f"{context.phase}, {context.acknowledged_line_count} lines"
             due_s = min(link.deadline_s, session.deadline_s) - clock.now()
             wait_s = max(0.0, min(clock.to_wall_duration_s(due_s), 1.0))
             data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""

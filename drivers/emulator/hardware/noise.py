@@ -26,9 +26,11 @@ class Noise:
         self.altered_line_count = 0
         self._rng = rng
         self._probabilities = faults.noise, faults.lost, faults.doubled
-        self._rate = sum(self._probabilities)
+        self._damage_probability = sum(self._probabilities)
         # Logarithm of the probability that a byte is not damaged.
-        self._log_intact = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
+        self._log_intact = (
+            math.log1p(-self._damage_probability) if 0.0 < self._damage_probability < 1.0 else -math.inf
+        )
         self._gap_bytes = self._draw_gap()  # bytes until the next damaged one
         self._sent_lines: dict[bytes, bytes] = {}  # the last lines as sent, by number
         self._incomplete_line = b""
@@ -81,7 +83,7 @@ class Noise:
     def _damage_byte(self, byte: int) -> bytes:
         self.damaged_byte_count += 1
         flip_probability, loss_probability, _ = self._probabilities
-        sample = self._rng.random() * self._rate
+        sample = self._rng.random() * self._damage_probability
         if sample < flip_probability:
             return bytes((byte ^ 1 << self._rng.randrange(8),))
         return b"" if sample < flip_probability + loss_probability else bytes((byte, byte))

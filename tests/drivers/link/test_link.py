@@ -31,7 +31,7 @@ def test_clean_wire_executes_every_line_once_without_resends(count: int, piece_b
     stream_program(bench, program)
     bench.run()
     assert bench.firmware.executed_lines == list(enumerate(program, 1))
-    assert bench.link.streamed_lines == count
+    assert bench.link.streamed_line_count == count
     assert bench.link.resend_count == 0
     assert not bench.list_faults()
 
@@ -50,7 +50,7 @@ def test_stream_ends_at_lines_that_cannot_be_read():
     count = len(bench.firmware.executed_lines)
     assert 0 < count <= 300
     assert bench.firmware.executed_lines == list(enumerate(program[:count], 1))
-    assert (bench.link.streamed_lines, bench.link.is_drained) == (count, True)
+    assert (bench.link.streamed_line_count, bench.link.is_drained) == (count, True)
     bench.link.send(bench.now_s, b"M104 S0")  # commands may follow at once
     stream_program(bench, program[:5])
     bench.run()
@@ -94,7 +94,7 @@ def test_lossy_wire_executes_lines_once_in_order_or_ends_in_a_named_fault(
     else:
         # With three barriers, a wrong acknowledgement of the last one affects no line of the print.
         assert len(numbers) >= count
-        assert bench.link.streamed_lines == len(program)
+        assert bench.link.streamed_line_count == len(program)
 
 
 @given(st.lists(st.binary(max_size=60), max_size=30))
@@ -316,11 +316,11 @@ def test_dropping_unsent_lines_completes_the_line_in_flight_and_sends_no_more_of
     bench.run(until_s=0.5)
     bench.link.drop_unsent()
     bench.link.send(bench.now_s, b"M401")
-    streamed_lines = bench.link.streamed_lines
+    streamed_line_count = bench.link.streamed_line_count
     bench.run()
     bodies = [body for _, body in bench.firmware.executed_lines]
     assert bodies[-1] == b"M401"
-    assert len(bodies) - 1 <= streamed_lines + 1 == bench.link.streamed_lines
+    assert len(bodies) - 1 <= streamed_line_count + 1 == bench.link.streamed_line_count
 
 
 def test_commands_are_refused_while_a_program_is_streamed():
@@ -336,7 +336,7 @@ def test_unexpected_last_line_is_accepted_when_reported_twice():
     program, bench = make_lines(120), Bench().boot()
     stream_program(bench, program)
     bench.run(until_s=0.8)
-    assert 50 < bench.link.streamed_lines < 100
+    assert 50 < bench.link.streamed_line_count < 100
     bench.link.take()
     for resend in (5, 6, 6):
         bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s)

@@ -69,7 +69,7 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], first_line, len(PROGRAM))
     while board.step():
         printed_count = sum(line.startswith(b"G1") for line in board.executed)
-        assert board.link.streamed_lines == first_line + printed_count
+        assert board.link.streamed_line_count == first_line + printed_count
         assert not board.link.is_drained or first_line + printed_count == len(PROGRAM)
     assert board.link.is_drained
     assert board.executed == [b"M110", *commands, *PROGRAM[first_line:]]
@@ -95,7 +95,7 @@ def test_line_in_flight_is_not_counted_as_printed():
     while board.last_number < 2:
         board.step()
     assert board.take().startswith(b"N3 ")
-    assert (board.link.streamed_lines, board.link.is_drained) == (2, False)
+    assert (board.link.streamed_line_count, board.link.is_drained) == (2, False)
 
 
 @given(
@@ -120,10 +120,10 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
         if bench.link.is_drained or bench.link.phase is Phase.DEAD:
             break
         bench.run(until_s=bench.now_s + 0.5)
-        line_counts.append(bench.link.streamed_lines)
+        line_counts.append(bench.link.streamed_line_count)
     if bench.link.phase is not Phase.DEAD:
         assert len(bench.firmware.executed_lines) == count + 1
-        assert bench.link.streamed_lines == count
+        assert bench.link.streamed_line_count == count
         if not change_share:
             assert [body for _, body in bench.firmware.executed_lines] == [b"M82", *program]
             assert line_counts == sorted(line_counts)

@@ -134,7 +134,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
         assert set(link_faults) <= NAMED_FAULTS
     else:
         assert len(numbers) >= count
-        assert link.streamed_lines == len(program)
+        assert link.streamed_line_count == len(program)
 
 
 def test_checksum_collision_is_counted():

@@ -37,7 +37,7 @@ def test_head_returns_before_the_filament_after_a_pause():
     rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.read_targets()[0] == 0.0)
-    x, y, z, _ = MotionState(rig.program, rig.session.context.acknowledged_lines).position_mm
+    x, y, z, _ = MotionState(rig.program, rig.session.context.acknowledged_line_count).position_mm
     rig.session.resume(rig.now_s)
     index = len(rig.sent_bytes)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
@@ -89,7 +89,7 @@ def test_head_leaves_a_part_above_the_finished_ones(is_cancelled: bool):
 
 def test_cancel_with_the_bed_at_its_lowest_does_not_lower_it_further():
     rig = Rig()
-    rig.run(until=lambda: rig.session.context.acknowledged_lines > rig.program.home_line + 1)
+    rig.run(until=lambda: rig.session.context.acknowledged_line_count > rig.program.home_line + 1)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert b"G1 F1200 Z0.000" in rig.sent_bytes
@@ -136,7 +136,7 @@ def test_pause_during_cooling_extrudes_no_cold_filament(step_count: int):
         )
     )
     assert (
-        rig.session.context.acknowledged_lines <= end_line
+        rig.session.context.acknowledged_line_count <= end_line
         or rig.session.context.phase is not PrintPhase.PAUSED
     )
     cold_s = rig.now_s + 900.0

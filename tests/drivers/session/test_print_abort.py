@@ -123,7 +123,7 @@ ENDINGS: list[Ending] = [
 def end_print(ending: Ending, lines: int, seconds: float, text: str) -> Rig:
     """Run a print, end it in some way after a number of lines and seconds, and run to its end."""
     rig = Rig(text=text)
-    rig.run(until=lambda: rig.session.context.acknowledged_lines >= lines)
+    rig.run(until=lambda: rig.session.context.acknowledged_line_count >= lines)
     end_s = rig.now_s + seconds
     rig.run(until=lambda: rig.now_s >= end_s)
     if not rig.session.context.has_ended:

@@ -46,11 +46,11 @@ def test_session_without_a_program_resets_the_board_and_names_the_dead_agent():
 def test_second_print_on_a_link_begins_with_new_counts():
     rig = Rig()
     rig.run()
-    assert rig.session.context.acknowledged_lines == rig.program.line_count
+    assert rig.session.context.acknowledged_line_count == rig.program.line_count
     second_session = Session(
         SessionContext(rig.link, rig.program, PLUS_PROFILE, Filament.PARKED, Pace(), rig.now_s)
     )
-    assert second_session.context.acknowledged_lines == 0
+    assert second_session.context.acknowledged_line_count == 0
 
 
 def test_dead_man_timer_depends_on_heat_and_pause_and_is_off_when_cold():

@@ -121,7 +121,7 @@ class Rig:
         return board.nozzle.target_c, board.bed.target_c
 
     def run_until_printing(self, lines: int = 100) -> "Rig":
-        return self.run(until=lambda: self.session.context.acknowledged_lines >= lines)
+        return self.run(until=lambda: self.session.context.acknowledged_line_count >= lines)
 
     def list_moves(self) -> list[bytes]:
         """List the sent moves of the file in the order of their line numbers."""
