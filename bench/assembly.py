@@ -99,8 +99,8 @@ def read_page(page: str) -> tuple[float, list[PageStep]]:
     steps = []
     for section in re.findall(r'<section class="step".*?</section>', page, re.S):
         bodies = re.search(r"Glue <strong>(.*?)</strong> onto <strong>(.*?)</strong>", section)
-        codes = re.findall(r'class="code"[^>]*>([^<]*)</span> on ([0-9A-Za-z]+)', section)
-        blank = ", ".join(re.findall(r"no code on ([0-9A-Za-z, ]+)<", section))
+        codes = re.findall(r'class="mark"[^>]*>([^<]*)</span> on ([0-9A-Za-z]+)', section)
+        blank = ", ".join(re.findall(r"no mark on ([0-9A-Za-z, ]+)<", section))
         dot_parts = [part for text, part in codes if "-" not in text]
         pins = re.findall(r">pin ([\d.]+) mm<", section)
         keys = re.findall(r">key ([\d.]+) × [\d.]+ mm<", section)

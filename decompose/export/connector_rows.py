@@ -6,10 +6,11 @@ from collections import Counter
 from typing import Any
 
 from decompose.connectors import Mark, Pin
-from decompose.export.pin_sheet import format_size
+from decompose.export.pin_sheet import format_pin_size
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition
 
+# Characters of a mark's text that are an arrow and a dot on the part.
 SIGN_TABLE = str.maketrans({"^": " ↑", ".": "●"})
 
 
@@ -63,7 +64,7 @@ def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
         As in `list_mark_texts`.
     """
     return [
-        {"id": str(number), "kind": name_pin_kind(pin), "size": format_size(pin)}
+        {"id": str(number), "kind": name_pin_kind(pin), "size": format_pin_size(pin)}
         for number, pin in enumerate(decomposition.connectors.pins, 1)
         if pin.joint == joint
     ]
@@ -136,5 +137,5 @@ def list_unglued_mark_texts(decomposition: Decomposition) -> list[dict[str, Any]
 
 def _describe_sizes(pins: list[Pin], noun: str) -> str:
     """Describe the number of pins of each size, as part of a sentence."""
-    sizes = Counter(format_size(pin) for pin in pins)
+    sizes = Counter(format_pin_size(pin) for pin in pins)
     return " and ".join(f"{count} {noun}{'s' * (count > 1)} of {size} mm" for size, count in sizes.items())

@@ -122,8 +122,8 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         seam_mm=f"{decomposition.sum_seams_mm():,.0f}",
         thin_rims=decomposition.describe_thin_rims(),
         sheet=make_pin_sheet(decomposition.connectors.pins),
-        marked=bool(decomposition.connectors.marks),
-        unglued_codes=list_unglued_mark_texts(decomposition),
+        has_marks=bool(decomposition.connectors.marks),
+        unglued_marks=list_unglued_mark_texts(decomposition),
         failures=decomposition.connectors.failures,
         faults=faults,
     )
@@ -194,7 +194,7 @@ def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]
         "name": "-".join(map(find_part_number, ids)),
         "area": f"{joint.area_mm2:,.0f}",
         "weak": "" if joint.holds(decomposition.options.min_glue_mm2) else "does not hold by itself",
-        "codes": list_mark_texts(decomposition, number),
+        "marks": list_mark_texts(decomposition, number),
         "unmarked_parts": list_unmarked_parts(decomposition, number),
         "pins": list_pins(decomposition, number),
     }

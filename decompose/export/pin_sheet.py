@@ -61,7 +61,7 @@ def format_length(length_mm: float) -> str:
     return f"{round(length_mm, 1):g}"
 
 
-def format_size(pin: Pin) -> str:
+def format_pin_size(pin: Pin) -> str:
     """Format the length of a pin, or the length and the diameter of a key."""
     length = format_length(pin.length_mm)
     return length if pin.key_direction is None else f"{length} × {pin.diameter_mm:g}"

@@ -15,7 +15,7 @@ from decompose.connectors import Pin
 from decompose.export.canvas import Canvas
 from decompose.export.glb import find_movements_mm
 from decompose.export.picture import AZIMUTH_DEG
-from decompose.export.pin_sheet import format_size
+from decompose.export.pin_sheet import format_pin_size
 from decompose.export.raster import draw_shapes, make_camera
 from decompose.export.step_scene import Scene, build_both_bodies, build_moved_body
 from decompose.files.names import find_part_number
@@ -276,7 +276,7 @@ def _write_pin_sizes(canvas: Canvas, scene: Scene, points_mm: Sequence[Floats]) 
         if not (drawing.front_shapes == number).any():
             continue
         x, y = drawing.find_pixels(point_mm[None])[0]
-        size = format_size(pin).replace("×", "x")  # the font has no multiplication sign
+        size = format_pin_size(pin).replace("×", "x")  # the font has no multiplication sign
         canvas.write_text(x + PIN_PT, y + PIN_PT / 2.0, size, PIN_PT, "ls", PIN_INK)
 
 

@@ -18,10 +18,12 @@ from decompose.pieces import JointFace, find_cut_faces, list_polygons
 from decompose.results import Decomposition
 
 GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
-INK_COLOUR = np.array([0.08, 0.08, 0.08])
+MARK_COLOUR = np.array([0.08, 0.08, 0.08])
 PIN_COLOUR = np.array([0.1, 0.35, 0.9])
 TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
-LIFT_HEIGHT_MM = 0.05  # height of a colour above its face; ink is three times as high
+LIFT_HEIGHT_MM = (
+    0.05  # height of a drawn face above that of the part; marks and holes are three times as high
+)
 MIN_STROKE_MM, MIN_STROKE_SHARE = 1.2, 0.005  # minimum width of a stroke: in mm, and as a share of the body
 TABLE_MARGIN_SHARE = 0.1  # margin of the table around the body, as a share of its size
 ROD_SIDES = 12  # number of a pin's side faces
@@ -138,7 +140,7 @@ def build_moved_body(step_index: int, decomposition: Decomposition) -> Scene:
     shapes = [
         *_paint_parts(step.moved_parts, decomposition, np.zeros(3)),
         *(Shape(fill_face(entry.face, entry.outward_normal), GLUE_COLOUR) for entry in glued_faces),
-        *(Shape(_fill_mouth(pin.holes[0]), INK_COLOUR) for pin in pins),
+        *(Shape(_fill_mouth(pin.holes[0]), MARK_COLOUR) for pin in pins),
         *_build_mark_shapes(step, step.moved_parts, decomposition),
     ]
     return Scene(step.moved_parts, glued_faces, pins, shapes)
@@ -182,11 +184,11 @@ def _paint_parts(parts: Sequence[int], decomposition: Decomposition, offset_mm: 
 
 
 def _build_mark_shapes(step: AssemblyStep, body: Sequence[int], decomposition: Decomposition) -> list[Shape]:
-    """Build the shapes of the marks on the glued faces of one body, as ink."""
+    """Build the shapes of the marks on the glued faces of one body."""
     bounds = np.array([decomposition.parts[part].solid.bounds_mm for part in body])
     extent_mm = float(np.linalg.norm(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)))
     return [
-        Shape(_make_ribbons(mark, max(MIN_STROKE_MM, MIN_STROKE_SHARE * extent_mm)), INK_COLOUR)
+        Shape(_make_ribbons(mark, max(MIN_STROKE_MM, MIN_STROKE_SHARE * extent_mm)), MARK_COLOUR)
         for mark in decomposition.connectors.marks
         if mark.part in body and mark.joint in step.joints
     ]

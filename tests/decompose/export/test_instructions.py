@@ -33,7 +33,7 @@ from decompose.export.step_picture import (
 )
 from decompose.export.step_scene import (
     GLUE_COLOUR,
-    INK_COLOUR,
+    MARK_COLOUR,
     PIN_COLOUR,
     build_both_bodies,
     build_moved_body,
@@ -62,7 +62,7 @@ def table() -> Decomposition:
 
 @pytest.fixture(scope="module")
 def drilled_table(table: Decomposition) -> Decomposition:
-    """Add pins and codes to the table."""
+    """Add pins and marks to the table."""
     options = replace(table.options, connectors=ConnectorOptions(2.85, marks=True))
     return connect_parts(replace(table, options=options))
 
@@ -128,7 +128,7 @@ def test_page_names_every_part_and_joint_once_and_loads_no_file(
     assert find_page_faults(page, drilled_table) == []
 
 
-def test_pins_and_codes_are_listed_in_their_steps(drilled_table: Decomposition, page: str) -> None:
+def test_pins_and_marks_are_listed_in_their_steps(drilled_table: Decomposition, page: str) -> None:
     sections = re.findall(r'<section class="step".*?</section>', page, re.S)
     for number, section in enumerate(sections):
         pins = [pin for pin in drilled_table.connectors.pins if pin.step == number]
@@ -146,7 +146,7 @@ def test_pins_and_codes_are_listed_in_their_steps(drilled_table: Decomposition, 
         assert cells in page
 
 
-def test_faces_without_a_code_are_named(
+def test_faces_without_a_mark_are_named(
     drilled_table: Decomposition, step_pictures: list[StepPictures]
 ) -> None:
     first_mark = drilled_table.connectors.marks[0]
@@ -157,8 +157,8 @@ def test_faces_without_a_code_are_named(
     )
     connectors = replace(drilled_table.connectors, marks=other_marks)
     text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))
-    assert f"no code on {first_mark.part + 1}<" in text
-    assert "no code on" not in render_instructions(drilled_table, Pictures(step_pictures))
+    assert f"no mark on {first_mark.part + 1}<" in text
+    assert "no mark on" not in render_instructions(drilled_table, Pictures(step_pictures))
 
 
 def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
@@ -176,7 +176,7 @@ def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
     )
 
 
-def test_every_picture_shows_glue_pins_and_codes(step_pictures: list[StepPictures]) -> None:
+def test_every_picture_shows_glue_pins_and_marks(step_pictures: list[StepPictures]) -> None:
     for step in step_pictures:
         both_picture, moved_picture = (
             Image.open(BytesIO(png)).convert("RGB") for png in (step.both_bodies, step.moved_body)
@@ -187,7 +187,7 @@ def test_every_picture_shows_glue_pins_and_codes(step_pictures: list[StepPicture
         assert count_colour(both_picture, PIN_COLOUR) > 50
 
 
-def test_chosen_view_shows_pins_and_codes(drilled_table: Decomposition) -> None:
+def test_chosen_view_shows_pins_and_marks(drilled_table: Decomposition) -> None:
     for number, step in enumerate(drilled_table.assembly.steps):
         pose = find_pose(step.direction)
         scene = build_both_bodies(number, drilled_table, 60.0 * step.direction)
@@ -197,7 +197,7 @@ def test_chosen_view_shows_pins_and_codes(drilled_table: Decomposition) -> None:
             (visible_numbers == 1 + scene.first_pin_shape + k).sum() for k in range(len(scene.pins))
         ]
         assert len(visible_counts) >= 2 and min(visible_counts) > 0
-        ink_numbers = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK_COLOUR).all()]
+        ink_numbers = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == MARK_COLOUR).all()]
         assert ink_numbers and np.isin(visible_numbers, ink_numbers).sum() > 20
 
 
