@@ -16,7 +16,7 @@ from decompose.engines.guillotine import (
     classify_printers,
     compute_makespan_curve,
     find_fewest_printers_in_time,
-    find_knee,
+    find_least_total_time,
     make_class_tables,
 )
 from decompose.errors import NoFit
@@ -28,8 +28,7 @@ from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
 MAX_SUMS = 1e8
-"""Maximum number of sums over all boxes for each time limit that is tried for the curve of unequal printers;
-this many take about a second."""
+"""Maximum number of sums in a solve for one time limit if printers are unequal: about a second of work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +55,7 @@ class CountGoal:
     def choose_point(self, points: Sequence[CurvePoint]) -> CurvePoint:
         """Choose the point of a curve that suits the goal."""
         if self.time_limit_s is None:
-            return find_knee(points, self.clearing_s, self.assembly_s)
+            return find_least_total_time(points, self.clearing_s, self.assembly_s)
         return find_fewest_printers_in_time(
             points, self.time_limit_s, self.assembly_s if self.includes_gluing else 0.0
         )

@@ -17,7 +17,7 @@ from decompose.bound import bound_shared_work_s, sum_least_work_s
 from decompose.engines import ENGINES, apply_paper_settings
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Interior, Options
-from decompose.print_time import POSE_ROTATIONS, CostModel, find_best_pose, measure_pose
+from decompose.print_time import CostModel, find_best_pose, measure_pose
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, finish_result
@@ -69,15 +69,13 @@ def decompose_model(
     # The model is usually cut along its own axes. The least work for cuts along them is summed here, before
     # the search needs all processors.
     get_least_work_s = problem.start_work(partial(_sum_least_work_s, problem, vertices[faces]))
-    run_with_serial = partial(run_engine, get_serial_s=get_serial_s)
+    engine_runner = partial(run_engine, get_serial_s=get_serial_s)
     result = (
-        find_best_result(problem, run_with_serial)
-        if options.engine is Engine.BEST
-        else run_with_serial(problem)
+        find_best_result(problem, engine_runner) if options.engine is Engine.BEST else engine_runner(problem)
     )
     result = _add_bound(problem, result, get_least_work_s)
-    stages = result.compute_s | {"serial": serial_wall_s, "total": perf_counter() - start_s}
-    return replace(result, compute_s=stages)
+    compute_s = result.compute_s | {"serial": serial_wall_s, "total": perf_counter() - start_s}
+    return replace(result, compute_s=compute_s)
 
 
 def run_engine(problem: Problem, get_serial_s: Callable[[], tuple[float, float]]) -> Decomposition:
@@ -152,7 +150,7 @@ def simplify_solid_for_pricing(solid: Solid) -> Solid:
 def estimate_serial_s(
     vertices: Floats, faces: Ints, cost: CostModel, fit_first_layer: bool
 ) -> tuple[float, float]:
-    """Price a whole model on a printer without limits.
+    """Price a whole model on an imaginary printer that is large enough.
 
     Parameters
     ----------
@@ -170,7 +168,7 @@ def estimate_serial_s(
     """
     is_cut = np.zeros(len(faces), dtype=np.bool_)
     best_pose = find_best_pose(vertices, faces, is_cut, (), cost, fit_first_layer)
-    file_pose = measure_pose(vertices, faces, is_cut, POSE_ROTATIONS[4], cost, fit_first_layer)
+    file_pose = measure_pose(vertices, faces, is_cut, np.eye(3), cost, fit_first_layer)
     assert best_pose is not None  # no model is too large for a printer without limits
     return best_pose.price_s, file_pose.price_s
 
@@ -183,7 +181,7 @@ class _StageTimes:
         self._stage_times_s: dict[str, float] = {}
 
     def record_stage(self, stage: str) -> None:
-        """Record the time since the end of the last stage."""
+        """Record a stage that has just ended, with the time since the end of the one before."""
         now_s = perf_counter()
         self._stage_times_s[stage] = now_s - self._stage_start_s
         self._stage_start_s = now_s

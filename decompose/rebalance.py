@@ -50,7 +50,7 @@ def rebalance_planes(
     cost
         Cost model of that decomposition.
     executor
-        Threads or processes for work that may run in parallel; None to run it sequentially.
+        Threads for work that may run in parallel; None to run it serially.
     best_ratio
         Ratio of the least sliced makespan of any decomposition so far to that of the previous one. It is a
         ratio, because a caller may include times that are not here, such as the heat-up.

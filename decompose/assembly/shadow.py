@@ -37,7 +37,7 @@ class Shadow:
     high_mm: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
-        """Check whether this part blocks the movement of another one along the axis, and against it."""
+        """Check whether this part blocks another one that moves forwards, and backwards, along the axis."""
         start = np.maximum(self.first_lines, other.first_lines)
         end = np.minimum(
             np.add(self.first_lines, self.low_mm.shape), np.add(other.first_lines, other.low_mm.shape)
@@ -48,9 +48,9 @@ class Shadow:
             tuple(slice(a - f, b - f) for a, b, f in zip(start, end, shadow.first_lines, strict=True))
             for shadow in (self, other)
         )
-        blocks_along = other.low_mm[other_lines] < self.high_mm[own_lines] - MAX_TOUCH_OVERLAP_MM
-        blocks_against = other.high_mm[other_lines] > self.low_mm[own_lines] + MAX_TOUCH_OVERLAP_MM
-        return bool(blocks_along.any()), bool(blocks_against.any())
+        blocks_forwards = other.low_mm[other_lines] < self.high_mm[own_lines] - MAX_TOUCH_OVERLAP_MM
+        blocks_backwards = other.high_mm[other_lines] > self.low_mm[own_lines] + MAX_TOUCH_OVERLAP_MM
+        return bool(blocks_forwards.any()), bool(blocks_backwards.any())
 
 
 def cast_shadow(solid: Solid, frame: Floats) -> Shadow:

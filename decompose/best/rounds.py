@@ -105,13 +105,13 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     state
         Attempts and best result so far.
     """
-    budget_s, usual_grid = problem.options.best.budget_s, problem.options.granularity
-    first_grid = choose_first_grid(problem)
+    budget_s, usual_granularity = problem.options.best.budget_s, problem.options.granularity
+    first_granularity = choose_first_granularity(problem)
     if not state.attempts:
-        return (Trial(Engine.GUILLOTINE, first_grid, budget_s=budget_s),)
-    if not state.has_sound_result and first_grid != usual_grid and len(state.attempts) == 1:
-        return (Trial(Engine.GUILLOTINE, usual_grid, budget_s=budget_s),)
-    trials = next(iter(_list_stages(problem, state)), ())
+        return (Trial(Engine.GUILLOTINE, first_granularity, budget_s=budget_s),)
+    if not state.has_sound_result and first_granularity != usual_granularity and len(state.attempts) == 1:
+        return (Trial(Engine.GUILLOTINE, usual_granularity, budget_s=budget_s),)
+    trials = next(iter(_list_open_rounds(problem, state)), ())
     remaining_s, first_s = compute_remaining_s(problem, state), state.attempts[0].effort_s
     is_budget_too_small = state.best_result is not None and remaining_s < MIN_START_SHARE * first_s
     if not trials or remaining_s <= 0.0 or is_budget_too_small:
@@ -132,8 +132,8 @@ def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT
     """
     return [
         Attempt(trial.engine, trial.granularity, trial.yaw_deg, finished=False, reason=reason)
-        for stage in _list_stages(problem, state)
-        for trial in stage
+        for trials in _list_open_rounds(problem, state)
+        for trial in trials
     ]
 
 
@@ -151,62 +151,67 @@ def compute_remaining_s(problem: Problem, state: SearchState) -> float:
 
 def _has_restarted_on_usual_grid(problem: Problem, state: SearchState) -> bool:
     """Check whether the usual grid was tried after a coarser one, with the whole budget again."""
-    usual_grid = problem.options.granularity
-    grids = [attempt.granularity for attempt in state.attempts[:2] if not attempt.yaw_deg]
+    usual_granularity = problem.options.granularity
+    granularities = [attempt.granularity for attempt in state.attempts[:2] if not attempt.yaw_deg]
     return (
-        len(grids) == 2
-        and grids[0] != usual_grid == grids[1]
+        len(granularities) == 2
+        and granularities[0] != usual_granularity == granularities[1]
         and state.attempts[1].engine is Engine.GUILLOTINE
     )
 
 
-def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]]:
-    """List the attempts that may follow the first grid and have not been made yet, by stage."""
-    usual_grid = problem.options.granularity
-    stages: list[tuple[Trial, ...]] = []
+def _list_open_rounds(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]]:
+    """List the rounds that may follow the first grid if the budget is large enough, without made attempts."""
+    usual_granularity = problem.options.granularity
+    rounds: list[tuple[Trial, ...]] = []
     if not state.has_sound_result:
-        stages.append((Trial(Engine.PARALLELOBOX, usual_grid),))
-    if usual_grid == "auto" and len(problem.printers) > 1:
-        grid = usual_grid if _has_restarted_on_usual_grid(problem, state) else state.attempts[0].granularity
+        rounds.append((Trial(Engine.PARALLELOBOX, usual_granularity),))
+    if usual_granularity == "auto" and len(problem.printers) > 1:
+        granularity = (
+            usual_granularity
+            if _has_restarted_on_usual_grid(problem, state)
+            else state.attempts[0].granularity
+        )
         is_rotated = any(attempt.yaw_deg for attempt in state.attempts)
         if not is_rotated:
-            stages.append(_list_other_grids(problem, state, grid))
-        stages.append(tuple(Trial(Engine.GUILLOTINE, grid, yaw_deg) for yaw_deg in OTHER_YAWS_DEG))
+            rounds.append(_list_other_grids(problem, state, granularity))
+        rounds.append(tuple(Trial(Engine.GUILLOTINE, granularity, yaw_deg) for yaw_deg in OTHER_YAWS_DEG))
         if state.yaw_deg:
-            stages.append(_list_other_grids(problem, state, grid))
-    begun_attempts = {(attempt.engine, attempt.granularity, attempt.yaw_deg) for attempt in state.attempts}
-    open_stages = [
+            rounds.append(_list_other_grids(problem, state, granularity))
+    made_attempts = {(attempt.engine, attempt.granularity, attempt.yaw_deg) for attempt in state.attempts}
+    open_rounds = [
         tuple(
-            trial for trial in stage if (trial.engine, trial.granularity, trial.yaw_deg) not in begun_attempts
+            trial for trial in trials if (trial.engine, trial.granularity, trial.yaw_deg) not in made_attempts
         )
-        for stage in stages
+        for trials in rounds
     ]
-    return [stage for stage in open_stages if stage]
+    return [trials for trials in open_rounds if trials]
 
 
-def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> tuple[Trial, ...]:
+def _list_other_grids(problem: Problem, state: SearchState, granularity: str | int) -> tuple[Trial, ...]:
     """List attempts on similar grids at the best angle, each shape once; none if the possible gain is low."""
     if state.best_result is not None and state.best_result.compute_possible_gain(problem.printers) < MIN_GAIN:
         return ()
     rotated_problem = rotate_about_z(problem, state.yaw_deg)
-    rotated_problem = replace(rotated_problem, options=replace(problem.options, granularity=grid))
+    rotated_problem = replace(rotated_problem, options=replace(problem.options, granularity=granularity))
     extents_mm = rotated_problem.model.extents_mm
     first_granularity = rotated_problem.choose_granularity(rotated_problem.model)
     shapes = {choose_cell_counts(extents_mm, first_granularity)}
     trials = []
     for ratio in OTHER_GRID_RATIOS:
-        granularity = min(MAX_GRANULARITY, round(ratio * first_granularity))
-        shape = choose_cell_counts(extents_mm, granularity)
+        other_granularity = min(MAX_GRANULARITY, round(ratio * first_granularity))
+        shape = choose_cell_counts(extents_mm, other_granularity)
         if shape not in shapes:
             shapes.add(shape)
-            trials.append(Trial(Engine.GUILLOTINE, granularity, state.yaw_deg))
+            trials.append(Trial(Engine.GUILLOTINE, other_granularity, state.yaw_deg))
     return tuple(trials)
 
 
-def choose_first_grid(problem: Problem) -> str | int:
-    """Choose the first granularity: the requested one, or one coarser than ``auto`` for a small budget.
+def choose_first_granularity(problem: Problem) -> str | int:
+    """Choose the granularity of the first grid: the requested one, or a coarser one than ``auto``.
 
-    The grid stays fine enough for parts that are as large as the printers' build volumes.
+    It is coarser if the budget is small, but stays fine enough for parts that are as large as the printers'
+    build volumes.
     """
     options, extents_mm = problem.options, problem.model.extents_mm
     if options.granularity != "auto":

@@ -183,16 +183,16 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
     """
     sum_in_boxes(iterate.weights, p.corners, work.sums, work.box_sums)
     sum_over_cells(iterate.shares, p.corners, work.differences, work.cell_sums)
-    heaviest_box, least_covered_cell = 1e-12, np.inf
+    max_weight, min_share = 1e-12, np.inf
     for k in range(len(p.piece_counts)):
-        heaviest_box = max(heaviest_box, work.box_sums[k] / p.piece_counts[k])
+        max_weight = max(max_weight, work.box_sums[k] / p.piece_counts[k])
     nx, ny, nz = p.is_needed.shape
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
                 if p.is_needed[x, y, z]:
-                    least_covered_cell = min(least_covered_cell, work.cell_sums[x, y, z])
-    return heaviest_box, max(least_covered_cell, 1e-12)
+                    min_share = min(min_share, work.cell_sums[x, y, z])
+    return max_weight, max(min_share, 1e-12)
 
 
 @jit
@@ -218,15 +218,15 @@ def _find_best_iterate(p: _Programme, work: _Workspace, printer_count: int, iter
         mean = _take_steps_with_active_boxes(p, work, balance, iterate)
         smallest_gap, restart = np.inf, mean
         for candidate in (_Iterate(iterate.shares.copy(), iterate.weights.copy()), mean):
-            heaviest_box, least_covered_cell = _find_feasibility_divisors(p, work, candidate)
+            max_weight, min_share = _find_feasibility_divisors(p, work, candidate)
             low, high = (
-                candidate.weights.sum() / heaviest_box,
-                (candidate.shares * p.piece_counts).sum() / least_covered_cell,
+                candidate.weights.sum() / max_weight,
+                (candidate.shares * p.piece_counts).sum() / min_share,
             )
             if low > lower:
-                lower, best_weights = low, candidate.weights / heaviest_box
+                lower, best_weights = low, candidate.weights / max_weight
             if high < upper:
-                upper, best_shares = high, candidate.shares / least_covered_cell
+                upper, best_shares = high, candidate.shares / min_share
             if high - low < smallest_gap:
                 smallest_gap, restart = high - low, candidate
         if (

@@ -118,12 +118,16 @@ def _add_animation(
         part_offsets = offsets[:, part_index]
         if not part_offsets.any():
             continue
-        keys = np.append(
+        keyframes = np.append(
             np.stack([part_offsets[:-1], part_offsets[1:]], axis=1).reshape(-1, 3), part_offsets[-1:], axis=0
         )
         channels.append({"sampler": len(samplers), "target": {"node": nodes[name], "path": "translation"}})
         samplers.append(
-            {"input": times_accessor, "output": _add_accessor(tree, buffers, keys), "interpolation": "LINEAR"}
+            {
+                "input": times_accessor,
+                "output": _add_accessor(tree, buffers, keyframes),
+                "interpolation": "LINEAR",
+            }
         )
     tree["animations"] = [{"name": "assembly", "samplers": samplers, "channels": channels}]
 

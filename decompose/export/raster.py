@@ -98,7 +98,7 @@ def _project_triangles(triangles: Floats, frame: Floats, projected_triangles: Fl
 
 
 @jit
-def _colour_pixels(front_triangles: Ints, depth: Floats, colours: Floats, step_px: float) -> Pixels:
+def _colour_pixels(front_triangles: Ints, depth: Floats, colours: Floats, jump_px: float) -> Pixels:
     """Colour the triangles in front, darker next to jumps of depth.
 
     Parameters
@@ -108,7 +108,7 @@ def _colour_pixels(front_triangles: Ints, depth: Floats, colours: Floats, step_p
         -inf where nothing is drawn.
     colours
         (m, 3) float64 colours of the triangles from 0 to 1.
-    step_px
+    jump_px
         Minimum jump of depth in pixels at an outline.
 
     Returns
@@ -122,7 +122,7 @@ def _colour_pixels(front_triangles: Ints, depth: Floats, colours: Floats, step_p
         for x in range(width):
             if front_triangles[y, x] >= 0:
                 lowest = min(lowest, depth[y, x])
-    background = lowest - 2.0 * step_px
+    background = lowest - 2.0 * jump_px
     picture = np.full((height, width, 3), 255, np.uint8)
     for y in range(height):
         for x in range(width):
@@ -140,7 +140,7 @@ def _colour_pixels(front_triangles: Ints, depth: Floats, colours: Floats, step_p
                     max(depth[y, x - 1], background) + max(depth[y, x + 1], background) - doubled_depth
                 )
             brightness = (
-                OUTLINE_BRIGHTNESS if abs(vertical_jump) > step_px or abs(horizontal_jump) > step_px else 1.0
+                OUTLINE_BRIGHTNESS if abs(vertical_jump) > jump_px or abs(horizontal_jump) > jump_px else 1.0
             )
             for channel in range(3):
                 picture[y, x, channel] = np.uint8(255.0 * brightness * colours[t, channel] + 0.5)
@@ -245,9 +245,9 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, long_side_px: int, overs
     depth = np.full((size_px[1], size_px[0]), -np.inf)
     front_triangles = np.full((size_px[1], size_px[0]), -1)
     _rasterise_triangles((triangles - low + margin_mm) * scale, depth, front_triangles)
-    outline_step_px = OUTLINE_DEPTH_SHARE * float(high[2] - low[2]) * scale
+    outline_jump_px = OUTLINE_DEPTH_SHARE * float(high[2] - low[2]) * scale
     return Drawing(
-        pixels=_colour_pixels(front_triangles, depth, colours, outline_step_px),
+        pixels=_colour_pixels(front_triangles, depth, colours, outline_jump_px),
         front_shapes=owners[front_triangles[::oversampling, ::oversampling] + 1],
         frame=frame,
         origin_mm=low[:2] - margin_mm,

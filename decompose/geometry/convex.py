@@ -14,7 +14,7 @@ MIN_INSIDE_MM2 = 1e-6  # minimum value of the cross product at which a point cou
 
 @jit
 def find_convex_outline(points: Floats) -> Floats:
-    """Find the corners of the convex outline around points, anticlockwise.
+    """Find the corners of the convex outline around points, counterclockwise.
 
     Source: A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
 
@@ -101,7 +101,7 @@ def find_half_planes(outline: Floats) -> Floats:
     Parameters
     ----------
     outline
-        (k, 2) float64 in mm, anticlockwise, from `find_convex_outline`.
+        (k, 2) float64 in mm, counterclockwise, from `find_convex_outline`.
 
     Returns
     -------

@@ -197,7 +197,7 @@ def _describe_repair(
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     new_share = _check_repair(name, mesh, solid, "not closed" if is_open else unpaired_defect)
     return (
-        f"{'Closed an open' if is_open else 'Repaired an entangled'} mesh ({single_edge_count} open edges, "
+        f"{'Closed an open' if is_open else 'Repaired a non-manifold'} mesh ({single_edge_count} open edges, "
         f"{nonmanifold_edge_count} shared by more than two triangles): {100.0 * new_share:.2g} % of the "
         "surface is new."
     )

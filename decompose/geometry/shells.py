@@ -209,7 +209,7 @@ def _compute_area_vector(loop: Floats) -> Floats:
 
 
 def _find_frame(loop: Floats, normal: Floats) -> Floats:
-    """Find a frame (4, 3): two directions in the plane of a loop, its normal, and a point on it."""
+    """Find a frame (4, 3): two directions in the plane of a loop, its normal, and its centre."""
     centre = loop.mean(axis=0)
     area_mm2 = float(np.linalg.norm(normal))
     is_line = area_mm2 == 0.0

@@ -240,7 +240,7 @@ class Solid:
         return Solid(_check_status(manifold_below, "cutting a solid"))
 
     def cut_section(self, frame: Floats, offset_mm: float) -> list[Floats]:
-        """Cut at a plane, and return the outlines (n, 2) there: counter-clockwise, clockwise around holes.
+        """Cut at a plane, and return the outlines (n, 2) there: counterclockwise, clockwise around holes.
 
         Parameters
         ----------

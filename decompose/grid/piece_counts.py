@@ -31,16 +31,16 @@ class CellBodies(NamedTuple):
     first_body
         (cells + 1,) int64 number of the first body of each cell; the bodies of a cell have consecutive
         numbers.
-    first_link
+    first_contact
         (3, cells + 1) int64 index of the first contact across the near side of each cell, for each axis.
-    links
+    contacts
         (3, m, 2) int64 bodies of each contact: that of the cell, and that of the cell before it along the
         axis.
     """
 
     first_body: Ints
-    first_link: Ints
-    links: Ints
+    first_contact: Ints
+    contacts: Ints
 
 
 NO_BODIES = CellBodies(np.zeros(0, np.int64), np.zeros((3, 0), np.int64), np.zeros((3, 0, 2), np.int64))
@@ -80,21 +80,21 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], divisions: 
     body_of_fine_cell[full_cells] = body
     counts = np.bincount(cell[full_cells][first_fine], minlength=nx * ny * nz)
     cells = np.arange(nx * ny * nz + 1)
-    links, first_link = [], []
+    contacts, first_contact = [], []
     for body_pairs in pairs:
         outer_pairs = body_pairs[
             (cell[body_pairs[:, 0]] != cell[body_pairs[:, 1]])
             & (body_of_fine_cell[body_pairs] >= 0).all(axis=1)
         ]
-        # The links are sorted by their first body, and thus by its cell.
-        body_links = np.unique(body_of_fine_cell[outer_pairs], axis=0)
-        links.append(body_links)
-        first_link.append(np.searchsorted(cell[full_cells][first_fine][body_links[:, 0]], cells))
-    max_links = max(len(body_pairs) for body_pairs in links)
-    padded_links = np.array(
-        [np.pad(body_pairs, ((0, max_links - len(body_pairs)), (0, 0))) for body_pairs in links]
+        # The contacts are sorted by their first body, and thus by its cell.
+        body_contacts = np.unique(body_of_fine_cell[outer_pairs], axis=0)
+        contacts.append(body_contacts)
+        first_contact.append(np.searchsorted(cell[full_cells][first_fine][body_contacts[:, 0]], cells))
+    max_contact_count = max(len(body_pairs) for body_pairs in contacts)
+    padded_contacts = np.array(
+        [np.pad(body_pairs, ((0, max_contact_count - len(body_pairs)), (0, 0))) for body_pairs in contacts]
     )
-    return CellBodies(np.concatenate([[0], np.cumsum(counts)]), np.array(first_link), padded_links)
+    return CellBodies(np.concatenate([[0], np.cumsum(counts)]), np.array(first_contact), padded_contacts)
 
 
 class _Order(NamedTuple):
@@ -167,7 +167,7 @@ def _add_layer(
         (bodies,) int32 forest of all bodies, updated in place.
     """
     a0, a1, b0, b1 = ends
-    first_body, first_link, links = bodies
+    first_body, first_contact, contacts = bodies
     change = 0
     for a in range(a0, a1):
         for b in range(b0, b1):
@@ -183,8 +183,8 @@ def _add_layer(
                 if not is_inside:
                     continue
                 axis = order.axes[k]
-                for i in range(first_link[axis, cell], first_link[axis, cell + 1]):
-                    change -= join_sets(parent, links[axis, i, 0], links[axis, i, 1])
+                for i in range(first_contact[axis, cell], first_contact[axis, cell + 1]):
+                    change -= join_sets(parent, contacts[axis, i, 0], contacts[axis, i, 1])
     return change
 
 

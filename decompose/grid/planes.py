@@ -12,7 +12,7 @@ PLANE_CLEARANCE_MM = 2.0
 """Distance of planes from flat faces, if possible, so that cuts leave no slivers."""
 MIN_SLIVER_MM2 = 25.0  # minimum area of flat faces on one plane beside which a cut would leave a sliver
 SMALL_CLEARANCE_MM = 0.1  # distance from smaller flat faces, so that they are not taken for parts of cuts
-COORDINATE_DIGITS = 6  # decimal places in mm; flat faces that agree in them lie on one plane
+COORDINATE_DECIMALS = 6  # decimal places in mm; flat faces that agree in them lie on one plane
 
 
 class FlatFaces(NamedTuple):
@@ -69,7 +69,7 @@ def find_flat_faces(triangles: Floats, axis: int) -> FlatFaces:
     length = np.linalg.norm(cross, axis=1)
     is_flat = (np.abs(cross[:, axis]) > (1.0 - 1e-9) * length) & (length > 0.0)
     coordinates_mm, indices = np.unique(
-        np.round(triangles[is_flat, 0, axis], COORDINATE_DIGITS), return_inverse=True
+        np.round(triangles[is_flat, 0, axis], COORDINATE_DECIMALS), return_inverse=True
     )
     areas_mm2 = np.bincount(indices, weights=length[is_flat] / 2.0, minlength=len(coordinates_mm))
     return FlatFaces(

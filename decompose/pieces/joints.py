@@ -132,9 +132,9 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
         for plane, side in _find_cut_sides(piece.solid, piece.planes).items():
             sides[plane].append((number, side))
     joint_faces: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
-    for plane_key, faces in sides.items():
-        for i, (a, side) in enumerate(faces):
-            for b, other in faces[i + 1 :]:
+    for plane_key, plane_sides in sides.items():
+        for i, (a, side) in enumerate(plane_sides):
+            for b, other in plane_sides[i + 1 :]:
                 if a == b or not side.region.intersects(other.region):
                     continue
                 shared_region = side.region.intersection(other.region)

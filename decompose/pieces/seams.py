@@ -1,4 +1,4 @@
-"""Seams: the lines on the outer surface at which two parts meet, and the thin edges of parts along them."""
+"""Seams: the lines on the outer surface at which two parts meet, and the thin rims of parts along them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from decompose.geometry import Solid
 from decompose.pieces.joints import TWO_WALLS_MM, CutSolid, Joint, JointFace
 from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 
-THIN_REACH_MM = 3.0  # minimum depth of a thin edge, over which a rim is thinner than two walls
+MIN_THIN_WIDTH_MM = 3.0  # minimum width of a strip of a cut face behind which a part is too thin
 MIN_REPORTED_LENGTH_MM = 5.0  # minimum length of thin rims that is reported
 LINE_TOLERANCE_MM = 1e-3  # tolerance of lines, because rounding moves the corners of outlines
 
@@ -27,8 +27,8 @@ class Seam:
     length_mm
         Length on the model's own surface; the rim of a hollow does not count.
     thin_length_mm
-        Length on which one of the parts is thinner than two walls behind the joint, over more than
-        `THIN_REACH_MM`: such a rim breaks off, or is not printed.
+        Length along which one of the parts is thinner than two walls behind a strip of the joint that is
+        wider than `MIN_THIN_WIDTH_MM`: such a rim breaks off, or is not printed.
     """
 
     length_mm: float = 0.0
@@ -50,7 +50,7 @@ def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Seq
         return ""
     joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_length_mm)
     return (
-        f"the rim is thinner than two lines on {total_mm:.0f} mm of the seams, most between "
+        f"the rim is thinner than two walls on {total_mm:.0f} mm of the seams, most between "
         f"{names[joint.a]} and {names[joint.b]} ({seam.thin_length_mm:.0f} mm): it may break off"
     )
 
@@ -118,8 +118,8 @@ def _find_thin_region(solid: Solid, vertices: Floats, flat_faces: Ints, face: Jo
     frame = np.vstack([face.axes, face.normal])
     area_behind = solid.cut_section(frame, face.offset_mm - outward_sign * TWO_WALLS_MM)
     thin_region = cut_area.difference(_build_region(area_behind))
-    opened_area: shapely.Geometry = thin_region.buffer(-THIN_REACH_MM / 2.0).buffer(
-        THIN_REACH_MM / 2.0 * 1.01
+    opened_area: shapely.Geometry = thin_region.buffer(-MIN_THIN_WIDTH_MM / 2.0).buffer(
+        MIN_THIN_WIDTH_MM / 2.0 * 1.01
     )
     return opened_area
 

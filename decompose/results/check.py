@@ -19,13 +19,13 @@ from decompose.printers import TargetPrinter
 from decompose.results.decomposition import Part
 from decompose.results.records import Coverage
 
-MAX_SURFACE_ERROR_SHARE = 1e-6
-MAX_OVERLAP_MM3 = 1e-3
-MIN_HOLLOW_SHARE = (
-    1e-12  # minimum volume of a hollow, as a share of the model; a smaller one is a rounding error
-)
-MAX_STL_ERROR_SHARE = 1e-5
-FIT_TOLERANCE_MM = 1e-6
+# Maximum error of the area of the surface, and of the missing volume, as a share of those of the model.
+MAX_ERROR_SHARE = 1e-6
+MAX_OVERLAP_MM3 = 1e-3  # maximum volume that two parts share, due to rounding
+# Minimum volume of a hollow, as a share of the model; a smaller one is a rounding error.
+MIN_HOLLOW_SHARE = 1e-12
+MAX_STL_ERROR_SHARE = 1e-5  # maximum error of the volume of an STL file, due to single precision
+FIT_TOLERANCE_MM = 1e-6  # length by which a part may exceed its build volume, and a wall be too thin
 BOX_OVERLAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
 
 
@@ -137,7 +137,7 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
         covered_mm2 += float(areas_mm2[~find_cut_faces(vertices, faces, part.planes)].sum())
     model_mm2 = model.solid.area_mm2
     surface_error = abs(covered_mm2 - model_mm2) / model_mm2
-    if surface_error > MAX_SURFACE_ERROR_SHARE:
+    if surface_error > MAX_ERROR_SHARE:
         raise GeometryError(
             Rule.SURFACE,
             None,
@@ -163,7 +163,7 @@ def check_missing_volume(parts: Sequence[Part], boxes_mm: Floats, model: Model, 
             Solid.union([Solid.box(lo_mm - BOX_OVERLAP_MM, hi_mm + BOX_OVERLAP_MM) for lo_mm, hi_mm in boxes])
         )
     hollow_mm3 = 0.0 if hollow is None else hollow.volume_mm3
-    if abs(missing_mm3 - hollow_mm3) > MAX_SURFACE_ERROR_SHARE * model_mm3:
+    if abs(missing_mm3 - hollow_mm3) > MAX_ERROR_SHARE * model_mm3:
         raise GeometryError(
             Rule.INTERIOR,
             None,

@@ -315,7 +315,7 @@ class Decomposition:
         }
 
     def describe_thin_rims(self) -> str:
-        """Describe rims that are thinner than two lines, in a sentence; empty if there are none."""
+        """Describe rims that are thinner than two walls, in a sentence; empty if there are none."""
         return describe_thin_rims([part.id for part in self.parts], self.joints, self.seams)
 
     def describe_small_feet(self) -> str:

@@ -26,7 +26,7 @@ from decompose.printers import TargetPrinter
 from decompose.problem import GridFigures, Partition, Problem
 from decompose.results.check import check_result
 from decompose.results.decomposition import Decomposition, Part
-from decompose.results.hidden_sides import mark_hidden_sides
+from decompose.results.hidden_sides import add_hidden_sides
 from decompose.results.records import Coverage, Cutting
 
 # Latest end of a part in a steadier pose, as a share of the makespan, because prices have errors.
@@ -93,7 +93,7 @@ def _build_decomposition(
     bound_s = compute_surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid_figures or GridFigures(makespan_s, problem.min_time_factor * bound_s, None)
     if problem.cost.hidden_side_share > 0.0:
-        parts = mark_hidden_sides(parts, partition.model.solid)
+        parts = add_hidden_sides(parts, partition.model.solid)
     restored_parts = tuple(_restore_frame(part, rotation) for part in parts)
     joints = tuple(joint.move(_invert_rotation(rotation)) for joint in cut_joints)
     return Decomposition(
@@ -161,12 +161,12 @@ def _find_steady_poses(
     round_counts = Counter(printer.name for printer in problem.printers)
 
     def find_pose(piece: Piece, fastest_pose: Pose, printer: TargetPrinter, ratio: float) -> Pose:
-        spare_s = MAX_END_SHARE * makespan_s / ratio if round_counts[printer.name] == 1 else 0.0
+        spare_limit_s = MAX_END_SHARE * makespan_s / ratio if round_counts[printer.name] == 1 else 0.0
         vertices, faces = piece.solid.arrays()
         mesh = PartMesh(vertices, faces, find_cut_faces(vertices, faces, piece.planes))
         printers = (*problem.list_piece_printers(piece), printer)
         return find_steady_pose(
-            mesh, printers, problem.cost, fastest_pose, compute_steady_limit_s(fastest_pose, spare_s)
+            mesh, printers, problem.cost, fastest_pose, compute_steady_limit_s(fastest_pose, spare_limit_s)
         )
 
     return list(problem.map(find_pose, pieces, poses, assigned_printers, ratios))

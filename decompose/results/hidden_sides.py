@@ -20,8 +20,8 @@ ADJACENCY_TOLERANCE_MM = 1e-3
 MIN_NORMAL_COS = 1.0 - 1e-6  # minimum cosine between the normals of a side and of a face with a groove
 
 
-def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
-    """Fill in `Part.hidden_sides`: cut faces that are upright while the part is printed.
+def add_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
+    """Add `Part.hidden_sides` to parts: cut faces that are upright while the part is printed.
 
     A cut in the plane of a visible face of the model counts as visible if that face is next to it.
 
@@ -38,11 +38,11 @@ def mark_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
         Parts with their hidden sides.
     """
     surface = _Surface(model)
-    marked_parts = []
+    new_parts = []
     for part in parts:
         sides = [side for plane in part.planes if (side := _find_side(part, plane, surface)) is not None]
-        marked_parts.append(replace(part, hidden_sides=np.array(sides).reshape(-1, 3)))
-    return marked_parts
+        new_parts.append(replace(part, hidden_sides=np.array(sides).reshape(-1, 3)))
+    return new_parts
 
 
 def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:

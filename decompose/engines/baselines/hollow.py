@@ -267,8 +267,8 @@ def _find_clear_position_mm(flat_faces: FlatFaces, at_mm: float, reach_mm: float
 def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
     """List cubes outwards from the middle of each face of a cube: the largest that fit, up to its size.
 
-    If the cells are not cubes, each side of a listed block has the same number of cells fewer than that of
-    the cube.
+    If a cell is not a cube, neither is a listed block: it has the same number of cells fewer than the given
+    cube along each axis.
 
     Parameters
     ----------

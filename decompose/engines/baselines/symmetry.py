@@ -168,8 +168,8 @@ class _PublishedMethod(_Method):
         halves = [
             self.price_part(piece) for piece in _cut_halves(part.piece, mirror.normal, mirror.offset_mm)
         ]
-        is_even = len(halves) == 2 and all(half.price >= MIN_HALF_SHARE * self.mean_mm3 for half in halves)
-        return halves if is_even else []
+        are_large = len(halves) == 2 and all(half.price >= MIN_HALF_SHARE * self.mean_mm3 for half in halves)
+        return halves if are_large else []
 
     def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
         """Cut the least symmetric parts in halves as long as printers remain."""

@@ -9,7 +9,7 @@ from decompose.engines.guillotine.curve import (
     CurvePoint,
     compute_makespan_curve,
     find_fewest_printers_in_time,
-    find_knee,
+    find_least_total_time,
 )
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_shift import shift_box_planes
@@ -24,7 +24,7 @@ __all__ = [
     "compute_makespan_curve",
     "cut_by_guillotine",
     "find_fewest_printers_in_time",
-    "find_knee",
+    "find_least_total_time",
     "make_class_tables",
     "shift_box_planes",
 ]

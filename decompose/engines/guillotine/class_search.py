@@ -1,7 +1,7 @@
 """Engine `guillotine`: for uniform printers, and for printers with unequal build volumes and speeds.
 
 First the model is cut as for equal printers: each part fits the build volume that all printers have in
-common, and the fastest printer prints the longest part. Then it is cut for classes of printers
+common, and the fastest printer prints the part that takes longest. Then it is cut for classes of printers
 (`printer_classes`), by an exact search over all guillotine partitions and all ways to distribute their parts.
 The better of the two partitions is the result, so classes that are too coarse do not make it worse.
 """
@@ -135,7 +135,7 @@ class _ClassSearch(ExactSearch):
                 break
             self.min_s = max(self.min_s, limit_s - tolerance_s)
             boxes = self.solver.list_chosen_boxes()
-            if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
+            if self._correct_piece_counts(boxes) or self._exclude_faulty_boxes(boxes):
                 continue
             round_count += 1
             candidate = self._assign_printers_by_tables(boxes)
@@ -160,7 +160,7 @@ class _ClassSearch(ExactSearch):
             self.min_s = max(self.min_s, min_s - tolerance_s)
         return min_s is not None
 
-    def _forbid_box(self, index: int) -> None:
+    def _exclude_box(self, index: int) -> None:
         """Exclude a box from the tables of all classes."""
         for table in self.class_tables:
             table.seconds[index] = math.inf

@@ -115,7 +115,7 @@ def compute_makespan_curve(
     return tuple(CurvePoint(n, s) for n, s in zip(counts, makespans_s, strict=True) if math.isfinite(s))
 
 
-def find_knee(
+def find_least_total_time(
     points: Sequence[CurvePoint], clearing_s: float = CLEARING_S, assembly_s: float = ASSEMBLY_S
 ) -> CurvePoint:
     """Find the point with the least time for printing plus a person's handling of every part.

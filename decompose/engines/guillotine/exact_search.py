@@ -96,9 +96,8 @@ class ExactSearch:
     def __init__(self, problem: Problem, grid: Grid, tables: BoxTables, bound_s: float) -> None:
         self.problem, self.grid, self.tables = problem, grid, tables
         self.min_s = bound_s
-        self.is_near_min = (
-            False  # whether the next minimum is probably near `min_s`, because prices only grow
-        )
+        # Whether the next minimum is probably near `min_s`, because prices only grow.
+        self.is_near_min = False
         self.solver = Partitioner(tables, executor=problem.executor)
         self.pieces_by_box: dict[Box, list[Piece]] = {}
         self.true_times_s: dict[Box, float] = {}
@@ -126,7 +125,7 @@ class ExactSearch:
             if makespan_s >= best_s:
                 break
             boxes = self.solver.list_chosen_boxes()
-            if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
+            if self._correct_piece_counts(boxes) or self._exclude_faulty_boxes(boxes):
                 self._drop_pieces(boxes)
                 continue
             round_count += 1
@@ -190,7 +189,7 @@ class ExactSearch:
             if part_count > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
             boxes = self.solver.list_chosen_boxes()
-            if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
+            if self._correct_piece_counts(boxes) or self._exclude_faulty_boxes(boxes):
                 continue
             longest_s = self._compute_true_makespan_s(boxes)
             best_boxes = boxes if math.isfinite(longest_s) else best_boxes
@@ -218,7 +217,7 @@ class ExactSearch:
             )
             if boxes == partition:
                 break
-            if self._correct_piece_counts(boxes) or self._forbid_faulty_boxes(boxes):
+            if self._correct_piece_counts(boxes) or self._exclude_faulty_boxes(boxes):
                 continue
             self._compute_true_makespan_s(boxes)
             if sort_times_s(self.tables, boxes) < sort_times_s(self.tables, partition):
@@ -252,17 +251,17 @@ class ExactSearch:
             self.tables.piece_counts[index] = count
         return has_more
 
-    def _forbid_faulty_boxes(self, boxes: list[Box]) -> bool:
+    def _exclude_faulty_boxes(self, boxes: list[Box]) -> bool:
         """Exclude boxes with a piece that cannot be glued well; return whether there was one."""
         owners = [box for box in boxes for _ in self.cut_box(box)]
         pieces = [piece for box in boxes for piece in self.cut_box(box)]
         faults = find_faults(pieces, self.problem.options.min_glue_mm2)
         for fault in faults:
-            self._forbid_box(index_box(owners[fault.piece_number], self.tables.shape))
+            self._exclude_box(index_box(owners[fault.piece_number], self.tables.shape))
         self.rejections += [faults[0].reason] if faults else []
         return bool(faults)
 
-    def _forbid_box(self, index: int) -> None:
+    def _exclude_box(self, index: int) -> None:
         """Exclude a box from the tables."""
         self.tables.seconds[index] = math.inf
 

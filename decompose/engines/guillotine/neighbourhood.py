@@ -28,7 +28,7 @@ from decompose.problem import Effort, Work
 MAX_WINDOWS = 200  # maximum number of windows solved in one search
 MAX_BOXES_IN_WINDOW = 5  # maximum number of boxes in a window
 MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box in its windows, the fastest first
-MAX_WINDOWS_PER_BOX = 24  # maximum number of windows around one box, those with the most slack first
+MAX_WINDOWS_PER_BOX = 24  # maximum number of windows around one box, those with the least mean time first
 MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables
 MAX_TIME_RATIO = 0.999  # a window's new time must be below this share of its old one
 TOLERANCE = 0.002  # accuracy of the minimum makespan, as a share of it
@@ -274,27 +274,27 @@ def improve_locally(
     effort = effort or Effort()
     parts = list(partition)
     failed_windows: set[frozenset[Box]] = set()
-    groups = _list_groups(tables, parts)
+    windows = _list_window_boxes(tables, parts)
     for _ in range(max_windows):
-        group = next((g for g in groups if g not in failed_windows), None)
-        if group is None or effort.is_spent():
+        window_boxes = next((boxes for boxes in windows if boxes not in failed_windows), None)
+        if window_boxes is None or effort.is_spent():
             break
         spare_printer_count = printer_count - _count_pieces(tables, parts)
-        other_boxes = [box for box in parts if box not in group]
-        times_s = [_look_up_seconds(tables, box) for box in group]
-        window = Window(tables, group, other_boxes)
+        other_boxes = [box for box in parts if box not in window_boxes]
+        times_s = [_look_up_seconds(tables, box) for box in window_boxes]
+        window = Window(tables, window_boxes, other_boxes)
         replacement = window.solve(
-            _count_pieces(tables, group) + spare_printer_count,
+            _count_pieces(tables, window_boxes) + spare_printer_count,
             MAX_TIME_RATIO * max(times_s),
             0.5 * float(np.mean(times_s)),
         )
         effort.record(Work.BOX_PRICED, window.box_count)
         effort.record(Work.SUM, window.sum_count)
         if replacement is None:
-            failed_windows.add(group)
+            failed_windows.add(window_boxes)
         else:
             parts = other_boxes + replacement
-            groups = _list_groups(tables, parts)
+            windows = _list_window_boxes(tables, parts)
     return parts
 
 
@@ -321,8 +321,8 @@ def _count_pieces(tables: BoxTables, partition: Iterator[Box] | Sequence[Box] | 
     return sum(int(tables.piece_counts[index_box(box, tables.shape)]) for box in partition)
 
 
-def _list_groups(tables: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Yield groups of boxes to cut again: by centre, the slowest first, then by slack, the most first."""
+def _list_window_boxes(tables: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
+    """Yield the boxes of each window: the slowest central box first, then the least mean time first."""
     ends = np.array(parts)
     seconds = np.array([_look_up_seconds(tables, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):
@@ -332,12 +332,12 @@ def _list_groups(tables: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]
             i for i in np.flatnonzero(gap <= 0).tolist() if i != centre and seconds[i] < seconds[centre]
         ]
         neighbours = sorted(neighbours, key=lambda i: seconds[i])[:MAX_NEIGHBOURS]
-        groups = []
+        windows = []
         for neighbour_count in range(MAX_BOXES_IN_WINDOW):
             for chosen_neighbours in combinations(neighbours, neighbour_count):
                 numbers = [int(centre), *chosen_neighbours]
                 sides = ends[numbers, 3:].max(axis=0) - ends[numbers, :3].min(axis=0)
                 if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:
-                    groups.append((float(seconds[numbers].mean()), sorted(parts[i] for i in numbers)))
-        for _, group in sorted(groups)[:MAX_WINDOWS_PER_BOX]:
-            yield frozenset(group)
+                    windows.append((float(seconds[numbers].mean()), sorted(parts[i] for i in numbers)))
+        for _, boxes in sorted(windows)[:MAX_WINDOWS_PER_BOX]:
+            yield frozenset(boxes)

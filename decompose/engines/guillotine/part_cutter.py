@@ -96,8 +96,11 @@ class PartCutter:
         for piece, old in zip(new_part.pieces, part.poses, strict=True):
             pose = self._measure_piece(piece, old)
             fits = all(printer.fits(*pose.size_mm) for printer in self._problem.list_piece_printers(piece))
-            is_dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
-            poses.append(pose if fits and not is_dirtier and pose.rank[:2] <= old.rank[:2] else None)
+            # Supports must not touch a cut face if they did not before, and the part must not be less stable.
+            *stability, touched_mm2, _ = pose.rank
+            *old_stability, old_touched_mm2, _ = old.rank
+            is_good = stability <= old_stability and (touched_mm2 == 0.0 or old_touched_mm2 > 0.0)
+            poses.append(pose if fits and is_good else None)
         return new_part, poses
 
     def _measure_piece(self, piece: Piece, pose: Pose) -> Pose:

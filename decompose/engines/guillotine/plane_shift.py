@@ -49,7 +49,7 @@ MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
 STEP_REDUCTION = 0.6  # ratio of the next step to a step without a gain
 MIN_GAIN = 0.0025  # minimum gain that a step has to promise, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one starts from its result
-PLANE_DIGITS = 6  # decimal places of a moved plane's coordinate in mm
+PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 MAX_JUMP = 0.005  # maximum error of a linear time, as a share of the makespan; more is a jump of the time
 MAX_REDUCTIONS = 12  # maximum number of times that the steps of one solution are reduced
@@ -227,7 +227,7 @@ class _PlaneShift:
         parts: Sequence[BoxPart],
         new_parts: Sequence[BoxPart],
         numbers: Sequence[int],
-        joint_share: float,
+        common_share: float,
     ) -> bool:
         """Limit faces whose moves make parts break, exceed a build volume, or take too long.
 
@@ -240,7 +240,7 @@ class _PlaneShift:
             Parts before and after the moves.
         numbers
             Numbers of the parts with too long a time.
-        joint_share
+        common_share
             Share of its move that each face of a part may make if none is the cause alone.
 
         Returns
@@ -254,7 +254,7 @@ class _PlaneShift:
             move_mm = new_parts[i].box_mm - parts[i].box_mm
             faces = [face for face in np.ndindex(2, 3) if move_mm[face] != 0.0]
             safe_shares = self._find_safe_shares(i, parts[i], faces, move_mm, max_s)
-            for face, share in (safe_shares or dict.fromkeys(faces, joint_share)).items():
+            for face, share in (safe_shares or dict.fromkeys(faces, common_share)).items():
                 limit_mm, is_up = parts[i].box_mm[face] + share * move_mm[face], move_mm[face] > 0.0
                 group_limits_mm = self.limits_mm[self.groups[(i, *face)]]
                 group_limits_mm[int(is_up)] = (min if is_up else max)(group_limits_mm[int(is_up)], limit_mm)
@@ -275,7 +275,7 @@ class _PlaneShift:
     def _find_slow_faces(
         self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float
     ) -> list[Face]:
-        """Find the faces that break a part, or make it take a maximum time, even if they move alone."""
+        """Find the faces that break a part, or make it take `max_s` or longer, even if they move alone."""
         self.cutter.record_effort([i] * len(faces))
         boxes_mm = [part.box_mm.copy() for _ in faces]
         for box_mm, face in zip(boxes_mm, faces, strict=True):
@@ -367,7 +367,7 @@ class _PlaneShift:
                 self.flat_faces[self.axes[group]], old_mm[group], new_mm[group]
             )
             if new_mm[group] != old_mm[group]:  # groups that move to one plane get the same coordinate
-                new_mm[group] = round(new_mm[group], PLANE_DIGITS)
+                new_mm[group] = round(new_mm[group], PLANE_DECIMALS)
         return np.where(self.groups >= 0, new_mm[self.groups], old_boxes_mm)
 
     def _list_printers(self, part: BoxPart) -> list[TargetPrinter]:

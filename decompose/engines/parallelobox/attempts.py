@@ -178,20 +178,20 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~source.is_barred)
     count = min(count, len(boundary))
     middles_mm = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]
-    centres_mm = np.stack([middles_mm[axis][boundary[:, axis]] for axis in range(3)], axis=1)
+    cell_centres_mm = np.stack([middles_mm[axis][boundary[:, axis]] for axis in range(3)], axis=1)
     if len(points) < count:
-        points = centres_mm
+        points = cell_centres_mm
     random_state = int(rng.integers(2**31))
-    means = _find_centres(points, count, random_state)
+    cluster_centres = _find_centres(points, count, random_state)
     is_available = np.ones(len(boundary), dtype=np.bool_)
     seeds: list[Box] = []
-    for centroid in means:
+    for centre in cluster_centres:
         x, y, z = (
-            int(np.clip(np.searchsorted(grid.planes[a], centroid[a]) - 1, 0, grid.shape[a] - 1))
+            int(np.clip(np.searchsorted(grid.planes[a], centre[a]) - 1, 0, grid.shape[a] - 1))
             for a in range(3)
         )
-        contains_centroid = is_available & (boundary == (x, y, z)).all(axis=1)
-        gaps_mm = np.where(contains_centroid, -1.0, np.linalg.norm(centres_mm - centroid, axis=1))
+        contains_centre = is_available & (boundary == (x, y, z)).all(axis=1)
+        gaps_mm = np.where(contains_centre, -1.0, np.linalg.norm(cell_centres_mm - centre, axis=1))
         nearest = int(np.where(is_available, gaps_mm, np.inf).argmin())
         is_available[nearest] = False
         x, y, z = boundary[nearest].tolist()

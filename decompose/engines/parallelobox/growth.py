@@ -76,7 +76,7 @@ def find_grown_index(
     for x in range(layer[0], layer[3]):
         for y in range(layer[1], layer[4]):
             for z in range(layer[2], layer[5]):
-                if owner[x, y, z] != -1:
+                if owner[x, y, z] != FREE_CELL:
                     return -1
                 gains_needed_cell = gains_needed_cell or is_needed[x, y, z]
     if not gains_needed_cell:
@@ -247,7 +247,7 @@ def _cover_voids(
     for z in range(nz):
         for y in range(ny):
             for x in range(nx):
-                if owner[x, y, z] != -1 or not is_needed[x, y, z]:
+                if owner[x, y, z] != FREE_CELL or not is_needed[x, y, z]:
                     continue
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
                 index = compute_index((x, y, z, x + 1, y + 1, z + 1), owner.shape)

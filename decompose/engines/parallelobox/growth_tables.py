@@ -32,7 +32,7 @@ class GrowthTables:
     printing_prices
         (boxes,) float32 P, the price of printing a box that ends at needed cells on all sides.
     overhang_prices
-        (boxes,) float32 O, the least overhang of a box in its six poses, in units of P.
+        (boxes,) float32 O, the least overhang of a box in its six poses, which the score adds to P.
     """
 
     is_needed: Bools

@@ -54,7 +54,8 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        No attempt covers the model, or, unless faithful, each of the best has a part that glues badly.
+        No attempt covers the model, or, unless faithful, each of the best has a part that cannot be glued
+        well.
     """
     spaces = _build_search_spaces(problem)
     candidates: list[_Candidate] = []

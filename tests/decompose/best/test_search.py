@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from decompose.best import choose_first_grid, find_best_result, rounds
+from decompose.best import choose_first_granularity, find_best_result, rounds
 from decompose.best.rounds import OTHER_GRID_RATIOS, OTHER_YAWS_DEG
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit, Rule
@@ -317,14 +317,16 @@ def test_small_budget_refuses_no_model_that_a_finer_grid_can_cut(
 
 def test_first_grid_is_coarser_for_a_small_budget(cost: CostModel) -> None:
     grids = [
-        choose_first_grid(make_problem(cost, best=BestOptions(budget_s))) for budget_s in (0.0, 2.0, 6.0)
+        choose_first_granularity(make_problem(cost, best=BestOptions(budget_s)))
+        for budget_s in (0.0, 2.0, 6.0)
     ]
     assert grids[0] == 15  # the same as for few printers
     assert [*grids] == sorted(grids)
     assert grids[1] < grids[2] < make_problem(cost).choose_granularity(BLOCK)
-    assert choose_first_grid(make_problem(cost)) == "auto"
-    assert choose_first_grid(make_problem(cost, granularity=30, best=BestOptions(0.0))) == 30
+    assert choose_first_granularity(make_problem(cost)) == "auto"
+    assert choose_first_granularity(make_problem(cost, granularity=30, best=BestOptions(0.0))) == 30
     small_printers = tuple(TargetPrinter(str(i), ((32.0, 32.0, 32.0),)) for i in range(20))
     assert (
-        choose_first_grid(replace(make_problem(cost, best=BestOptions(0.0)), printers=small_printers)) == 19
+        choose_first_granularity(replace(make_problem(cost, best=BestOptions(0.0)), printers=small_printers))
+        == 19
     )

@@ -16,7 +16,7 @@ from decompose.pieces import cut_box
 from decompose.print_time import POSE_ROTATIONS, CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 from decompose.results import Part
-from decompose.results.hidden_sides import list_hidden_grooves, mark_hidden_sides
+from decompose.results.hidden_sides import add_hidden_sides, list_hidden_grooves
 
 BAR = Solid.box((0.0, 0.0, 0.0), (60.0, 40.0, 20.0))
 LEFT_BOX, RIGHT_BOX = ((-1.0, -1.0, -1.0), (25.0, 41.0, 21.0)), ((25.0, -1.0, -1.0), (61.0, 41.0, 21.0))
@@ -36,7 +36,7 @@ def make_parts(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[Part]:
 def list_hidden_sides(solid: Solid, *boxes, rotation=POSE_ROTATIONS[4]) -> list[list[list[float]]]:
     """Cut a solid into boxes, and list the hidden sides of each part."""
     parts = make_parts(solid, *boxes, rotation=rotation)
-    return [part.hidden_sides.tolist() for part in mark_hidden_sides(parts, solid)]
+    return [part.hidden_sides.tolist() for part in add_hidden_sides(parts, solid)]
 
 
 def test_sides_of_a_cut_are_hidden_with_outward_normals():
@@ -56,7 +56,7 @@ def test_sides_follow_the_pose_and_horizontal_ones_do_not_count():
 def test_grooves_lie_along_their_side_in_printing_pose(angle_deg):
     """Cut a groove from y = 5 to y = 8 and 2 mm deep into the face at x = 25."""
     rotation = trimesh.transformations.rotation_matrix(np.radians(angle_deg), (0.0, 0.0, 1.0))[:3, :3]
-    left_part, right_part = mark_hidden_sides(
+    left_part, right_part = add_hidden_sides(
         make_parts(BAR, LEFT_BOX, RIGHT_BOX, rotation=rotation @ POSE_ROTATIONS[4]), BAR
     )
     points_mm = np.array([[x, y, z] for x in (23.0, 25.1) for y in (5.0, 8.0) for z in (0.0, 20.0)])

@@ -17,7 +17,7 @@ from decompose.engines.guillotine import (
     Partitioner,
     compute_makespan_curve,
     find_fewest_printers_in_time,
-    find_knee,
+    find_least_total_time,
 )
 from decompose.engines.guillotine.curve import TOLERANCE
 from decompose.engines.guillotine.partitioner import OtherClass
@@ -92,12 +92,12 @@ def test_curve_of_an_empty_model_is_empty() -> None:
     assert compute_makespan_curve([tables], make_equal_fleets(4)) == ()
 
 
-def test_knee_includes_the_work_of_a_person() -> None:
+def test_least_total_time_includes_the_work_of_a_person() -> None:
     points = [CurvePoint(n, 36000.0 / n) for n in range(1, 101)]
     # The square root of 36000 / 360.
-    assert find_knee(points, clearing_s=300.0, assembly_s=60.0).printers == 10
-    assert find_knee(points, clearing_s=0.0, assembly_s=0.0).printers == 100
-    assert find_knee([CurvePoint(3, 100.0), CurvePoint(4, 100.0)], 0.0, 0.0).printers == 3
+    assert find_least_total_time(points, clearing_s=300.0, assembly_s=60.0).printers == 10
+    assert find_least_total_time(points, clearing_s=0.0, assembly_s=0.0).printers == 100
+    assert find_least_total_time([CurvePoint(3, 100.0), CurvePoint(4, 100.0)], 0.0, 0.0).printers == 3
 
 
 def test_fewest_printers_in_time_or_else_the_fastest_are_chosen() -> None:

@@ -119,7 +119,7 @@ def test_corrected_piece_counts_need_few_solves(
     monkeypatch.setattr(
         ExactSearch, "_correct_piece_counts", lambda self, _: next(corrections, None) is not None
     )
-    monkeypatch.setattr(ExactSearch, "_forbid_faulty_boxes", lambda self, _: False)
+    monkeypatch.setattr(ExactSearch, "_exclude_faulty_boxes", lambda self, _: False)
     monkeypatch.setattr(ExactSearch, "_compute_true_makespan_s", lambda self, _: self.min_s)
     monkeypatch.setattr(ExactSearch, "_improve_partition", lambda self, _: [])
     problem = replace(problem, effort=Effort(budget_s))
@@ -146,7 +146,7 @@ def test_search_ends_when_its_share_of_the_budget_is_spent(
         return corrections > 1
 
     monkeypatch.setattr(ExactSearch, "_correct_piece_counts", correct_after_first_call)
-    monkeypatch.setattr(ExactSearch, "_forbid_faulty_boxes", lambda self, _: False)
+    monkeypatch.setattr(ExactSearch, "_exclude_faulty_boxes", lambda self, _: False)
     monkeypatch.setattr(ExactSearch, "_compute_true_makespan_s", lambda self, _: 1e9)
     monkeypatch.setattr(ExactSearch, "_improve_partition", lambda self, _: [])
     effort = Effort(0.1)
