@@ -100,7 +100,7 @@ class Report(_Record):
     seam_mm
         Length of all seams on the outer surface.
     thin_rims
-        Sentence about rims at seams that are thinner than two printed lines; empty if there are none.
+        Sentence about rims at seams that are thinner than two walls; empty if there are none.
     """
 
     joints: tuple[Joint, ...] = ()
