@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -75,6 +76,25 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     assert reports[:2] == ["timers", "hosts"]
     (event,) = [event for event in reports if isinstance(event, ev.ClockSet)]
     assert event.by_s == pytest.approx(6 * 3600.0, abs=60.0)
+
+
+def test_agents_are_watched_often(tmp_path, monkeypatch):
+    """Check agents every second or more often: heaters must be off within 5 s of an agent's death."""
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    timers = {}
+
+    def record_timer(interval_s, name, callback):
+        timers[name] = (interval_s, callback)
+
+    monkeypatch.setattr(daemon._timers, "call_every", record_timer)
+    monkeypatch.setattr(daemon._timers, "start", lambda: None)
+    daemon._start_timers(Mock(), Mock())
+    daemon._workers.close()
+    daemon._store.close()
+    interval_s, callback = timers["watch agents"]
+    assert interval_s <= 1.0 and callback == daemon._agents.watch
 
 
 @pytest.mark.parametrize(("now", "poll_count"), [(False, 3), (True, 0)])

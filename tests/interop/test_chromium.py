@@ -30,7 +30,10 @@ def test_user_logs_in_by_a_button_sees_the_farm_and_logs_out(tmp_path, host):
 
     async def browse():
         farm = NetworkFarm(tmp_path)
-        async with serve(farm) as port, Chromium(tmp_path / "profile", f"MAP {HOST} 127.0.0.1") as browser:
+        async with (
+            serve(farm) as (port, _),
+            Chromium(tmp_path / "profile", f"MAP {HOST} 127.0.0.1") as browser,
+        ):
             base = f"http://{host}:{port}"
             await browser.open(base)
             assert "farm web" in await browser.read_text()
@@ -59,7 +62,10 @@ def test_user_logs_in_by_a_button_sees_the_farm_and_logs_out(tmp_path, host):
 def test_form_of_another_site_changes_nothing(tmp_path):
     async def browse():
         farm = NetworkFarm(tmp_path)
-        async with serve(farm) as port, Chromium(tmp_path / "profile", "MAP *.example 127.0.0.1") as browser:
+        async with (
+            serve(farm) as (port, _),
+            Chromium(tmp_path / "profile", "MAP *.example 127.0.0.1") as browser,
+        ):
             base = f"http://{HOST}:{port}"
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
             await browser.press("button")

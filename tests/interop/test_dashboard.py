@@ -50,7 +50,7 @@ def run_in_browser(tmp_path, scenario):
         plan_job(farm, hold=True)
         make_bed_unknown(farm)
         browser = Chromium(tmp_path / "profile", f"MAP {HOST} 127.0.0.1")
-        async with serve(farm) as port, browser:
+        async with serve(farm) as (port, _), browser:
             base = f"http://127.0.0.1:{port}"
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
             await browser.press("button")

@@ -46,7 +46,10 @@ def run_in_browser(tmp_path, scenario, **job):
         farm = NetworkFarm(tmp_path)
         if job:
             plan_job(farm, **job)
-        async with serve(farm) as port, Chromium(tmp_path / "profile", f"MAP {HOST} 127.0.0.1") as browser:
+        async with (
+            serve(farm) as (port, _),
+            Chromium(tmp_path / "profile", f"MAP {HOST} 127.0.0.1") as browser,
+        ):
             base = f"http://127.0.0.1:{port}"
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
             await browser.press("button")

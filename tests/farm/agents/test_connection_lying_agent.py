@@ -17,21 +17,13 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.storage.store import Store
 from farm.views import describe_job, describe_night, describe_printer, list_history, list_tasks
+from hosts.manual_clock import ManualClock
 
 NOW_S = datetime(2026, 11, 1).timestamp()
+CLOCK = ManualClock(NOW_S)
 EXTREME_NUMBERS = [float("nan"), float("inf"), -1e300, 1e300, -1.0, 0.0, 1e-300, 1e12, NOW_S, NOW_S + 1e4]
 times_s = st.sampled_from([None, *EXTREME_NUMBERS])
 numbers = st.sampled_from(EXTREME_NUMBERS)
-
-
-class Clock:
-    scale, host_shift_s = 1.0, 0.0
-
-    def now(self):
-        return NOW_S
-
-    def to_wall_duration_s(self, span_s):
-        return span_s
 
 
 prints = st.fixed_dictionaries(
@@ -99,7 +91,7 @@ def render_views(controller, folder):
 
 def make_busy_farm(folder):
     """Make a farm with a job on two printers; `a` sends invalid reports."""
-    farm = Farm(folder, clock=Clock(), attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
+    farm = Farm(folder, clock=CLOCK, attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
     farm.store._db.execute("PRAGMA synchronous = OFF")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     farm.controller.handle(
@@ -120,7 +112,7 @@ def test_any_snapshot_can_be_recorded_shown_and_read(snapshot_values, tmp_path_f
     farm = make_busy_farm(folder)
     other_print = farm.controller.books.prints["theirs"]
     for snapshot in read_snapshots(snapshot_values):
-        farm.controller.on_snapshot(to_farm_snapshot(snapshot, Clock(), snapshot.printer, True, False))
+        farm.controller.on_snapshot(to_farm_snapshot(snapshot, CLOCK, snapshot.printer, True, False))
         render_views(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other_print
     with Store(folder / "farm.db") as store:
@@ -142,9 +134,9 @@ def test_any_journal_since_the_backup_can_be_recorded(last_record, reported_prin
                 {**last_record, "print": reported_print} for reported_print in reported_prints
             )
         ]
-        farm_prints = [to_farm_print(item, compute_clock_offset_s(snapshot, Clock())) for item in print_views]
+        farm_prints = [to_farm_print(item, compute_clock_offset_s(snapshot, CLOCK)) for item in print_views]
         farm.controller.on_journal(
-            to_farm_snapshot(snapshot, Clock(), snapshot.printer, True, False), farm_prints
+            to_farm_snapshot(snapshot, CLOCK, snapshot.printer, True, False), farm_prints
         )
         assert farm.controller.find_unreported_since_s("a") is None
         render_views(farm.controller, folder)

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import os
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import ClassVar
 
@@ -17,8 +17,9 @@ from drivers.remote import AgentClient
 from farm.agents.manager import AgentManager
 from farm.config import Fleet
 from farm.errors import NotFoundError, RefusedError
-from farm.model import AgentPrint, AgentSnapshot, Link
+from farm.model import Link
 from farm.paths import StateFolder
+from hosts.recording_listener import RecordingListener
 
 PRINTER_MODEL = "ultimaker2_plus"
 PORT = f"sim://{PRINTER_MODEL}"
@@ -72,24 +73,6 @@ class OldAgent:
         writer.close()
 
 
-class RecordingListener:
-    def __init__(self) -> None:
-        self.last_snapshot: AgentSnapshot | None = None
-        self.refusals: list[tuple[str, bool]] = []
-
-    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        self.last_snapshot = snapshot
-
-    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        self.refusals.append((print_id, is_late))
-
-    def find_unreported_since_s(self, printer: str) -> float | None:
-        return None
-
-    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        raise AssertionError(prints)
-
-
 def make_start_request(**fields: object) -> m.StartPrint:
     base_fields = {"print_id": "p", "gcode": "/x", "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
     return m.StartPrint.model_validate({"id": 0, **base_fields, **fields})
@@ -106,7 +89,7 @@ def run_with_agent(
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": PRINTER_MODEL, "port": PORT}]})
     agent_folder = state.find_agent_folder("a")
     agent_folder.mkdir(parents=True, exist_ok=True)
-    agent, listener = OldAgent(agent_folder, is_printing), RecordingListener()
+    agent, listener = OldAgent(agent_folder, is_printing), RecordingListener(allows_refusals=True)
 
     async def run() -> None:
         server = await asyncio.start_unix_server(agent.serve, agent_folder / "agent.sock")

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -26,10 +26,11 @@ from farm.agents import host_record, hosts
 from farm.agents.manager import AgentManager
 from farm.config import Fleet
 from farm.errors import FarmError
-from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
+from farm.model import Link, PrintState
 from farm.paths import StateFolder
 from farm.state import events as ev
 from hosts.host_pipe import HostPipe
+from hosts.recording_listener import RecordingListener
 
 PRINTER_MODEL = "ultimaker2_plus"
 SCALE = 240.0
@@ -37,46 +38,6 @@ DEADLINE_S = 120.0
 NAMES = ("a", "b")
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
 TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
-
-
-class RecordingListener:
-    """Listener that stores the last snapshot of each printer, and the events of hosts."""
-
-    def __init__(self) -> None:
-        self.last_snapshots: dict[str, AgentSnapshot] = {}
-        self.print_states: list[PrintState] = []  # of all snapshots of printer `a`
-        self.events: list[ev.AnyEvent] = []
-        self.warnings: dict[str, str | None] = {}
-
-    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        self.last_snapshots[snapshot.printer] = snapshot
-        if snapshot.printer == "a" and snapshot.print is not None:
-            self.print_states.append(snapshot.print.state)
-
-    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        raise AssertionError(reason)
-
-    def find_unreported_since_s(self, printer: str) -> float | None:
-        return None
-
-    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        raise AssertionError(prints)
-
-    def handle(self, *events: ev.AnyEvent) -> None:
-        self.events += events
-
-    def warn(self, topic: str, text: str | None) -> None:
-        self.warnings[topic] = text
-
-    def is_host_connected(self, host: str) -> bool:
-        """Check that a host has no event, or that its last event is a connection."""
-        kinds = [type(event) for event in self.events if getattr(event, "host", None) == host]
-        return kinds[-1:] in ([], [ev.HostConnected])
-
-    def list_links(self) -> set[Link]:
-        return {
-            self.last_snapshots[name].link if name in self.last_snapshots else Link.STARTING for name in NAMES
-        }
 
 
 @pytest.fixture
@@ -150,7 +111,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
 
     async def run_scenario() -> None:
         async with connect_agents(pipe, state, clock, listener) as manager:
-            await wait_for(lambda: listener.list_links() == {Link.READY})
+            await wait_for(lambda: listener.list_links(NAMES) == {Link.READY})
             assert len(pipe.pids) == 1  # one connection for both printers
             start_request = m.StartPrint(
                 id=0,
@@ -161,7 +122,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
                 filament=m.Filament.PARKED,
             )
             manager._connections["a"].send(start_request)
-            await wait_for(lambda: PrintState.PRINTING in listener.print_states)
+            await wait_for(lambda: PrintState.PRINTING in listener.print_states["a"])
             old_pids = {name: find_agent_pid(pipe.paths.find_agent_folder(name)) for name in NAMES}
             service = find_holder(pipe.paths.lock_file)
             assert service is not None
@@ -184,7 +145,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             await wait_for(
                 lambda: listener.last_snapshots["a"].print and listener.last_snapshots["a"].print.state.ended
             )
-            assert listener.print_states[-1] is PrintState.DONE, listener.last_snapshots["a"]
+            assert listener.print_states["a"][-1] is PrintState.DONE, listener.last_snapshots["a"]
             assert find_agent_pid(pipe.paths.find_agent_folder("a")) == old_pids["a"]
             await wait_for(lambda: listener.is_host_connected("pc-b"))
             assert [type(event) for event in listener.events] == [ev.HostLost, ev.HostConnected]
@@ -202,7 +163,7 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
 
     async def kill_agent_and_wait_for_restart() -> None:
         async with connect_agents(pipe, state, clock, listener):
-            await wait_for(lambda: listener.list_links() == {Link.READY})
+            await wait_for(lambda: listener.list_links(NAMES) == {Link.READY})
         killed_pid = find_agent_pid(folders["a"])
         assert killed_pid is not None
         os.kill(killed_pid, signal.SIGKILL)
@@ -226,7 +187,7 @@ def test_host_service_restarts_an_agent_without_the_daemon_and_passes_on_estop_a
     async def shut_down_and_wait() -> None:
         async with connect_agents(pipe, state, clock, listener) as manager:
             listener.last_snapshots.clear()
-            await wait_for(lambda: not listener.list_links() & {Link.STARTING, Link.CONNECTING})
+            await wait_for(lambda: not listener.list_links(NAMES) & {Link.STARTING, Link.CONNECTING})
             await manager.shut_down_agents()
             await wait_for(lambda: not any(map(is_alive, folders.values())))
 

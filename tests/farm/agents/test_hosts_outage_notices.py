@@ -24,22 +24,11 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.state import events as ev
 from farm.state.storage import Store
 from farm.views import list_due_notices
+from hosts.manual_clock import ManualClock
 
 HOSTS = ("pc-a", "pc-b", "pc-c")
 PRINTERS = {f"{host}-{number}": host for host in HOSTS for number in (1, 2)}
 ALL_DELAYS_S = 100.0  # longer than all delays of losses and of notices together
-
-
-class ManualClock:
-    """Clock that the test sets."""
-
-    scale, anchor_s, host_shift_s = 1.0, 0.0, 0.0
-
-    def __init__(self):
-        self.now_s = 1e6
-
-    def now(self):
-        return self.now_s
 
 
 class LostHosts(RuleBasedStateMachine):
@@ -48,7 +37,7 @@ class LostHosts(RuleBasedStateMachine):
     @initialize()
     def make_farm(self):
         self.folder = tempfile.TemporaryDirectory()
-        self.clock = ManualClock()
+        self.clock = ManualClock(1e6)
         fields = {"model": PLUS_MODEL, "port": f"sim://{PLUS_MODEL}", "host_command": "farm host"}
         rows = [{"name": name, "host": host, **fields} for name, host in PRINTERS.items()]
         self.fleet = Fleet.model_validate({"printers": rows})

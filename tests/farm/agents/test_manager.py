@@ -4,7 +4,7 @@ import asyncio
 import os
 import signal
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -20,30 +20,14 @@ from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
 from farm.agents.protocol_adapter import compute_clock_offset_s, to_agent_clock, to_farm_snapshot
 from farm.config import Fleet, PrinterSection
-from farm.model import AgentPrint, AgentSnapshot, Link
+from farm.model import AgentSnapshot, Link
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
+from hosts.recording_listener import RecordingListener
 
 PRINTER_MODEL = "ultimaker2_plus"
 DEADLINE_S = 120.0
-
-
-class RecordingListener:
-    def __init__(self) -> None:
-        self.last_snapshot: AgentSnapshot | None = None
-
-    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        self.last_snapshot = snapshot
-
-    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        raise AssertionError(reason)
-
-    def find_unreported_since_s(self, printer: str) -> float | None:
-        return None
-
-    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        raise AssertionError(prints)
 
 
 def make_simulated_farm(folder: Path) -> tuple[StateFolder, Fleet, RecordingListener]:

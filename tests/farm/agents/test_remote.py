@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -30,8 +30,10 @@ from farm.agents import connection, remote
 from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
 from farm.config import Fleet, PrinterSection
-from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
+from farm.model import AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
+from hosts.host_pipe import HostPipe
+from hosts.recording_listener import RecordingListener
 from hosts.silent_network import SilentRoute
 
 PRINTER_MODEL = "ultimaker2_plus"
@@ -42,52 +44,6 @@ OUTAGE_MOVES = 100  # moves within an outage, more than a printer buffers; each 
 SSHD = shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:" + os.environ["PATH"])
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
 TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
-
-
-class RecordingListener:
-    """Listener that stores the last snapshot."""
-
-    def __init__(self) -> None:
-        self.last_snapshot = AgentSnapshot(printer="a", link=Link.STARTING)
-
-    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        self.last_snapshot = snapshot
-
-    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        raise AssertionError(reason)
-
-    def find_unreported_since_s(self, printer: str) -> float | None:
-        return None
-
-    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        raise AssertionError(prints)
-
-
-class Pipe:
-    """Stand-in for ssh that runs the command in its own shell."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._cut_marker = folder / "gone"
-        script = folder / "way.sh"
-        script.write_text(
-            f'#!/bin/sh\n[ -e {self._cut_marker} ] && {{ echo "no route" >&2; exit 255; }}\n'
-            f'echo $$ >> {folder}/pids\nfor last; do :; done\nexec sh -c "exec env $last"\n'
-        )
-        script.chmod(0o700)
-        self.ssh = str(script)
-
-    def cut(self) -> None:
-        self._cut_marker.touch()
-        for number in (self._folder / "pids").read_text().split():
-            with suppress(ProcessLookupError):
-                os.kill(int(number), signal.SIGKILL)
-
-    def reconnect(self) -> None:
-        self._cut_marker.unlink()
-
-    def close(self) -> None:
-        self.cut()
 
 
 class Sshd:
@@ -170,7 +126,7 @@ class SilentNetwork(SilentRoute):
         return sum(bridge.poll() is not None for bridge in self.bridges)
 
 
-@pytest.fixture(params=[Pipe, Sshd])
+@pytest.fixture(params=[HostPipe, Sshd])
 def remote_host(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Any]:
@@ -193,7 +149,7 @@ def remote_host(
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("remote_host", [Pipe, Sshd, SilentNetwork], indirect=True)
+@pytest.mark.parametrize("remote_host", [HostPipe, Sshd, SilentNetwork], indirect=True)
 def test_print_survives_a_network_failure_of_ten_minutes(
     tmp_path: Path, remote_host: Any, monkeypatch: pytest.MonkeyPatch
 ):
@@ -220,7 +176,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
 
     async def wait_until(condition: Any) -> AgentSnapshot:
         async with asyncio.timeout(DEADLINE_S):
-            while not condition(listener.last_snapshot):
+            while listener.last_snapshot is None or not condition(listener.last_snapshot):
                 await asyncio.sleep(0.05)
             return listener.last_snapshot
 
@@ -263,7 +219,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                         await asyncio.sleep(0.05)
                 assert len(remote_host.bridges) >= 2
             await agent_connection.close()
-            listener.last_snapshot = AgentSnapshot(printer="a", link=Link.STARTING)
+            listener.last_snapshot = None
             # The printer has been removed from the fleet meanwhile.
             agent_connection = AgentConnection("a", None, state, clock, listener)
             agent_connection.start()
@@ -305,7 +261,7 @@ def test_estop_stops_a_printer_on_another_host_and_names_an_unreachable_one(tmp_
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("remote_host", [Pipe], indirect=True)
+@pytest.mark.parametrize("remote_host", [HostPipe], indirect=True)
 def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, remote_host: Any):
     command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge"
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"

@@ -21,17 +21,10 @@ from farm.state import events as ev
 from farm.state.retention import list_deletable_files, list_referenced_files
 from farm.state.storage.store import Store
 from hosts.fake_camera import make_jpeg
+from hosts.manual_clock import ManualClock
 
 URL = "http://look:pass-w0rd@camera-{printer}/still"
 IMAGE = read_image(make_jpeg())
-
-
-class StoppedClock:
-    scale = 1.0
-    now_s = 200.0
-
-    def now(self):
-        return self.now_s
 
 
 class CameraRig:
@@ -43,7 +36,7 @@ class CameraRig:
         self.state = StateFolder(folder / "state")
         self.state.make()
         self.store = Store(self.state.books)
-        self.clock = StoppedClock()
+        self.clock = ManualClock(200.0)
         fleet = Fleet.model_validate({"printers": rows})
         self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(RecordedEffects())

@@ -27,18 +27,10 @@ from farm.state import events as ev
 from farm.state.books import list_changed_entities
 from farm.state.storage.store import StoreError
 from farm.views import describe_job, describe_printer, list_tasks
+from hosts.manual_clock import ManualClock
 
 STATE = StateFolder(Path("/state"))
 START_S = 1_700_000_000.0
-
-
-class FakeClock:
-    """Clock that does not advance until it is set."""
-
-    scale, now_s = 1.0, START_S
-
-    def now(self):
-        return self.now_s
 
 
 @pytest.fixture
@@ -302,9 +294,8 @@ def test_temperatures_and_progress_do_not_run_the_scheduler(farm, plan, monkeypa
     assert len(runs) == 3
 
 
-def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkeypatch):
-    monkeypatch.setattr(FakeClock, "now_s", START_S)
-    farm.controller.clock = FakeClock()
+def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm):
+    clock = farm.controller.clock = ManualClock(START_S)
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 3)
@@ -322,15 +313,15 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm, monkey
         attempt = farm.controller.books.find_open_print(name)
         agent_print = AgentPrint(
             print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
-            print_time_s=90.0, extruded=True, started_s=FakeClock.now_s - 3600.0, ended_s=None,
+            print_time_s=90.0, extruded=True, started_s=clock.now_s - 3600.0, ended_s=None,
         )  # fmt: skip
         farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=agent_print))
-    FakeClock.now_s += 3600.0
+    clock.now_s += 3600.0
     second_hold, context = find_hold(), farm.build_view_context(STATE)
     assert second_hold.text != first_hold.text
     views = [describe_printer(context, section, None) for section in context.fleet.printers]
-    end_s = FakeClock.now_s + min(view.print.remaining_s for view in views)
-    assert datetime.fromisoformat(second_hold.times[0].at).timestamp() == end_s == FakeClock.now_s + 10.0
+    end_s = clock.now_s + min(view.print.remaining_s for view in views)
+    assert datetime.fromisoformat(second_hold.times[0].at).timestamp() == end_s == clock.now_s + 10.0
     kinds = [kind for _, kind, _ in farm.store.read_all_events()]
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]
 

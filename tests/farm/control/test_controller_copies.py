@@ -8,7 +8,6 @@ from rich.console import Console
 
 from books.make_books import make_plan_event
 from books.recording_controller import INSPECTED_MODEL, PLUS_MODEL, Farm
-from drivers.clock import Clock
 from farm.cli.display.job_page import render_job
 from farm.model import (
     AgentPrint,
@@ -24,24 +23,16 @@ from farm.paths import StateFolder
 from farm.planning.parts.copies import multiply_plan
 from farm.planning.plan import DecomposeTask, Plan
 from farm.views import describe_job, list_history
+from hosts.manual_clock import ManualClock
 
 STATE = StateFolder(Path("/state"))
 OPTIONS = JobOptions(copies=2, name="vase", note="for Ada")
 
 
-class StoppedClock(Clock):
-    """Clock that a test sets."""
-
-    at_s = 1e9
-
-    def now(self):
-        return self.at_s
-
-
 @pytest.fixture
 def farm(tmp_path):
     """Make a farm with two copies of a model of two parts, on four printers."""
-    farm = Farm(tmp_path, models=(PLUS_MODEL,) * 4, clock=StoppedClock())
+    farm = Farm(tmp_path, models=(PLUS_MODEL,) * 4, clock=ManualClock(1e9))
     farm.report_ready("a", "b", "c", "d")
     farm.jobs.submit("r" * 8, "vase.stl", INSPECTED_MODEL, OPTIONS)
     event = make_plan_event(plates=2)
@@ -55,8 +46,8 @@ def end_print(farm, plate, state=PrintState.DONE):
     """End the print of a plate after 100 s."""
     books = farm.controller.books
     attempt = next(p for p in books.list_open_prints() if p.plate == plate)
-    started_s = farm.controller.clock.at_s
-    farm.controller.clock.at_s += 100.0
+    started_s = farm.controller.clock.now_s
+    farm.controller.clock.now_s += 100.0
     report = AgentPrint(
         print_id=attempt.id,
         state=state,
@@ -70,7 +61,7 @@ def end_print(farm, plate, state=PrintState.DONE):
     )
     idle_fields = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
     farm.controller.on_snapshot(AgentSnapshot(printer=attempt.printer, print=report, **idle_fields))
-    farm.controller.clock.at_s = started_s
+    farm.controller.clock.now_s = started_s
     return attempt.printer
 
 

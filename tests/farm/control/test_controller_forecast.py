@@ -16,6 +16,7 @@ from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_TIME_S
 from farm.state import events as ev
 from farm.state.plate_state import PlateState
+from hosts.manual_clock import ManualClock
 
 HOUR_S = 3600.0
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
@@ -27,21 +28,11 @@ STATE_ORDER = (
 )  # order of simultaneous changes, as in the forecast
 
 
-class Clock:
-    scale = 1.0
-
-    def __init__(self, now_s):
-        self.now_s = now_s
-
-    def now(self):
-        return self.now_s
-
-
 class ForecastSimulation:
     """Farm whose printers and people act as in the forecast."""
 
     def __init__(self, folder, printer_count, now_s, start_rules):
-        self.clock = Clock(now_s)
+        self.clock = ManualClock(now_s)
         self.farm = Farm(
             folder, ["ultimaker2_plus"] * printer_count, clock=self.clock, timezone="UTC", **start_rules
         )

@@ -13,24 +13,13 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
 from farm.views import list_tasks
+from hosts.manual_clock import ManualClock
 
 STATE = StateFolder(Path("/state"))
 
 
 def parse_time_s(text):
     return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
-
-
-class Clock:
-    """Clock that does not advance until it is set."""
-
-    scale = 1.0
-
-    def __init__(self, now_s):
-        self.now_s = now_s
-
-    def now(self):
-        return self.now_s
 
 
 FRIDAY_S, STOP_S = parse_time_s("2026-11-20 17:00"), parse_time_s("2026-11-20 17:45")
@@ -40,7 +29,7 @@ FRIDAY_S, STOP_S = parse_time_s("2026-11-20 17:00"), parse_time_s("2026-11-20 17
 def farm(tmp_path):
     """Make a farm with a job of one part; the board of `a` has no reset, and `b` is absent."""
     farm = Farm(tmp_path, timezone="UTC", attended=["mon-fri 08:00-18:00"])
-    farm.controller.clock, farm.controller.started_s = Clock(FRIDAY_S), FRIDAY_S - 3600.0
+    farm.controller.clock, farm.controller.started_s = ManualClock(FRIDAY_S), FRIDAY_S - 3600.0
     farm.report_ready("a", reset_verified=False)
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
@@ -186,7 +175,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     """Shift hours and start times when NTP corrects the clock of a host that started without a network."""
     farm = Farm(tmp_path, timezone="UTC", quiet=["mon-sun 22:00-08:00"])
     farm.controller.clock, farm.controller.started_s = (
-        Clock(parse_time_s("2026-11-20 03:00")),
+        ManualClock(parse_time_s("2026-11-20 03:00")),
         parse_time_s("2026-11-20 02:00"),
     )
     farm.report_ready("a")

@@ -8,7 +8,7 @@ from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, Job
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.views import describe_job, list_history
-from farms.simulated_fleet import Clock
+from hosts.manual_clock import ManualClock
 
 DAY_S = 86400.0
 
@@ -17,7 +17,7 @@ class Scenario:
     """Job on a farm of two printers, with a clock that the test sets."""
 
     def __init__(self, folder):
-        self.clock = Clock()
+        self.clock = ManualClock()
         self.farm = Farm(folder, clock=self.clock)
         self.state = StateFolder(folder)
         self.farm.report_ready("a", "b")

@@ -11,21 +11,10 @@ from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link, Reel
 from farm.planning import Plan
 from farm.state import events as ev
 from farm.state.storage import StoreError
+from hosts.manual_clock import ManualClock
 
 NIGHT_S = datetime(2026, 11, 20, 23, tzinfo=UTC).timestamp()
 MORNING_S = datetime(2026, 11, 21, 6, tzinfo=UTC).timestamp()
-
-
-class Clock:
-    """Clock that does not advance until it is set."""
-
-    scale = 1.0
-
-    def __init__(self, now_s):
-        self.now_s = now_s
-
-    def now(self):
-        return self.now_s
 
 
 @pytest.fixture
@@ -45,7 +34,7 @@ def calls(monkeypatch):
 @pytest.fixture
 def farm(tmp_path, calls):
     """Make a job of one part that waits for the end of quiet hours, on a farm that started an hour ago."""
-    farm = Farm(tmp_path, clock=Clock(NIGHT_S), timezone="UTC", quiet=["22:00-06:00"])
+    farm = Farm(tmp_path, clock=ManualClock(NIGHT_S), timezone="UTC", quiet=["22:00-06:00"])
     farm.controller.started_s = NIGHT_S - 3600.0
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
@@ -142,7 +131,7 @@ def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
 def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
     """Start the first plate, planned for the tall printer c, on a, so that c can be the spare."""
     models = ("ultimaker2_plus", "ultimaker2_plus", "ultimaker2_extended_plus")
-    farm = Farm(tmp_path, models, Clock(NIGHT_S), timezone="UTC", attended=["08:00-10:00"])
+    farm = Farm(tmp_path, models, ManualClock(NIGHT_S), timezone="UTC", attended=["08:00-10:00"])
     farm.controller.started_s = NIGHT_S - 3600.0
     farm.report_ready("a", "b", "c")
     reel = Reel(material="generic_pla", nozzle_mm=0.4, grams=10.0)

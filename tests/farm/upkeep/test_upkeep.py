@@ -12,7 +12,6 @@ import trimesh
 
 from books.old_jobs import DAY_S, NOW_S, add_good_prints, make_old_books, write_files
 from books.recording_controller import PLUS_MODEL, Farm, RecordedEffects, make_fleet
-from drivers.clock import Clock
 from farm.errors import RefusedError
 from farm.model import JobState
 from farm.paths import StateFolder
@@ -27,6 +26,7 @@ from farm.upkeep import upkeep
 from farm.upkeep.upkeep import Upkeep
 from farm.views import ViewContext, describe_job, list_history, list_tasks
 from farm.views.report import JobContents, render_page
+from hosts.manual_clock import ManualClock
 
 JOB_AGES = ((JobState.DONE, 200), (JobState.DONE, 100), (JobState.CANCELLED, 95), (JobState.DONE, 10),
         (JobState.PRINTED, 300), (JobState.PRINTING, 0))  # fmt: skip
@@ -66,13 +66,6 @@ def link_job_files(books, state, number):
     link_files(state.find_job_folder(number), state.files, names)
 
 
-class StoppedClock(Clock):
-    """Clock that does not advance."""
-
-    def now(self):
-        return NOW_S
-
-
 def fill_state(root, ages=JOB_AGES, event_count=40):
     """Make a state folder with jobs, their files and links, and events of the last 200 days."""
     state = StateFolder(root)
@@ -90,7 +83,7 @@ def fill_state(root, ages=JOB_AGES, event_count=40):
 
 def open_upkeep(state, work=omit_pictures, **keep):
     """Open a daemon's upkeep on a state folder; the caller closes the store of the farm."""
-    farm = Farm(state.root, (PLUS_MODEL,) * 3, clock=StoppedClock(), keep=keep)
+    farm = Farm(state.root, (PLUS_MODEL,) * 3, clock=ManualClock(NOW_S), keep=keep)
     farm.controller._effects = LinkingEffects(state)
     return farm, Upkeep(farm.controller, farm.store, state, InlineWorkers(work))
 

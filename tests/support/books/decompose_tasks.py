@@ -1,5 +1,7 @@
 """Tasks and sliced jobs for a bar that is longer than a bed, planned without processes."""
 
+from pathlib import Path
+
 from farm.config import Fleet
 from farm.model import JobOptions
 from farm.planning.part_records import SliceBatch, SlicedPart
@@ -7,6 +9,7 @@ from farm.planning.plan import DecomposeTask, SlicedJob
 from farm.planning.plate_times import compute_overhead_s
 from farm.planning.slice_batch import build_slice_tasks
 from slicing.checks import FeatureTimes
+from slicing.plate import PlateResult
 
 PRINTER_MODEL = "ultimaker2_plus"
 
@@ -30,12 +33,14 @@ def make_decompose_task(bar, files, tmp_path, printers=2, round_count=1):
     )
 
 
-class FakeSliceResult:
-    """Result of slicing a part, with fixed shares of its features."""
-
-    def __init__(self, sliced_s):
-        self.sliced_s = sliced_s
-        self.features = FeatureTimes(0.5 * sliced_s, 0.2 * sliced_s, 0.1 * sliced_s, 0.0, 0.2 * sliced_s)
+def make_plate_result(sliced_s, gcode=Path("plate.gcode")):
+    """Make the result of slicing a part, with fixed shares of its features."""
+    shares = (0.5, 0.2, 0.1, 0.0, 0.2)
+    return PlateResult(
+        gcode, "0" * 64, sliced_s, filament_mm=600.0, filament_mm3=3800.0, grams=5.0, layers=20,
+        height_mm=28.0, min_mm=(-10.0, -10.0, 0.0), max_mm=(10.0, 10.0, 28.0), is_cached=False,
+        features=FeatureTimes(*(share * sliced_s for share in shares)),
+    )  # fmt: skip
 
 
 def make_slice_tasks(task, decomposition):
@@ -59,4 +64,4 @@ def slice_with_slow_part(task, decomposition, extra_s):
     seconds = [part.price_s - overhead_s for part in decomposition.parts]
     mean_s = sum(seconds) / len(seconds)
     seconds = [mean_s] * (len(seconds) - 1) + [mean_s + extra_s]
-    return join_slices(task, decomposition, tasks, map(FakeSliceResult, seconds))
+    return join_slices(task, decomposition, tasks, map(make_plate_result, seconds))

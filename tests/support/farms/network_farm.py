@@ -16,20 +16,11 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
 from farm.web import make_web_app
 from farm.web.cookies import SessionCookie
+from hosts.manual_clock import ManualClock
 
 PRINTER_MODEL = "ultimaker2_plus"
 HOST = "farm.lab.example"
 SAME_ORIGIN_HEADERS = {"origin": f"http://{HOST}"}
-
-
-class Clock:
-    """A clock that does not advance until it is set."""
-
-    scale = 1.0
-    now_s = 1.7e9
-
-    def now(self):
-        return self.now_s
 
 
 class NetworkFarm:
@@ -39,7 +30,7 @@ class NetworkFarm:
         self.state = StateFolder(folder / "state")
         self.state.make()
         self.store = Store(self.state.books)
-        self.clock = Clock()
+        self.clock = ManualClock(1.7e9)
         rows = [{"name": name, "model": PRINTER_MODEL, "port": f"sim://{PRINTER_MODEL}"} for name in printers]
         sections = {"fleet": fleet or {}, "web": web or {}, "printers": rows}
         self.controller = Controller(Fleet.model_validate(sections), self.store, self.clock, list_bed_boxes)

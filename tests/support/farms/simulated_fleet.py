@@ -23,6 +23,7 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.admission import StartPlanning
 from farm.state import events as ev
 from farm.state.storage.store import Store
+from hosts.manual_clock import ManualClock
 
 STEP_S = 60.0
 NEXT_STATES = {
@@ -53,18 +54,6 @@ class KillingStore(Store):
         super().commit(event, old_books, new_books)
         if is_killed:
             raise DaemonKilled
-
-
-class Clock:
-    """Clock that advances only when the simulation moves it."""
-
-    scale = 1.0
-
-    def __init__(self):
-        self.now_s = 1000.0
-
-    def now(self):
-        return self.now_s
 
 
 @dataclass
@@ -139,7 +128,7 @@ class FarmSimulation:
         self.path = folder / "farm.db"
         self.kills, self.is_killed_after = frozenset(kills), is_killed_after
         self.failing_prints, self.bad_prints = failing_prints, bad_prints
-        self.clock = Clock()
+        self.clock = ManualClock()
         self.agents = {name: Agent(name) for name in "ab"}
         self.commit_count = self.started_count = self.restart_count = 0
         self.completed_prints = []  # [plate, printer, verdict] of each completed print

@@ -164,9 +164,29 @@ def test_report_line_is_written_in_one_call(monkeypatch):
     assert stream.writes == ["a: ssh said this and that\n"]
 
 
+class ObservedLock:
+    """Lock that knows which thread holds it."""
+
+    def __init__(self):
+        self._lock, self.holder = threading.Lock(), None
+
+    def __enter__(self):
+        self._lock.acquire()
+        self.holder = threading.get_ident()
+
+    def __exit__(self, *_):
+        self.holder = None
+        self._lock.release()
+
+
 def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
+    """Report under one lock, which is checked instead of provoking overlaps."""
     all_started = threading.Barrier(8)
-    current_reports, overlaps, results = [], [], []
+    locks, results = [], []
+
+    def make_lock():
+        locks.append(ObservedLock())
+        return locks[-1]
 
     def make_target(name):
         def stop(report_text):
@@ -178,16 +198,13 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
         return stop
 
     def report(item):
-        current_reports.append(item)
-        threading.Event().wait(0.0001)  # lets another thread run
-        overlaps.extend(current_reports[1:])
-        current_reports.remove(item)
-        results.append(item.printer)
+        results.append([lock.holder for lock in locks] == [threading.get_ident()])
 
     targets = {name: make_target(name) for name in "abcdefgh"}
     monkeypatch.setattr(estop, "find_targets", lambda paths: (targets, None))
+    monkeypatch.setattr(estop, "Lock", make_lock)
     estop.stop_all(find_farm_paths(tmp_path, None, None), [], report)
-    assert overlaps == [] and len(results) == 8 * 21
+    assert results == [True] * (8 * 21)
 
 
 @pytest.mark.parametrize(

@@ -17,22 +17,14 @@ from farm.control.access.sessions import (
 from farm.errors import NotFoundError
 from farm.model import KeyKind, Role
 from farm.state import events as ev
+from hosts.manual_clock import ManualClock
 
 HOUR_S = 3600.0
 
 
-class Clock:
-    scale = 1.0
-    now_s = 1000.0
-
-    def now(self):
-        return self.now_s
-
-
 @pytest.fixture(params=[1.0, 100.0])
 def farm(tmp_path, request):
-    clock = Clock()
-    clock.scale = request.param
+    clock = ManualClock(scale=request.param)
     farm = Farm(tmp_path, clock=clock)
     farm.clock, farm.sessions = clock, SessionCommands(farm.controller)
 

@@ -9,7 +9,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from books.decompose_tasks import join_slices, make_decompose_task, make_slice_tasks
+from books.decompose_tasks import join_slices, make_decompose_task, make_plate_result, make_slice_tasks
 from books.make_books import make_plan_event
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
@@ -25,7 +25,6 @@ from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.job_drawing import draw_job_parts
 from farm.planning.plan import DecomposeTask, Plan
 from farm.planning.plan_storage import store_plan
-from slicing.checks import FeatureTimes
 
 PRINTER_MODEL = "ultimaker2_plus"
 
@@ -188,17 +187,6 @@ def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
     assert len(decompose_job(replace(six_copy_task, time_limit_s=whole_part.price_s * 2.4)).parts) == 1
 
 
-class FakeSliceResult:
-    """Result of a slice, without slicing."""
-
-    def __init__(self, gcode):
-        self.gcode, self.sha256, self.sliced_s = gcode, "0" * 64, 600.0
-        self.grams, self.filament_mm, self.layers = 5.0, 600.0, 20
-        self.min_mm, self.max_mm = (-10.0, -10.0, 0.0), (10.0, 10.0, 28.0)
-        self.is_cached, self.unprinted_walls = False, ()
-        self.features = FeatureTimes(300.0, 100.0, 100.0, 40.0, 60.0)
-
-
 @pytest.mark.usefixtures("without_pictures")
 def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     options = JobOptions(copies=3, printers=6)
@@ -208,7 +196,7 @@ def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     gcodes = [tmp_path / f"{i}.gcode" for i in range(len(tasks))]
     for i, path in enumerate(gcodes):
         path.write_text(f"; {i}\n")
-    sliced_job = join_slices(task, decomposition, tasks, [FakeSliceResult(path) for path in gcodes])
+    sliced_job = join_slices(task, decomposition, tasks, [make_plate_result(600.0, path) for path in gcodes])
     draw_job_parts(task, decomposition.drawing_record)
     booked_plan = store_plan(sliced_job, files)
     stored_files = set(files.rglob("*"))

@@ -10,24 +10,16 @@ from farm.planning.plan import Plan
 from farm.planning.replanning.replan import ReplannedPlate, make_next_plate_id
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
+from hosts.manual_clock import ManualClock
 
 UM2 = "ultimaker2"
 HOUR_S = 3600.0
 
 
-class Clock:
-    scale = 1.0
-
-    def __init__(self):
-        self.now_s = 20 * HOUR_S  # 20:00, after the attended hours
-
-    def now(self):
-        return self.now_s
-
-
 def make_farm(tmp_path, models, plates=1, **options):
     """Make a farm that prints a job whose plates take ten hours each."""
-    farm = Farm(tmp_path, models, Clock(), attended=["08:00-18:00"])
+    # It is 20:00, after the attended hours.
+    farm = Farm(tmp_path, models, ManualClock(20 * HOUR_S), attended=["08:00-18:00"])
     farm.names = "abcdefgh"[: len(models)]
     farm.report_ready(*farm.names)
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(**options))

@@ -4,16 +4,14 @@ import asyncio
 import socket
 import struct
 import tempfile
-from contextlib import asynccontextmanager, closing, suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
 
 from clusters.same_process import SameProcess
-from farm.config import WebSection
-from farm.http import NetworkState
 from farm.model import Role
-from farm.web.server import NetworkServer
+from farms.served_farm import serve
 from farms.slicer_farm import SlicerFarm
 
 FOLDER = Path(__file__).parent / "recorded"
@@ -104,19 +102,6 @@ class Connections:
                 await asyncio.sleep(0)
 
 
-@asynccontextmanager
-async def serve_farm(farm):
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
-    server = NetworkServer(WebSection(listen=f"127.0.0.1:{port}"), farm.web, 16, NetworkState())
-    server.start(lambda: True)
-    async with asyncio.timeout(60):
-        while server._server is None or not server._server.started:
-            await asyncio.sleep(0)
-    yield Connections(port, server)
-    await server.close()
-
-
 def split_data(data, size):
     return [data[index : index + size] for index in range(0, len(data), size)]
 
@@ -136,7 +121,8 @@ def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
     model, is_held, note = UPLOADS[name]
 
     async def run_scenario():
-        async with serve_farm(farm) as connections:
+        async with serve(farm) as (port, server):
+            connections = Connections(port, server)
             return [
                 await connections.send(*split_data(read_recording(name, farm), size)) for size in CHUNK_SIZES
             ]
@@ -157,7 +143,8 @@ def test_continue_is_sent_to_libcurl_unless_its_key_is_wrong(farm):
     head = recording[: recording.index(b"\r\n\r\n") + 4]
 
     async def run_scenario():
-        async with serve_farm(farm) as connections:
+        async with serve(farm) as (port, server):
+            connections = Connections(port, server)
             answer = await connections.send(head.replace(farm.key_text, RECORDED_KEY))
             return await connections.send_head(head), answer
 
@@ -175,7 +162,8 @@ def test_upload_cut_at_any_byte_leaves_no_job_and_no_file(name, is_reset, farm):
     old_files = {path for path in farm.state.root.rglob("*") if path.is_file()}
 
     async def run_scenario():
-        async with serve_farm(farm) as connections:
+        async with serve(farm) as (port, server):
+            connections = Connections(port, server)
             for end in range(len(recording)):
                 answer = await connections.send_part(recording[:end], is_reset)
                 assert b" 201 " not in answer, end
@@ -197,7 +185,8 @@ def test_refusal_of_gcode_is_one_line_of_text_that_begins_with_line_and_reason(f
     recording = read_recording("qt-print", farm).replace(b"M109 S205", b"M109 S999")
 
     async def run_scenario():
-        async with serve_farm(farm) as connections:
+        async with serve(farm) as (port, server):
+            connections = Connections(port, server)
             return await connections.send(recording)
 
     status, headers, text = read_answer(asyncio.run(run_scenario()))
