@@ -26,6 +26,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from bench.night import Night, make_parser
+from bench.process_use import read_cpu_s
 from drivers.emulator.launch import Command, control, is_running
 from farm import api
 from farm.errors import FarmError
@@ -40,7 +41,6 @@ UPDATE_SHARE = 0.3  # printed share of the first plates when the new version is 
 MIN_ABSENCE_S, MAX_ABSENCE_S = 5.0, 60.0
 SERVICE_END_S = 90.0  # wall seconds until a service without a daemon ends: 60, and a margin
 SAMPLE_S = 20.0  # time between two samples of CPU time
-_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 
 class HostFault(StrEnum):
@@ -102,7 +102,7 @@ class CpuMeter:
         if elapsed_s < SAMPLE_S:
             return
         cpu_times_s = {
-            pid: cpu_s for pid in self._list_processes() if (cpu_s := _read_cpu_s(pid)) is not None
+            pid: cpu_s for pid in self._list_processes() if (cpu_s := _read_running_cpu_s(pid)) is not None
         }
         if self._used_s:
             common_pids = cpu_times_s.keys() & self._used_s.keys()
@@ -110,10 +110,10 @@ class CpuMeter:
         self._sampled_s, self._used_s = now_s, cpu_times_s
 
 
-def _read_cpu_s(pid: int) -> float | None:
+def _read_running_cpu_s(pid: int) -> float | None:
+    """Read the CPU seconds of a process; None if it has ended."""
     with suppress(OSError):
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) * _TICK_S
+        return read_cpu_s(pid)
     return None
 
 

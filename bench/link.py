@@ -18,9 +18,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import hashlib
 import json
-import os
 import shutil
 import subprocess
 import tempfile
@@ -31,6 +29,8 @@ from pathlib import Path
 from statistics import median
 
 from bench.printing import agent, estop
+from bench.printing.followed_print import follow_print, make_start_request
+from bench.process_use import read_cpu_s
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control
@@ -50,12 +50,6 @@ COMPARISON_ROUNDS = 3
 END_GCODE = "M104 S0\nM140 S0\nG28\nM84\n"
 
 
-def read_cpu_s(pid: int) -> float:
-    """Read the user and system seconds of a process."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 async def print_file(
     folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{PRINTER_MODEL}", keep_emulator: bool = False
 ) -> tuple[float, float, float]:
@@ -64,31 +58,12 @@ async def print_file(
     client = AgentClient(folder)
     try:
         await client.connect()
-        start_request = m.StartPrint(
-            id=0,
-            print_id="bench",
-            gcode=str(gcode),
-            sha256=hashlib.sha256(gcode.read_bytes()).hexdigest(),
-            print_time_s=1.0,
-            filament=m.Filament.PARKED,
-        )
         start_s = end_s = start_cpu_s = end_cpu_s = 0.0
-        is_start_sent = False
-        async for snapshot in client.receive_snapshots():
-            if snapshot.link is m.LinkState.READY and not is_start_sent:
-                is_start_sent = True
-                reply = await client.request(start_request)
-                if reply.error:
-                    raise SystemExit(reply.error)
-            phase = snapshot.print.phase if snapshot.print else None
-            if phase is m.PrintPhase.PRINTING and not start_s:
+        async for snapshot in follow_print(client, make_start_request(gcode)):
+            if snapshot.phase is m.PrintPhase.PRINTING and not start_s:
                 start_s, start_cpu_s = time.time(), read_cpu_s(process.pid)
-            if phase is m.PrintPhase.ENDING and not end_s:
+            if snapshot.phase is m.PrintPhase.ENDING and not end_s:
                 end_s, end_cpu_s = time.time(), read_cpu_s(process.pid)
-            if phase is not None and phase.ended:
-                if phase is not m.PrintPhase.DONE:
-                    raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
-                break
     finally:
         # The heaters are switched off and no process keeps running, even after a failure.
         with suppress(DriverError):

@@ -24,13 +24,14 @@ from pathlib import Path
 from typing import Any
 
 from bench.fleets.measured_daemon import fill_books
+from bench.fleets.without_agents import NoEffects, make_snapshot
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control import Controller
 from farm.errors import FarmError
 from farm.http import Services
 from farm.http.routes.status import describe_farm, summarise_farm
-from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, Print, PrintState
+from farm.model import Print, PrintState
 from farm.paths import StateFolder
 from farm.planning import list_bed_boxes
 from farm.scheduling import StartPlanning
@@ -43,8 +44,8 @@ MAX_TICKS = 200
 PLATE_CHANGES = 40
 
 
-class Effects:
-    """Effects of a farm without agents.
+class PlanningRecorder(NoEffects):
+    """Effects that store the jobs to plan.
 
     Attributes
     ----------
@@ -64,20 +65,6 @@ class Effects:
         """Answer each request for a plan with an error, so that the job keeps its plan."""
         while self.jobs_to_plan:
             controller.on_plan(self.jobs_to_plan.pop(), FarmError("no better plan"))
-
-
-def make_snapshot(printer: str, attempt: Print | None = None, progress_s: float = 0.0) -> AgentSnapshot:
-    """Make the report of a printer that is ready, or that prints."""
-    agent_print = None
-    if attempt is not None:
-        agent_print = AgentPrint(
-            print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
-            print_time_s=9000.0, extruded=True, started_s=attempt.assigned_s, ended_s=None,
-        )  # fmt: skip
-    return AgentSnapshot(
-        printer=printer, link=Link.READY, agent_pid=9, filament=FilamentState.PARKED, bed_clear=True,
-        print=agent_print,
-    )  # fmt: skip
 
 
 def measure_calls(calls: Iterable[Callable[[], object]]) -> list[float]:
@@ -101,7 +88,7 @@ def measure(printers: int, plates: int) -> dict[str, float]:
         store = Store(state.books)
         try:
             controller = Controller(Fleet.model_validate({"printers": rows}), store, Clock(), list_bed_boxes)
-            effects = Effects()
+            effects = PlanningRecorder()
             controller.start(effects)
             return _measure_controller(controller, effects, state, names)
         finally:
@@ -109,7 +96,7 @@ def measure(printers: int, plates: int) -> dict[str, float]:
 
 
 def _measure_controller(
-    controller: Controller, effects: Effects, state: StateFolder, names: list[str]
+    controller: Controller, effects: PlanningRecorder, state: StateFolder, names: list[str]
 ) -> dict[str, float]:
     connect_s = measure_calls(lambda name=name: controller.on_snapshot(make_snapshot(name)) for name in names)  # type: ignore[misc]
     start_tick_times_s: list[float] = []
@@ -150,7 +137,7 @@ def _measure_controller(
     }
 
 
-def _measure_clear_command(controller: Controller, effects: Effects, attempt: Print) -> float:
+def _measure_clear_command(controller: Controller, effects: PlanningRecorder, attempt: Print) -> float:
     """End a print, and clear its bed; return the CPU seconds that the start of the next plate takes."""
     ready_snapshot = make_snapshot(attempt.printer)
     printing_snapshot = make_snapshot(attempt.printer, attempt)

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.fleets.measured_daemon import MEASUREMENTS_FILE
+from bench.process_use import read_memory_mb
 from farm.cli.client import Client
 from farm.cli.client.connections import SocketConnection
 from farm.errors import FarmError
@@ -55,9 +56,7 @@ class Daemon:
 
     def read_memory_mb(self) -> float:
         """Return the resident memory of the daemon in MB, without that of its workers."""
-        status = Path(f"/proc/{self._process.pid}/status").read_text()
-        (line,) = (line for line in status.splitlines() if line.startswith("VmRSS"))
-        return int(line.split()[1]) / 1024
+        return read_memory_mb(self._process.pid)
 
     def is_answering(self) -> bool:
         """Check whether the daemon answers."""

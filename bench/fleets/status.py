@@ -17,21 +17,19 @@ from typing import Any
 
 import httpx
 
+from bench.fleets.without_agents import make_snapshot
 from drivers.clock import Clock
 from farm.compute import WorkerPool
 from farm.config import Fleet
 from farm.control import Controller, DryRuns
 from farm.http import Person, Services, make_app
 from farm.model import (
-    AgentPrint,
-    AgentSnapshot,
     Bed,
     Entity,
     FilamentState,
     Job,
     JobOptions,
     JobState,
-    Link,
     Part,
     PartGeometry,
     Plate,
@@ -91,22 +89,6 @@ def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[
     return [job, *entities]
 
 
-def make_snapshot(printer: str, books: Books) -> AgentSnapshot:
-    """Make the snapshot of an agent."""
-    attempt = books.find_open_print(printer)
-    print_snapshot = None
-    if attempt is not None:
-        print_snapshot = AgentPrint(
-            print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=600.0,
-            print_time_s=HOUR_S, extruded=True, started_s=attempt.started_s, ended_s=None,
-            layer=80, layers=500,
-        )  # fmt: skip
-    return AgentSnapshot(
-        printer=printer, link=Link.BUSY if print_snapshot else Link.READY, agent_pid=1,
-        nozzle_c=210.0, bed_c=60.0, filament=FilamentState.AT_NOZZLE, print=print_snapshot,
-    )  # fmt: skip
-
-
 async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[str, float | int]:
     """Measure the time and the size of an answer to `GET /status`."""
     names = [f"um2-{i:03d}" for i in range(1, printers + 1)]
@@ -122,7 +104,9 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
     printer_records = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]
     controller.books = Books.from_entities([*entities, *printer_records])
     for name in names:
-        controller.telemetry.snapshots[name] = make_snapshot(name, controller.books)
+        controller.telemetry.snapshots[name] = make_snapshot(
+            name, controller.books.find_open_print(name), 600.0, HOUR_S
+        )
 
     async def shut_down(now: bool) -> None:
         pass

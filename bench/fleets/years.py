@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from bench.fleets.measured_daemon import make_planned_event
+from bench.fleets.without_agents import NoEffects
 from drivers.clock import Clock
 from farm.compute import WorkerPool
 from farm.config import Fleet
@@ -32,7 +33,6 @@ from farm.control import Controller
 from farm.model import Bed, FilamentState, Job, JobOptions, PrintState
 from farm.paths import StateFolder
 from farm.planning import list_bed_boxes
-from farm.state import Books
 from farm.state import events as ev
 from farm.state.retention import list_job_file_names, list_referenced_files
 from farm.state.storage import Store, list_files, read_books
@@ -204,13 +204,6 @@ class SimulatedFarm:
             "upkeep_s_median": statistics.median(self.prune_s),
             "upkeep_s_worst": max(self.prune_s),
         }
-
-
-class NoEffects:
-    """Effects of a farm without agents."""
-
-    def perform(self, effect: object, books: Books) -> None:
-        """Do nothing, because there are no agents."""
 
 
 def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:

@@ -40,8 +40,8 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 PRINTER_MODEL = "ultimaker2_plus"
-# Larger than any part: only times are measured, so the printer's limits do not matter.
-ENDLESS_BED = ((-500.0, -500.0, 500.0, 500.0, 500.0),)
+# Larger than any model: only times and walls are measured, so the printer's limits do not matter.
+ENDLESS_BED = ((-1000.0, -1000.0, 1000.0, 1000.0, 1000.0),)
 PRINTER_COUNTS = (4, 9)  # printers, for parts of two sizes
 OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 

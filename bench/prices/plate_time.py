@@ -17,6 +17,7 @@ from typing import Any
 
 import trimesh
 
+from bench.printing.followed_print import follow_print, make_start_request
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
@@ -46,25 +47,9 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
     process = spawn_agent("bench", PRINTER_MODEL, f"sim://{PRINTER_MODEL}", folder, clock)
     client = AgentClient(folder)
     await client.connect()
-    is_start_sent = False
+    request = make_start_request(plate.gcode, plate.sliced_s)
     try:
-        async for snapshot in client.receive_snapshots():
-            if snapshot.link is m.LinkState.READY and not is_start_sent:
-                is_start_sent = True
-                start_request = m.StartPrint(
-                    id=0,
-                    print_id="bench",
-                    gcode=str(plate.gcode),
-                    sha256=plate.sha256,
-                    print_time_s=plate.sliced_s,
-                    filament=m.Filament.PARKED,
-                )
-                reply = await client.request(start_request)
-                if reply.error:
-                    raise SystemExit(reply.error)
-            if snapshot.print is not None and snapshot.print.phase.ended:
-                return snapshot.print
-        raise SystemExit("the agent was disconnected")
+        return [snapshot async for snapshot in follow_print(client, request)][-1]
     finally:
         await client.request(m.Shutdown(id=0, now=True))
         await client.close()
@@ -87,12 +72,7 @@ def main() -> None:
             plate = slice_cube(side_mm, settings, Path(name))
             folder = Path(name) / f"agent-{side_mm:g}"
             ended_print = asyncio.run(print_once(plate, folder, Clock(options.scale, time.time())))
-            if (
-                ended_print.phase is not m.PrintPhase.DONE
-                or ended_print.ended_s is None
-                or ended_print.started_s is None
-            ):
-                raise SystemExit(f"the print ended {ended_print.phase}: {ended_print.reason}")
+            assert ended_print.started_s is not None and ended_print.ended_s is not None
             actual_s = ended_print.ended_s - ended_print.started_s
             expected_s = compute_plate_seconds(
                 PROFILES[PRINTER_MODEL], plate.sliced_s, settings.nozzle_c, settings.bed_c

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import hashlib
 import heapq
 import json
-import os
 import select
 import subprocess
 import tempfile
@@ -22,6 +20,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from bench.printing.followed_print import follow_print, make_start_request
+from bench.process_use import read_cpu_s, read_memory_mb
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.firmware import wording
@@ -141,14 +141,6 @@ class FakeBoards(threading.Thread):
                         heapq.heappush(deadlines, (due_s, fd, boards_by_master_fd[fd]))
 
 
-def measure_process(pid: int) -> tuple[float, float]:
-    """Measure CPU seconds and resident MB of a process."""
-    process = Path("/proc") / str(pid)
-    fields = (process / "stat").read_text().rpartition(")")[2].split()
-    rss = next(line for line in (process / "status").read_text().splitlines() if line.startswith("VmRSS"))
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), int(rss.split()[1]) / 1024
-
-
 def _is_running(process: subprocess.Popen[bytes]) -> bool:
     """Wait for at most 60 s until a process ends; return whether it still runs."""
     try:
@@ -158,47 +150,23 @@ def _is_running(process: subprocess.Popen[bytes]) -> bool:
     return False
 
 
-async def print_file(
-    folder: Path, port: Path, gcode: Path, sha256: str, max_lines: int | None
-) -> dict[str, float]:
+async def print_file(folder: Path, port: Path, gcode: Path, max_lines: int | None) -> dict[str, float]:
     """Print on one printer, to the end or for `max_lines`; measure CPU share and memory of its agent."""
     process = spawn_agent(folder.name, PRINTER_MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
-    is_clear_sent = is_start_sent = False
+    request = make_start_request(gcode, filament=m.Filament.AT_NOZZLE)
     first_line: tuple[float, float] | None = None
     memory_mb, cpu_share = 0.0, 0.0
     try:
         await client.connect(timeout_s=60.0)
-        async for snapshot in client.receive_snapshots():
-            if snapshot.link is m.LinkState.FAULT and not is_clear_sent:
-                is_clear_sent = True
-                await client.request(m.BedCleared(id=0))
-            elif snapshot.link is m.LinkState.READY and not is_start_sent:
-                is_start_sent = True
-                filament = m.Filament.AT_NOZZLE
-                start_request = m.StartPrint(
-                    id=0,
-                    print_id="bench",
-                    gcode=str(gcode),
-                    sha256=sha256,
-                    print_time_s=1.0,
-                    filament=filament,
-                )
-                reply = await client.request(start_request)
-                if reply.error:
-                    raise RuntimeError(reply.error)
-            elif snapshot.print is not None:
-                if snapshot.print.phase is m.PrintPhase.PRINTING:
-                    cpu_s, mb = measure_process(process.pid)
-                    memory_mb = max(memory_mb, mb)
-                    first_line = first_line or (time.monotonic(), cpu_s)
-                    if time.monotonic() > first_line[0]:
-                        cpu_share = (cpu_s - first_line[1]) / (time.monotonic() - first_line[0])
-                    if max_lines is not None and snapshot.print.line > max_lines:
-                        break
-                elif snapshot.print.phase.ended:
-                    if snapshot.print.phase is not m.PrintPhase.DONE:
-                        raise RuntimeError(f"the print ended {snapshot.print.phase}: {snapshot.print.reason}")
+        async for snapshot in follow_print(client, request, clears_bed=True):
+            if snapshot.phase is m.PrintPhase.PRINTING:
+                cpu_s = read_cpu_s(process.pid)
+                memory_mb = max(memory_mb, read_memory_mb(process.pid))
+                first_line = first_line or (time.monotonic(), cpu_s)
+                if time.monotonic() > first_line[0]:
+                    cpu_share = (cpu_s - first_line[1]) / (time.monotonic() - first_line[0])
+                if max_lines is not None and snapshot.line > max_lines:
                     break
     finally:
         with suppress(DriverError):
@@ -235,14 +203,12 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
         boards = [FakeBoard(folder / f"tty{number}", 1.0 / rate) for number in range(agents)]
         board_thread = FakeBoards(boards)
         board_thread.start()
-        sha256 = hashlib.sha256(text).hexdigest()
         results = await asyncio.gather(
             *(
                 print_file(
                     folder / f"p{number}",
                     folder / f"tty{number}",
                     gcode,
-                    sha256,
                     lines if megabytes else None,
                 )
                 for number in range(agents)

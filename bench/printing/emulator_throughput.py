@@ -20,6 +20,7 @@ from functools import reduce
 from operator import xor
 from pathlib import Path
 
+from bench.process_use import read_cpu_s
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
@@ -76,24 +77,18 @@ def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
             pid = read_status(folder).pid
             for index, line in enumerate(lines):
                 if index == len(PREPARATION):
-                    start_s, start_cpu_s = time.perf_counter(), _read_cpu_s(pid)
+                    start_s, start_cpu_s = time.perf_counter(), read_cpu_s(pid)
                 os.write(port, line)
                 reply = b""
                 while b"ok" not in reply:
                     select.select([port], [], [])
                     reply += os.read(port, 4096)
             moves = len(lines) - len(PREPARATION)
-            wall_s, cpu_s = time.perf_counter() - start_s, _read_cpu_s(pid) - start_cpu_s
+            wall_s, cpu_s = time.perf_counter() - start_s, read_cpu_s(pid) - start_cpu_s
             return wall_s / moves * 1e6, cpu_s / moves * 1e6
         finally:
             os.close(port)
             control(folder, Command.POWER_OFF)
-
-
-def _read_cpu_s(pid: int) -> float:
-    """Read the user and system seconds of a process."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def main() -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import hashlib
 import json
 import os
 import signal
@@ -19,6 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from bench.printing.followed_print import follow_print, make_start_request
 from drivers import messages as m
 from drivers.emulator.launch import control, is_running, read_status
 from drivers.remote import AgentClient, find_agent_pid, kill_agent
@@ -33,21 +33,9 @@ async def start_print(folder: Path, gcode: Path) -> None:
     """Start a print on an agent, and wait until it has heated and prints."""
     client = AgentClient(folder)
     await client.connect(60.0)
-    is_requested = False
     async with asyncio.timeout(TIMEOUT_S):
-        async for snapshot in client.receive_snapshots():
-            if snapshot.link is m.LinkState.READY and not is_requested:
-                is_requested = True
-                start_request = m.StartPrint(
-                    id=0,
-                    print_id="bench",
-                    gcode=str(gcode),
-                    sha256=hashlib.sha256(gcode.read_bytes()).hexdigest(),
-                    print_time_s=60.0,
-                    filament=m.Filament.PARKED,
-                )
-                await client.request(start_request)
-            if snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
+        async for snapshot in follow_print(client, make_start_request(gcode, 60.0)):
+            if snapshot.phase is m.PrintPhase.PRINTING:
                 break
     await client.close()
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from bench.prices.parts import ENDLESS_BED
 from drivers.printers import SLICING_PROFILES
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.checks.outline import UnprintedWall
@@ -29,7 +30,6 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 MOVE = trimesh.transformations.translation_matrix
-ENDLESS_BED = ((-1000.0, -1000.0, 1000.0, 1000.0, 1000.0),)
 
 
 def make_models() -> dict[str, trimesh.Trimesh]:

@@ -22,6 +22,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
+from bench.process_use import read_memory_mb
 from bench.web.farm import WebFarm
 from bench.web.requests import FuzzedRequest, list_statuses, make_request
 from farm.http.stream_limit import STREAM_TYPE
@@ -53,16 +54,13 @@ class FuzzedFarm(WebFarm):
     def measure(self) -> dict[str, float]:
         """Measure memory, descriptors, files of uploads, and rows of the database."""
         process = Path(f"/proc/{self.pid}")
-        resident_kb = next(
-            int(line.split()[1]) for line in (process / "status").read_text().splitlines() if "VmRSS" in line
-        )
         with closing(sqlite3.connect(f"file:{self.state / 'farm.db'}?mode=ro", uri=True)) as books:
             rows = {
                 table: books.execute(f"SELECT count(*) FROM {table}").fetchone()[0]
                 for table in ("event", "job", "print")
             }
         return {
-            "resident_mb": resident_kb / 1024,
+            "resident_mb": read_memory_mb(self.pid),
             "descriptors": len(list((process / "fd").iterdir())),
             "uploads": len(list((self.state / "work").glob("upload-*"))),
             **rows,

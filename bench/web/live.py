@@ -25,13 +25,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench.fleets.measured_daemon import PLATES_PER_JOB, fill_books
+from bench.fleets.without_agents import NoEffects, make_snapshot
 from drivers.clock import Clock
 from farm.api import KeyRequest
 from farm.compute import WorkerPool
 from farm.config import Fleet, WebSection
 from farm.control import Controller, DryRuns, KeyCommands
 from farm.http import NetworkState, Services
-from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState, Role
+from farm.model import Role
 from farm.paths import StateFolder
 from farm.planning import list_bed_boxes
 from farm.planning.tasks import warm_up_planning
@@ -41,28 +42,6 @@ from farm.web import NetworkServer, make_web_app
 GOALS = {"core_share": 0.3}
 _PRINTER_MODEL = "ultimaker2_plus"
 _WARM_UP_S = 3.0
-
-
-class NoEffects:
-    """Effects of a farm without agents."""
-
-    def perform(self, effect: object, books: object) -> None:
-        """Do nothing."""
-
-
-def make_snapshot(name: str, print_id: str | None, progress_s: float) -> AgentSnapshot:
-    """Make the report of an idle or a printing printer."""
-    if print_id is None:
-        return AgentSnapshot(printer=name, link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
-    nozzle_c = 200.0 + progress_s % 3
-    report = AgentPrint(
-        print_id=print_id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
-        print_time_s=40_000.0, extruded=True, started_s=time.time() - progress_s, ended_s=None,
-    )  # fmt: skip
-    return AgentSnapshot(
-        printer=name, link=Link.BUSY, nozzle_c=nozzle_c, bed_c=60.0, nozzle_target_c=200.0,
-        bed_target_c=60.0, filament=FilamentState.AT_NOZZLE, print=report,
-    )  # fmt: skip
 
 
 async def serve(folder: Path, printers: int, pipe: Connection) -> None:
@@ -82,7 +61,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
     )
     controller.start(NoEffects(), restored_s)
     for name in names:
-        controller.on_snapshot(make_snapshot(name, None, 0.0))
+        controller.on_snapshot(make_snapshot(name))
     services = Services(
         controller,
         state,
@@ -107,7 +86,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
             pipe.send(time.process_time())
         progress_s += 1.0
         for attempt in list(controller.books.list_open_prints()):
-            controller.on_snapshot(make_snapshot(attempt.printer, attempt.id, progress_s))
+            controller.on_snapshot(make_snapshot(attempt.printer, attempt, progress_s, 40_000.0))
         await asyncio.sleep(1.0)
     services.page_streams.close()
     await server.close()
