@@ -40,7 +40,7 @@ from drivers.remote import AgentClient, spawn_agent
 PARTS = ("throughput", "printcore", "agent", "peers", "memory", "estop")
 INTEROP_PYTHON = Path(__file__).parents[1] / ".venv" / "interop" / "bin" / "python"
 PRINTER_MODEL = "ultimaker2_plus"
-PRINTCORE_SCRIPT = Path(__file__).parents[1] / "tests" / "interop" / "printcore_peer.py"
+PRINTCORE_SCRIPT = Path(__file__).parents[1] / "tests" / "interop" / "peers" / "printcore_peer.py"
 START_GCODE = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
 # The nozzle stays cold, and moves take less time than their bytes, so only the link is measured.
 COMPARISON_START_GCODE = (

@@ -31,7 +31,7 @@ install() {
 # for one whole decomposition with compiled machine code.
 SERVER_TESTS=(tests/farm/web tests/farm/http tests/farm/control)
 OTHER_TESTS=(tests/farm tests/drivers tests/slicing/{checks,own_gcode,settings} tests/decompose/{export,geometry}
-    tests/decompose/test_{decompose_example,jit,options}.py)
+    tests/decompose/{decompose/test_decompose_example,test_jit,test_options}.py)
 COMPUTING_TESTS=(tests/farm/planning/{local,parts,test_job_planner.py,replanning/test_replan.py})
 
 for version in 3.13 3.12; do

@@ -9,9 +9,9 @@ from farm.config import PrinterSection
 from slicing.settings import EngineSettings
 
 START_CODE_S = 26.0
-"""Time of homing, purging and the moves around them, without heat-up (bench/prices/plate_time.py)."""
+"""Time of homing, purging and the moves around them, without heat-up (bench/printing/plate_time.py)."""
 END_CODE_S = 10.0
-"""Time of parking, homing and the last moves, until the head is still (bench/prices/plate_time.py)."""
+"""Time of parking, homing and the last moves, until the head is still (bench/printing/plate_time.py)."""
 HOMING_S = 7.0
 """Time of the homing, during which the bed heats."""
 

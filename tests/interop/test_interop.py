@@ -28,7 +28,7 @@ from drivers.session import Pace, Session, SessionContext
 from printers.agent_with_emulator import wait_for_emulator
 from printers.link_bench import pass_to_link
 
-FOLDER = Path(__file__).parent
+PEERS = Path(__file__).parent / "peers"
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # Python of the separate environment
 TIME_SCALE = 10.0  # of our time-outs; those of the virtual printer are in real seconds
 TIME_LIMIT_S = 120.0
@@ -44,7 +44,7 @@ def open_octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) 
     """Open the port of a virtual printer; each fault is NAME@LINE."""
     name = "marlin2" if firmware is MARLIN2 else "ultimaker2"
     peer = subprocess.Popen(
-        [PYTHON, FOLDER / "octoprint_peer.py", folder, name, *faults],
+        [PYTHON, PEERS / "octoprint_peer.py", folder, name, *faults],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -214,7 +214,7 @@ def test_printcore_prints_to_the_emulator_to_the_end(tmp_path: Path, faults: str
     emulator = tmp_path / "emulator"
     tty = launch(f"sim://ultimaker2_plus{faults}", emulator, Clock(TIME_SCALE, time.time()))
     try:
-        subprocess.run([PYTHON, FOLDER / "printcore_peer.py", tty, path], check=True, timeout=TIME_LIMIT_S)
+        subprocess.run([PYTHON, PEERS / "printcore_peer.py", tty, path], check=True, timeout=TIME_LIMIT_S)
         # On a busy computer, printcore disconnects before the last moves have ended.
         wait_for_emulator(emulator, lambda status: status.moves >= len(moves))
         status = read_status(emulator)

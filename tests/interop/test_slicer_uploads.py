@@ -17,7 +17,7 @@ import trimesh
 from farms.real_farm import TIME_LIMIT_S, RealFarm, wait_for
 from model_files.make_gcode import make_marlin, make_square
 
-FOLDER = Path(__file__).parent
+PEERS = Path(__file__).parent / "peers"
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))
 END_STATES = ("printed", "done")
 pytestmark = [
@@ -94,7 +94,7 @@ def send_with_curl(farm, path, url_path="", **fields):
 
 def send_with_qt(farm, path, *fields, url_path=""):
     url = f"{farm.url}{url_path}/api/files/local"
-    command = [PYTHON, FOLDER / "qt_peer.py", url, farm.key, path, path.name, *fields]
+    command = [PYTHON, PEERS / "qt_peer.py", url, farm.key, path, path.name, *fields]
     return json.loads(
         subprocess.run(command, check=True, capture_output=True, text=True, timeout=TIME_LIMIT_S).stdout
     )
@@ -150,7 +150,7 @@ def test_refusal_for_qt_is_plain_text(farm, qt, tmp_path):
 
 
 def test_octorest_uploads_selects_and_follows_a_print(farm, tower):
-    command = [PYTHON, FOLDER / "octorest_peer.py", farm.url, farm.key, tower]
+    command = [PYTHON, PEERS / "octorest_peer.py", farm.url, farm.key, tower]
     answer = json.loads(
         subprocess.run(command, check=True, capture_output=True, text=True, timeout=TIME_LIMIT_S).stdout
     )

@@ -2,7 +2,7 @@
 
 ``FARM_INTEROP=.venv/interop/bin/python .venv/bin/python tests/farm/web/clients/record_uploads.py`` writes
 the files in `recorded/` again, after `make peers`. PrusaSlicer and its forks drive libcurl as here; Cura's
-plugin for OctoPrint drives Qt as `tests/interop/qt_peer.py` does.
+plugin for OctoPrint drives Qt as `tests/interop/peers/qt_peer.py` does.
 """
 
 import os
@@ -107,7 +107,7 @@ def main() -> None:
             ]
             record_upload(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *arguments, url + url_path])
         for name, (file_name, fields) in QT_UPLOADS.items():
-            peer = [os.environ["FARM_INTEROP"], TESTS / "interop/qt_peer.py"]
+            peer = [os.environ["FARM_INTEROP"], TESTS / "interop/peers/qt_peer.py"]
             record_upload(name, [*peer, url + LOCAL_PATH, KEY, path, file_name, *fields])
 
 

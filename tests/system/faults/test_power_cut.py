@@ -16,7 +16,7 @@ from farm.state.storage.store import Store
 from hosts.power_cut import PowerCut
 
 C_COMPILER = shutil.which("cc")
-SHIM_SOURCE = Path(__file__).parents[1] / "support" / "hosts" / "sync_recorder.c"
+SHIM_SOURCE = Path(__file__).parents[2] / "support" / "hosts" / "sync_recorder.c"
 COMMIT_SCRIPT = """
 import sys
 from pathlib import Path

@@ -11,7 +11,7 @@ import pytest
 from drivers.remote import is_alive, kill_agent
 from farms.real_farm import RealFarm, wait_for
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 OLD_COMMIT = "00f76ab"  # the last commit whose agents do not report their protocol
 
 

@@ -2,7 +2,7 @@
 
 The constants `START_CODE_S` and `END_CODE_S` of farm/planning/plate_times.py were measured with this script.
 
-Usage: python -m bench.prices.plate_time [--scale 60] [--json]
+Usage: python -m bench.printing.plate_time [--scale 60] [--json]
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from decompose.options import BestOptions, Options
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def run_script(*args: str) -> subprocess.CompletedProcess[str]:
