@@ -33,6 +33,8 @@ from typing import Any
 
 import yaml
 
+from bench.fleets.agents.host_services import FARM, HostGroups, find_network_obstacle, make_paths
+from bench.fleets.agents.protocol_agents import PORT, PRINTER_MODEL, ProtocolAgents
 from bench.fleets.daemon_process import Daemon, EventFollower, NoticeReceiver
 from bench.fleets.faults import (
     FIRST_HALF,
@@ -43,9 +45,7 @@ from bench.fleets.faults import (
     measure_loss,
     measure_poor_network,
 )
-from bench.fleets.host_services import FARM, HostGroups, find_network_obstacle, make_paths
 from bench.fleets.measured_daemon import fill_books
-from bench.fleets.protocol_agents import PORT, PRINTER_MODEL, ProtocolAgents
 from drivers.clock import Clock
 from farm.paths import StateFolder, write_anchor
 

@@ -18,12 +18,12 @@ from decompose.best import (
     end_rounds,
     make_attempt,
     plan_next_round,
+    report_progress,
 )
 from decompose.decompose import run_engine
 from decompose.geometry import Model
 from decompose.print_time import CostModel
 from decompose.problem import Problem
-from decompose.progress import report_progress
 from decompose.results import Attempt, Decomposition
 
 
@@ -57,7 +57,7 @@ class PausedSearch:
     def make_attempt(self, number: int) -> Outcome:
         """Make one attempt of the next round; leave out its result if it is not better than the best so far.
 
-        The attempt reports the share of the whole budget that it spends; see `decompose.progress`.
+        The attempt reports the share of the whole budget that it spends; see `decompose.best.progress`.
         """
         budget_s = self.best_result.options.best.budget_s
         outcome = make_attempt(

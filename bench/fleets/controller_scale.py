@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from bench.fleets.agents.without_agents import NoEffects, make_snapshot
 from bench.fleets.measured_daemon import fill_books
-from bench.fleets.without_agents import NoEffects, make_snapshot
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control import Controller

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from bench.fleets.agents.host_services import HostGroups
+from bench.fleets.agents.protocol_agents import ProtocolAgents
 from bench.fleets.daemon_process import Daemon, EventFollower, NoticeReceiver
-from bench.fleets.host_services import HostGroups
-from bench.fleets.protocol_agents import ProtocolAgents
 from farm import api
 
 FIRST_HOST, FIRST_HALF, OTHER_HOSTS = "one", "half", "rest"

@@ -17,7 +17,7 @@ from typing import Any
 
 import httpx
 
-from bench.fleets.without_agents import make_snapshot
+from bench.fleets.agents.without_agents import make_snapshot
 from drivers.clock import Clock
 from farm.compute import WorkerPool
 from farm.config import Fleet

@@ -24,8 +24,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
+from bench.fleets.agents.without_agents import NoEffects
 from bench.fleets.measured_daemon import make_planned_event
-from bench.fleets.without_agents import NoEffects
 from drivers.clock import Clock
 from farm.compute import WorkerPool
 from farm.config import Fleet

@@ -24,8 +24,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from bench.fleets.agents.without_agents import NoEffects, make_snapshot
 from bench.fleets.measured_daemon import PLATES_PER_JOB, fill_books
-from bench.fleets.without_agents import NoEffects, make_snapshot
 from drivers.clock import Clock
 from farm.api import KeyRequest
 from farm.compute import WorkerPool

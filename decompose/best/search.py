@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from decompose.best.attempt import EngineRunner, Outcome, Trial, make_attempt
+from decompose.best.progress import report_progress
 from decompose.best.rounds import SPENT_REASON, SearchState, list_open_attempts, plan_next_round
 from decompose.problem import Problem
-from decompose.progress import report_progress
 from decompose.results import Decomposition
 
 

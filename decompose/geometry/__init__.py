@@ -8,10 +8,10 @@ from decompose.geometry.convex import (
     find_smallest_rectangle_angle_rad,
     measure_rectangles,
 )
+from decompose.geometry.formats import round_triangles, separate_touching_surfaces, write_stl
 from decompose.geometry.model import Model, load_model
 from decompose.geometry.shells import label_components
 from decompose.geometry.solid import Solid, triangulate
-from decompose.geometry.stl import round_triangles, separate_touching_surfaces, write_stl
 from decompose.geometry.symmetry import (
     Mirror,
     draw_mirrors,

@@ -30,12 +30,9 @@ from decompose.files.triangle_limit import (
     is_binary_stl,
     read_face_count,
 )
-from decompose.geometry.file_limits import check_limits
+from decompose.geometry.formats import check_limits, count_stored_faces, parse_triangles, read_3mf, read_step
 from decompose.geometry.repair import StepListener, close_surface
 from decompose.geometry.solid import Solid
-from decompose.geometry.step import read_step
-from decompose.geometry.stl import count_stored_faces, parse_triangles
-from decompose.geometry.threemf import read_3mf
 from decompose.geometry.weld import weld_triangles
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from decompose.best import listen_to_progress
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, Solid
 from decompose.options import BestOptions, Options
 from decompose.paused_search import PausedSearch
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
-from decompose.progress import listen_to_progress
 from decompose.results import Decomposition
 
 L_SHAPE = Model(

@@ -17,8 +17,7 @@ import numpy as np
 from decompose.bound import compute_surface_bound_s
 from decompose.engines.guillotine.neighbourhood import improve_locally, sort_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
-from decompose.engines.guillotine.plane_moves import refine_needed_cells
-from decompose.engines.guillotine.plane_shift import estimate_shift_s, shift_planes
+from decompose.engines.guillotine.plane_shift import estimate_shift_s, refine_needed_cells, shift_planes
 from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.errors import NoFit, format_size
 from decompose.grid import VOLUME, Box, BoxTables, Grid, index_box

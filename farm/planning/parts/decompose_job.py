@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from decompose.auto import CountGoal, build_curve, decompose_for_goal
+from decompose.best import listen_to_progress
 from decompose.decompose import decompose_model
 from decompose.engines.guillotine import ASSEMBLY_S
 from decompose.errors import NoFit
@@ -22,7 +23,6 @@ from decompose.paused_search import PausedSearch
 from decompose.print_time import CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem
-from decompose.progress import listen_to_progress
 from decompose.results import Decomposition, Part
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from decompose.best import listen_to_progress
 from decompose.paused_search import PausedSearch
-from decompose.progress import listen_to_progress
 from decompose.results import Decomposition
 from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors

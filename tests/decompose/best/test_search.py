@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from decompose.best import choose_first_granularity, find_best_result, rounds
+from decompose.best import choose_first_granularity, find_best_result, listen_to_progress, rounds
 from decompose.best.rounds import OTHER_GRID_RATIOS, OTHER_YAWS_DEG
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit, Rule
@@ -22,7 +22,6 @@ from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem, Work
 from decompose.problem.effort import WORK_NS
-from decompose.progress import listen_to_progress
 from decompose.results import Decomposition
 
 BOUND_S = 1000.0

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from decompose.progress import listen_to_progress, report_progress
+from decompose.best import listen_to_progress, report_progress
 from farm.model import PlanStep
 from farm.paths import StateFolder
 from farm.planning import plan_builder

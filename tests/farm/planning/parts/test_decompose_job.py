@@ -9,7 +9,8 @@ import trimesh
 
 from books.decompose_tasks import make_decompose_task, make_fleet, make_slice_tasks
 from books.recording_controller import Commands, RecordedEffects
-from decompose.engines.guillotine import exact_search, part_cutter
+from decompose.engines.guillotine import exact_search
+from decompose.engines.guillotine.plane_shift import part_cutter
 from decompose.engines.parallelobox import search as parallelobox_search
 from decompose.errors import NoFit
 from decompose.files.names import REPORT

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.engines.guillotine.box_part import BoxPart, compute_slowest_piece_s
+from decompose.engines.guillotine.plane_shift.box_part import BoxPart, compute_slowest_piece_s
 from decompose.pieces import Piece, cut_box, find_cut_faces
 from decompose.print_time import Pose, measure_pose
 from decompose.problem import Problem, Work

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.engines.guillotine import plane_shift
-from decompose.engines.guillotine.box_part import BoxPart, find_longest_time_s
-from decompose.engines.guillotine.part_cutter import PartCutter
-from decompose.engines.guillotine.plane_shift import _PlaneShift, shift_planes
+from decompose.engines.guillotine.plane_shift import plane_shift
+from decompose.engines.guillotine.plane_shift.box_part import BoxPart, find_longest_time_s
+from decompose.engines.guillotine.plane_shift.part_cutter import PartCutter
+from decompose.engines.guillotine.plane_shift.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
 from decompose.grid import PLANE_CLEARANCE_MM, Box, NeededCells, find_flat_faces
 from decompose.options import Engine, Interior, Options

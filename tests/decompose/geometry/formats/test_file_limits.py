@@ -13,7 +13,7 @@ from decompose.files.triangle_limit import (
     check_head,
     compute_max_triangles,
 )
-from decompose.geometry.file_limits import (
+from decompose.geometry.formats.file_limits import (
     MAX_CORNERS,
     MAX_PLY_HEADER_BYTES,
     check_limits,

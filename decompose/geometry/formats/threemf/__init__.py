@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from decompose.geometry.threemf.build import read_3mf
+from decompose.geometry.formats.threemf.build import read_3mf
 
 __all__ = ["read_3mf"]

@@ -1,4 +1,4 @@
-"""Services of many hosts in one process: ``python -m bench.fleets.host_services FOLDER ADDRESS HOST...``.
+"""Services of many hosts: ``python -m bench.fleets.agents.host_services FOLDER ADDRESS HOST...``.
 
 Each is the real service behind `farm host`, with the agents of its own folder; it is reached over TCP instead
 of ssh. The first line on stdout has the address and port of each host as JSON; the process ends when its
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 FARM = "scale"
 _SSH_PIPE = Path(__file__).with_name("ssh_pipe.py")
-_SUPPORT = Path(__file__).parents[2] / "tests/support"
+_SUPPORT = Path(__file__).parents[3] / "tests/support"
 _BUFFER_BYTES = 65536
 
 
@@ -54,7 +54,14 @@ class HostGroups:
         addresses: dict[str, tuple[str, int]] = {}
         for name, hosts in groups.items():
             address = "127.0.0.1" if self._network is None else self._network.get_address(name)
-            arguments = [sys.executable, "-m", "bench.fleets.host_services", str(folder), address, *hosts]
+            arguments = [
+                sys.executable,
+                "-m",
+                "bench.fleets.agents.host_services",
+                str(folder),
+                address,
+                *hosts,
+            ]
             command = arguments if self._network is None else self._network.make_command(name, arguments)
             process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
             self._processes[name] = process

@@ -9,14 +9,14 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
-from decompose.geometry.threemf.model_part import (
+from decompose.geometry.formats.threemf.model_part import (
     MM_PER_UNIT,
     ModelPart,
     ObjectRecord,
     Reference,
     read_model_part,
 )
-from decompose.geometry.threemf.package import Package, resolve_path
+from decompose.geometry.formats.threemf.package import Package, resolve_path
 
 MAX_DEPTH = 64  # maximum depth of nested components
 MAX_INSTANCES = 10_000

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from decompose.errors import DecomposeError, ModelEmpty, ModelTooDetailed, ModelUnreadable
 from decompose.geometry import load_model
-from decompose.geometry.threemf import model_part, package, read_3mf
+from decompose.geometry.formats.threemf import model_part, package, read_3mf
 from model_files.make_3mf import (
     pack_3mf,
     write_components_xml,

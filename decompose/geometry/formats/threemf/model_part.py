@@ -14,7 +14,7 @@ import numpy as np
 
 from decompose.arrays import Floats, Ints
 from decompose.errors import ModelTooDetailed, ModelUnreadable
-from decompose.geometry.threemf.package import make_parser, parse_chunks
+from decompose.geometry.formats.threemf.package import make_parser, parse_chunks
 
 MAX_OTHER_TAGS = 1_000_000  # maximum number of tags of other kinds, such as colours
 MM_PER_UNIT = {

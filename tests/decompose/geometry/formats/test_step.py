@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
-from decompose.geometry import load_model, step
-from decompose.geometry.step import read_step
+from decompose.geometry import load_model
+from decompose.geometry.formats import step
+from decompose.geometry.formats.step import read_step
 from model_files.make_step import write_step_text
 
 needs_cascadio = pytest.mark.skipif(

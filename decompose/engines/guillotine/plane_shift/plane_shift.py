@@ -17,14 +17,14 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.engines.guillotine.box_part import (
+from decompose.engines.guillotine.plane_shift.box_part import (
     BoxPart,
     find_longest_time_s,
     find_spare_length_mm,
     sort_times_s,
 )
-from decompose.engines.guillotine.part_cutter import PartCutter
-from decompose.engines.guillotine.plane_moves import (
+from decompose.engines.guillotine.plane_shift.part_cutter import PartCutter
+from decompose.engines.guillotine.plane_shift.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
     find_clear_position_mm,

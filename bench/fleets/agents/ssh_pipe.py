@@ -1,4 +1,4 @@
-"""Stand-in for ssh to hosts of `bench.fleets.host_services`: ``ssh_pipe.py ADDRESSES -- HOST COMMAND``.
+"""Stand-in for ssh to hosts of `host_services`: ``ssh_pipe.py ADDRESSES -- HOST COMMAND``.
 
 It copies bytes between stdin, stdout and the address of the host in the JSON file ADDRESSES. It imports few
 modules, because one such process runs for each host of the daemon.

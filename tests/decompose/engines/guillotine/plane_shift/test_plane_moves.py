@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.engines.guillotine.pinwheel import list_pinwheel_boxes
-from decompose.engines.guillotine.plane_moves import (
+from decompose.engines.guillotine.plane_shift.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
     find_clear_position_mm,

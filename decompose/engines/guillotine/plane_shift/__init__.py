@@ -1,0 +1,12 @@
+"""Shift of a partition's planes, until the slowest part is as fast as the others allow."""
+
+from __future__ import annotations
+
+from decompose.engines.guillotine.plane_shift.plane_moves import refine_needed_cells
+from decompose.engines.guillotine.plane_shift.plane_shift import (
+    estimate_shift_s,
+    shift_box_planes,
+    shift_planes,
+)
+
+__all__ = ["estimate_shift_s", "refine_needed_cells", "shift_box_planes", "shift_planes"]
