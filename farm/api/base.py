@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict
+from pydantic import AfterValidator, AliasChoices, BaseModel, ConfigDict, Field
 
 from farm.text import flatten_text
 
@@ -13,6 +13,11 @@ NETWORK_PREFIX = "/api/v1"
 """Prefix of the paths on the network; paths on the Unix socket have none."""
 Line = Annotated[str, AfterValidator(flatten_text)]
 """Free text written by a user and shown to others."""
+
+EXPECTED_S = Field(
+    validation_alias=AliasChoices("estimated_s", "expected_s"), serialization_alias="estimated_s"
+)
+"""Field `expected_s` of a job or plate, whose name in JSON is `estimated_s`."""
 
 
 class View(BaseModel):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from farm.api.base import View
+from typing import Annotated
+
+from farm.api.base import EXPECTED_S, View
 from farm.api.prints import PrintView
 from farm.model import Hold, JobOptions, JobState, PlanProgress, Verdict
 
@@ -33,7 +35,7 @@ class PlateStatus(View):
     parts: list[str]
     printer: str  # printer of its last print, or of the plan before the first print
     gcode: str | None  # null if the files of its job were pruned
-    estimated_s: float
+    expected_s: Annotated[float, EXPECTED_S]
     grams: float
     filament_mm: float
     price: float | None
@@ -70,7 +72,7 @@ class JobOverview(View):
     scale: float | None
     plan: str | None  # hash of the plan, to pass to `farm approve`
     starts: str | None  # earliest start time
-    estimated_s: float | None
+    expected_s: Annotated[float | None, EXPECTED_S]
     lower_bound_s: float | None  # lower bound of the parallel printing time on these printers
     eta: str | None
     elapsed_s: float | None  # parallel printing time so far, or of the printed job

@@ -164,14 +164,14 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
 def _list_times(view: api.JobView) -> list[tuple[str, str]]:
     """List the times of a job, its speed-up and the utilisation of its printers."""
     rows: list[tuple[str, str]] = []
-    if view.estimated_s is not None:
-        rows.append(("parallel printing time, expected", format_duration(view.estimated_s)))
+    if view.expected_s is not None:
+        rows.append(("parallel printing time, expected", format_duration(view.expected_s)))
     if view.elapsed_s is not None:
         is_printed = view.state in (JobState.PRINTED, JobState.DONE)
         label = "parallel printing time, actual" if is_printed else "printed for"
         deviation = ""
-        if is_printed and view.estimated_s:
-            deviation = f"  ({format_deviation(view.elapsed_s / view.estimated_s - 1)} vs expected)"
+        if is_printed and view.expected_s:
+            deviation = f"  ({format_deviation(view.elapsed_s / view.expected_s - 1)} vs expected)"
         rows.append(
             (label if view.state.ended else "printing for", format_duration(view.elapsed_s) + deviation)
         )
@@ -205,7 +205,7 @@ def _lay_out_parts(view: api.JobView, width: int | None) -> list[Text]:
                 str(part.glue_rank or ""),
                 plate.printer,
                 _format_part_state(part),
-                format_duration(plate.estimated_s),
+                format_duration(plate.expected_s),
                 format_time(last_print.started if last_print else None, now),
                 format_time(last_print.ended if last_print else None, now),
                 format_filament(plate.grams, plate.filament_mm, plate.price, view.currency),

@@ -123,13 +123,13 @@ class ProgressLines:
         if view.progress is not None:
             key = _format_step(view.progress.model_copy(update={"remaining_s": None}))
             self._print_once(_format_step(view.progress), key)
-        if view.estimated_s is not None:
+        if view.expected_s is not None:
             amount = format_filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
             parts = format_count(len(view.parts), "part")
             cached_count = sum(plate.cached for plate in view.plates)
             cache_note = f"; {format_cached_plates(cached_count)}" if cached_count else ""
             self._print_once(
-                f"planned: {parts}, expected {format_duration(view.estimated_s)}, {amount}{cache_note}"
+                f"planned: {parts}, expected {format_duration(view.expected_s)}, {amount}{cache_note}"
             )
         if view.printed:
             self._print_once(f"printed {view.printed} of {len(view.plates)} parts")
@@ -162,9 +162,9 @@ def _format_progress(view: api.JobView) -> tuple[float, str]:
     if view.progress is not None:
         progress = view.progress
         return progress.share or progress.done / (progress.of or 1), format_planning(progress)
-    if view.state != JobState.PRINTING or not view.estimated_s:
+    if view.state != JobState.PRINTING or not view.expected_s:
         return (1.0 if view.state in (JobState.PRINTED, JobState.DONE) else 0.0), str(view.state)
-    share = min(1.0, (view.elapsed_s or 0.0) / view.estimated_s)
+    share = min(1.0, (view.elapsed_s or 0.0) / view.expected_s)
     return (
         share,
         f"{view.printed}/{len(view.plates)} parts, ends {format_time(view.eta, view.now)}",

@@ -230,10 +230,10 @@ def _list_job_figures(job: api.JobSummary, now: str) -> list[str]:
         figures[0] = f"{job.state}, {figures[0]}"
     if job.paused:
         figures.append(f"paused, `farm resume {job.id}`")
-    figures.append(f"expected {format_duration(job.estimated_s)}")
+    figures.append(f"expected {format_duration(job.expected_s)}")
     if job.elapsed_s is not None and job.current_s is not None:
         has_ended, current_text = JobState(job.state).ended, format_duration(job.current_s)
-        if has_ended or current_text != format_duration(job.estimated_s):
+        if has_ended or current_text != format_duration(job.expected_s):
             figures[-1] += f", {'actual' if has_ended else 'now'} {current_text}"
     if job.state == JobState.PRINTING and job.eta:
         figures[-1] += f" (ends {format_time(job.eta, now)})"

@@ -17,7 +17,7 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
             + (f" by {view.submitted_by}" if view.submitted_by else ""),
         ),
         ("plates printed", f"{view.printed} of {len(view.plates)}; good {view.good}"),
-        ("parallel printing time, expected", format_duration(view.estimated_s)),
+        ("parallel printing time, expected", format_duration(view.expected_s)),
         (f"parallel printing time, {actual}", format_duration(view.current_s)),
         ("single large printer", format_duration(view.serial_s)),
         ("speed-up", f"{view.speedup:.1f}" if view.speedup else "-"),

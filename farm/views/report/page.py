@@ -167,7 +167,7 @@ def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) 
         part=part,
         plate=plate,
         outcome=f"{outcome}, {len(prints)} prints" if len(prints) > 1 else outcome,
-        times=_format_times(prints[-1] if prints else None, plate.estimated_s),
+        times=_format_times(prints[-1] if prints else None, plate.expected_s),
         picture=_make_data_url(picture) if picture else None,
     )
 

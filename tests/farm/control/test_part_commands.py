@@ -120,8 +120,8 @@ def test_plates_waiting_for_a_bed_are_counted(farm):
     for attempt in list(farm.controller.books.list_open_prints()):
         farm.controller.handle(ev.PrintProgressed(print_id=attempt.id, **started_fields))
     view = describe_job(farm.build_view_context(STATE), farm.controller.books.get_job(1))
-    assert view.estimated_s == pytest.approx(200.0 + CLEARING_TIME_S)
-    assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # forecasts are rounded to minutes
+    assert view.expected_s == pytest.approx(200.0 + CLEARING_TIME_S)
+    assert view.current_s == pytest.approx(view.expected_s, abs=120.0)  # forecasts are rounded to minutes
     assert view.utilisation < 1.0
     farm.parts.cancel(1, "p03", "ann")  # a plate that is never printed takes no time
     assert describe_job(farm.build_view_context(STATE), farm.controller.books.get_job(1)).current_s < 110.0

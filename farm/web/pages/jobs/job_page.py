@@ -138,7 +138,7 @@ def _describe_plan(job: api.JobView, timeline: api.Timeline | None) -> str:
     printers = len({plate.printer for plate in job.plates})
     figures = [
         f"{format_count(len(job.parts), 'part')} on {format_count(printers, 'printer')}",
-        format_duration(job.estimated_s if timeline is None else timeline.makespan_s),
+        format_duration(job.expected_s if timeline is None else timeline.makespan_s),
     ]
     if job.grams is not None:
         figures.append(format_mass(job.grams))

@@ -46,7 +46,7 @@ class FakeDaemon:
             parts=[],
             plates=[],
             printed=0,
-            estimated_s=None,
+            expected_s=None,
             waits_for_person=False,
         )
         return api.SubmitResponse(job=number, again=False)

@@ -14,7 +14,7 @@ JOB = (
     make_status(make_night_books())
     .jobs[0]
     .model_copy(
-        update={"parts": [], "plates": [], "printed": 0, "estimated_s": None, "waits_for_person": False}
+        update={"parts": [], "plates": [], "printed": 0, "expected_s": None, "waits_for_person": False}
     )
 )
 

@@ -182,7 +182,7 @@ def test_job_is_planned_while_every_bed_is_full(farm, plan):
     view = describe_job(farm.build_view_context(STATE), farm.controller.books.jobs[1])
     assert view.waits_for_person
     assert {plate.hold.code for plate in view.plates} == {HoldCode.BED_NOT_CLEAR}
-    assert view.grams and view.estimated_s and view.eta  # these are known before a bed is clear
+    assert view.grams and view.expected_s and view.eta  # these are known before a bed is clear
     assert list_tasks(farm.build_view_context(STATE))[0].printers == ["a", "b"]
     farm.clear_bed("a")
     assert [attempt.plate for attempt in farm.controller.books.list_open_prints()] == ["1/01"]

@@ -93,7 +93,7 @@ def test_failed_job_has_no_speedup():
     cancelled_books, _ = apply_events(books, ev.JobCancelled(at_s=5.0, job=1))
     job_view = make_view(cancelled_books)
     assert (job_view.speedup, job_view.utilisation) == (None, None)
-    assert job_view.estimated_s == old_view.estimated_s
+    assert job_view.expected_s == old_view.expected_s
 
 
 def make_context(books, now_s, progress=None, **snapshots):
@@ -181,4 +181,4 @@ def test_bad_part_adds_the_time_of_its_reprint():
     bad_event = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
     books, _ = apply_events(make_planned_books(1), started_event, make_end_event("x", at_s=102.0), bad_event)
     job_view = make_view(books)
-    assert job_view.current_s == pytest.approx(job_view.elapsed_s + job_view.estimated_s)
+    assert job_view.current_s == pytest.approx(job_view.elapsed_s + job_view.expected_s)

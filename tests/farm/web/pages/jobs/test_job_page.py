@@ -195,7 +195,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
             "Decomposing 40 %, at most 90 s left.",
         ),
         (
-            {"state": JobState.HELD, "estimated_s": 3600.0},
+            {"state": JobState.HELD, "expected_s": 3600.0},
             "Planned: 5 parts on 5 printers, 1h00, 15 g. Nothing prints before it is approved.",
         ),
         ({"paused": True, "eta": None}, "Paused: 3 of 5 parts printed."),
