@@ -33,6 +33,7 @@ from slicing.hidden_walls import (
     HiddenSide,
     remove_inner_walls,
     reorder_inner_walls,
+    reorder_loops,
     speed_up_hidden_walls,
 )
 from slicing.layer_scale import LayerScale
@@ -258,6 +259,7 @@ def _change_hidden_walls(gcode: bytes, toolpath: Toolpath, request: PlateRequest
     changes = (
         partial(remove_inner_walls, sides=sides, settings=settings),
         partial(reorder_inner_walls, settings=settings),
+        partial(reorder_loops, settings=settings),
         partial(speed_up_hidden_walls, sides=sides, settings=settings),
     )
     for change in changes if sides else ():

@@ -20,12 +20,16 @@ _E_ROUNDING_MM = 5e-6
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """New move to a point in printer coordinates, and the filament that it extrudes per mm of its length."""
+    """New move to a point in printer coordinates, and the filament that it extrudes per mm of its length.
+
+    `feature` is CuraEngine's name of the feature that begins with it; empty if the feature is the former one.
+    """
 
     x_mm: float
     y_mm: float
     feed_mm_min: float
     extruded_per_mm: float = 0.0
+    feature: str = ""
 
 
 def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[Segment]]) -> bytes:
@@ -74,6 +78,8 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
                     e_mm += segment.extruded_per_mm * length_mm
                     code, extrusion = b"G1", b" E%.5f" % e_mm
                 x_mm, y_mm, feed_mm_min = segment.x_mm, segment.y_mm, segment.feed_mm_min
+                if segment.feature:
+                    new_line += b";TYPE:%b\n" % segment.feature.encode()
                 new_line += b"%b F%.6g X%.3f Y%.3f%b\n" % (code, feed_mm_min, x_mm, y_mm, extrusion)
         if new_line != line:
             pieces += [gcode[offset:line_start], new_line]

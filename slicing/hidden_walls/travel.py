@@ -12,6 +12,12 @@ from slicing.checks.section import Floats
 from slicing.hidden_walls.rewriting import Segment
 from slicing.hidden_walls.sides import Bools, Indices, find_level_lines
 
+Point = tuple[float, float]
+
+MIN_SAVED_MM = 2.0  # minimum travel that another order saves in a layer
+SAVED_TIME_FACTOR = 1.5
+"""Factor by which omitted travel saves more time than its length over its speed, because the head also
+accelerates less often. It keeps layers from becoming shorter than the minimum layer time."""
 _TOLERANCE_MM = 0.05  # distance from the centre line of the outer wall within which the head may travel
 
 
@@ -97,7 +103,47 @@ def list_runs(is_joined: Bools) -> Iterator[Indices]:
         yield np.arange(low, high + 1)
 
 
-def shorten_route(points_mm: Floats, area: shapely.Geometry) -> Floats:
+def measure_length_mm(points_mm: Floats) -> float:
+    """Measure the length of a line through points (n, 2)."""
+    return float(np.hypot(*np.diff(points_mm, axis=0).T).sum())
+
+
+class Trail:
+    """Points (n, 2) that the head passes in a layer, along which it also travels between two of them."""
+
+    def __init__(self, points_mm: Floats) -> None:
+        self.points_mm = points_mm
+        self._closures = _find_closures(points_mm)
+
+    def find_route(self, begin_mm: Floats | Point, end_mm: Floats | Point, area: shapely.Geometry) -> Floats:
+        """Find the points (k, 2) of a travel between two points of the trail that stays within an area.
+
+        It follows the trail in either direction, and leaves out points where it can.
+        """
+        if area.covers(shapely.LineString([begin_mm, end_mm])):
+            return np.array([begin_mm, end_mm])
+        begin, end = (int(np.argmin(np.hypot(*(self.points_mm - point).T))) for point in (begin_mm, end_mm))
+        routes = [self._list_points(begin, end)]
+        for first, second in self._closures:
+            for near, far in ((first, second), (second, first)):
+                routes.append(np.concatenate([self._list_points(begin, near), self._list_points(far, end)]))
+        return _shorten_route(min(routes, key=measure_length_mm), area)
+
+    def _list_points(self, begin: int, end: int) -> Floats:
+        """List the points (k, 2) from one number to another, in either direction."""
+        return self.points_mm[begin : end + 1] if begin <= end else self.points_mm[end : begin + 1][::-1]
+
+
+def _find_closures(points_mm: Floats) -> list[tuple[int, int]]:
+    """Find pairs of points (n, 2) at the same place, by their numbers; a point is in one pair."""
+    closures: dict[Point, tuple[int, int]] = {}
+    for number, (x_mm, y_mm) in enumerate(points_mm.round(2).tolist()):
+        first, _ = closures.get((x_mm, y_mm), (number, number))
+        closures[x_mm, y_mm] = (first, number)
+    return [(first, last) for first, last in closures.values() if last > first + 1]
+
+
+def _shorten_route(points_mm: Floats, area: shapely.Geometry) -> Floats:
     """Leave out points (n, 2) of a travel within an area that a shorter travel does not need."""
     omitted = list(_list_omitted_points(points_mm, area))
     return np.delete(points_mm, omitted, axis=0)

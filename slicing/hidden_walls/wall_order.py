@@ -20,17 +20,21 @@ from slicing.checks.section import Floats
 from slicing.hidden_walls.inner_walls import removes_inner_walls
 from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
 from slicing.hidden_walls.sides import CLOSURE_TOLERANCE_MM, Indices, find_level_lines, measure_spare_times_s
-from slicing.hidden_walls.travel import OuterWalls, list_runs, mark_moves_after_commands, shorten_route
+from slicing.hidden_walls.travel import (
+    MIN_SAVED_MM,
+    SAVED_TIME_FACTOR,
+    OuterWalls,
+    Point,
+    Trail,
+    list_runs,
+    mark_moves_after_commands,
+    measure_length_mm,
+)
 from slicing.settings import EngineSettings
 
-MIN_SAVED_MM = 2.0  # minimum travel that another order saves in a layer
 MAX_PIECES = 4  # maximum number of pieces whose order is changed; there are n! 2^n orders
 MAX_TRIED_ORDERS = 6  # maximum number of orders whose travel is planned, the best by straight lines first
-_SAVED_TIME_FACTOR = 1.5
-"""Factor by which omitted travel saves more time than its length over its speed, because the head also
-accelerates less often. It keeps layers from becoming shorter than the minimum layer time."""
 
-Point = tuple[float, float]
 Order = tuple[tuple[int, bool], ...]  # pieces by number, and whether each is printed backwards
 
 
@@ -68,39 +72,18 @@ class _Chain:
     ----------
     moves
         Numbers of the moves.
-    points_mm
+    trail
         (k + 1, 2) points that the head passes.
     pieces
         Pieces of the inner walls.
-    closures
-        Numbers of two points at the same place where a closed wall begins and ends.
     travel_mm
         Length of the travel.
     """
 
     moves: Indices
-    points_mm: Floats
+    trail: Trail
     pieces: list[_Piece]
-    closures: list[tuple[int, int]]
     travel_mm: float
-
-    def find_route(self, begin_mm: Point, end_mm: Point, area: shapely.Geometry) -> Floats:
-        """Find the points (k, 2) of a travel between two points of the chain that stays within an area.
-
-        It follows the moves of the chain, in either direction, and leaves out points where it can.
-        """
-        if area.covers(shapely.LineString([begin_mm, end_mm])):
-            return np.array([begin_mm, end_mm])
-        begin, end = (int(np.argmin(np.hypot(*(self.points_mm - point).T))) for point in (begin_mm, end_mm))
-        routes = [self._list_points(begin, end)]
-        for first, second in self.closures:
-            for near, far in ((first, second), (second, first)):
-                routes.append(np.concatenate([self._list_points(begin, near), self._list_points(far, end)]))
-        return shorten_route(min(routes, key=_measure_length_mm), area)
-
-    def _list_points(self, begin: int, end: int) -> Floats:
-        """List the points (k, 2) from one number to another, in either direction."""
-        return self.points_mm[begin : end + 1] if begin <= end else self.points_mm[end : begin + 1][::-1]
 
 
 @dataclass(slots=True)
@@ -113,7 +96,7 @@ class _Plan:
     @property
     def travel_mm(self) -> float:
         """Length of the travel."""
-        return sum(map(_measure_length_mm, self.routes))
+        return sum(map(measure_length_mm, self.routes))
 
 
 def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) -> bytes:
@@ -149,7 +132,7 @@ def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) 
         layer = int(path.layer[chain.moves[-1]])
         plan = _find_best_plan(chain, outer_walls.build_travel_area(layer))
         saved_mm = 0.0 if plan is None else chain.travel_mm - plan.travel_mm
-        saved_s = _SAVED_TIME_FACTOR * saved_mm / settings.speed_travel_mm_s
+        saved_s = SAVED_TIME_FACTOR * saved_mm / settings.speed_travel_mm_s
         if plan is not None and saved_mm > MIN_SAVED_MM and saved_s <= spare_s.get(layer, 0.0):
             spare_s[layer] -= saved_s
             segments |= _list_segments(path, chain, plan, 60.0 * settings.speed_travel_mm_s)
@@ -189,7 +172,7 @@ def _list_chains(path: Toolpath) -> Iterator[_Chain]:
             continue
         points_mm = np.concatenate([path.start[moves[:1], :2], path.end[moves, :2]])
         travel_mm = float(lengths_mm[moves[is_travel[moves]]].sum())
-        yield _Chain(moves, points_mm, pieces, _find_closures(points_mm), travel_mm)
+        yield _Chain(moves, Trail(points_mm), pieces, travel_mm)
 
 
 def _join_pieces(pieces: Sequence[_Piece]) -> list[_Piece]:
@@ -206,18 +189,9 @@ def _join_pieces(pieces: Sequence[_Piece]) -> list[_Piece]:
     return joined
 
 
-def _find_closures(points_mm: Floats) -> list[tuple[int, int]]:
-    """Find pairs of points (n, 2) at the same place, by their numbers; a point is in one pair."""
-    closures: dict[Point, tuple[int, int]] = {}
-    for number, (x_mm, y_mm) in enumerate(points_mm.round(2).tolist()):
-        first, _ = closures.get((x_mm, y_mm), (number, number))
-        closures[x_mm, y_mm] = (first, number)
-    return [(first, last) for first, last in closures.values() if last > first + 1]
-
-
 def _find_best_plan(chain: _Chain, area: shapely.Geometry) -> _Plan | None:
     """Find the plan with the least travel within an area; None if straight lines do not save any."""
-    begin_mm, end_mm = (tuple(chain.points_mm[number].tolist()) for number in (0, -1))
+    begin_mm, end_mm = (tuple(chain.trail.points_mm[number].tolist()) for number in (0, -1))
     orders = sorted(
         (_measure_straight_travel_mm(chain.pieces, order, begin_mm, end_mm), order)
         for order in _list_orders(chain.pieces)
@@ -256,13 +230,13 @@ def _measure_straight_travel_mm(
 def _plan_order(chain: _Chain, order: Order, area: shapely.Geometry) -> _Plan:
     """Plan the travel between pieces in an order."""
     plan = _Plan()
-    position_mm = chain.points_mm[0]
+    position_mm = chain.trail.points_mm[0]
     for number, is_reversed in order:
         piece = chain.pieces[number].reverse() if is_reversed else chain.pieces[number]
-        plan.routes.append(chain.find_route(tuple(position_mm), tuple(piece.points_mm[0]), area))
+        plan.routes.append(chain.trail.find_route(tuple(position_mm), tuple(piece.points_mm[0]), area))
         plan.pieces.append(piece)
         position_mm = piece.points_mm[-1]
-    plan.routes.append(chain.find_route(tuple(position_mm), tuple(chain.points_mm[-1]), area))
+    plan.routes.append(chain.trail.find_route(tuple(position_mm), tuple(chain.trail.points_mm[-1]), area))
     return plan
 
 
@@ -283,8 +257,3 @@ def _list_segments(
             *travel,
         ]
     return segments
-
-
-def _measure_length_mm(points_mm: Floats) -> float:
-    """Measure the length of a line through points (n, 2)."""
-    return float(np.hypot(*np.diff(points_mm, axis=0).T).sum())

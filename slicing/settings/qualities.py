@@ -138,6 +138,8 @@ _GLUE = Quality(
         ),
         "speed_roofing": Formula(f"min(speed_topbottom, {_CURA_ROOF_SPEED})"),
         "roofing_layer_count": Formula("1 if top_layers > 1 else 0"),
+        # All walls of a hole follow each other; `slicing.hidden_walls` chooses the order of the holes.
+        "optimize_wall_printing_order": True,
         # Lines in the order of their positions look even, but need more travel where grooves divide them.
         # Only the uppermost layer of a visible top keeps Cura's order.
         "roofing_monotonic": Formula(_CURA_SKIN_ORDER),

@@ -13,6 +13,12 @@ from hypothesis import strategies as st
 from slicing.checks import read_toolpath
 from slicing.hidden_walls import HiddenSide, reorder_inner_walls
 from slicing.plate import slice_plate
+from tests.support.printers.printed_lines import (
+    assert_same_lines,
+    list_printed_lines,
+    list_travel,
+    measure_travel_mm,
+)
 
 RING = [(40, 0), (40, 40), (0, 40), (0, 0), (40, 0)]  # counter-clockwise from the seam
 ANGLE = [(60, 15), (15, 15), (15, 60), (0, 60), (0, 0), (60, 0), (60, 15)]  # two arms, seam at the end of one
@@ -40,41 +46,6 @@ def write_layers(ring, removed, infill_end=INFILL_END, layer_s=LAYER_S, before_w
         lines.append("G1 F1200 X{} Y{} E{:.5f}".format(*end, extruded_mm + number))
     lines += [f";TIME_ELAPSED:{2.0 * layer_s}"]
     return ("\n".join(lines) + "\n").encode()
-
-
-def assert_same_lines(path, other_path):
-    """Compare the lines by their ends in either direction, feature and feedrate, and their extrusion."""
-    (rows, extruded_mm), (other_rows, other_extruded_mm) = map(list_printed_lines, (path, other_path))
-    assert rows == other_rows
-    assert extruded_mm == pytest.approx(other_extruded_mm, abs=2e-4)
-
-
-def list_printed_lines(path):
-    is_line = (path.extruded_mm > 0.0) & path.is_head_move
-    points = np.stack((path.start[is_line, :3], path.end[is_line, :3]), axis=1).round(2)
-    rows = zip(
-        (tuple(sorted(map(tuple, ends))) for ends in points.tolist()),
-        path.feature[is_line].tolist(),
-        path.feed_mm_min[is_line].tolist(),
-        path.extruded_mm[is_line].tolist(),
-        strict=True,
-    )
-    sorted_rows = sorted(rows)
-    return [row[:3] for row in sorted_rows], [row[3] for row in sorted_rows]
-
-
-def measure_travel_mm(path):
-    is_travel = (path.extruded_mm == 0.0) & path.is_head_move & (path.end[:, 2] == path.start[:, 2])
-    return float(np.hypot(*(path.end - path.start)[is_travel, :2].T).sum())
-
-
-def list_travel(path, layer):
-    """Return the travel moves within a layer, from the end of the one below."""
-    is_travel = (path.extruded_mm == 0.0) & path.is_head_move & (path.end[:, 2] == path.start[:, 2])
-    is_travel &= path.start[:, 2] == path.end[path.layer == layer, 2].max()
-    return shapely.MultiLineString(
-        list(np.stack((path.start[is_travel, :2], path.end[is_travel, :2]), axis=1))
-    )
 
 
 @pytest.fixture
