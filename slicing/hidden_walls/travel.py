@@ -6,6 +6,7 @@ from collections.abc import Iterator, MutableMapping
 
 import numpy as np
 import shapely
+from shapely.ops import substring
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
@@ -18,6 +19,7 @@ MIN_SAVED_MM = 2.0  # minimum travel that another order saves in a layer
 SAVED_TIME_FACTOR = 1.5
 """Factor by which omitted travel saves more time than its length over its speed, because the head also
 accelerates less often. It keeps layers from becoming shorter than the minimum layer time."""
+_EDGE_TOLERANCE_MM = 1e-6
 _TOLERANCE_MM = 0.05  # distance from the centre line of the outer wall within which the head may travel
 
 
@@ -118,12 +120,14 @@ class Trail:
     def find_route(self, begin_mm: Floats | Point, end_mm: Floats | Point, area: shapely.Geometry) -> Floats:
         """Find the points (k, 2) of a travel between two points of the trail that stays within an area.
 
-        It follows the trail in either direction, and leaves out points where it can.
+        It follows the edge of the area, or the trail in either direction, and leaves out points where it can.
         """
-        if area.covers(shapely.LineString([begin_mm, end_mm])):
+        straight = shapely.LineString([begin_mm, end_mm])
+        if area.covers(straight):
             return np.array([begin_mm, end_mm])
+        routes = list(_follow_edges(straight, area))
         begin, end = (int(np.argmin(np.hypot(*(self.points_mm - point).T))) for point in (begin_mm, end_mm))
-        routes = [self._list_points(begin, end)]
+        routes.append(self._list_points(begin, end))
         for first, second in self._closures:
             for near, far in ((first, second), (second, first)):
                 routes.append(np.concatenate([self._list_points(begin, near), self._list_points(far, end)]))
@@ -132,6 +136,37 @@ class Trail:
     def _list_points(self, begin: int, end: int) -> Floats:
         """List the points (k, 2) from one number to another, in either direction."""
         return self.points_mm[begin : end + 1] if begin <= end else self.points_mm[end : begin + 1][::-1]
+
+
+def _follow_edges(straight: shapely.LineString, area: shapely.Geometry) -> Iterator[Floats]:
+    """Yield the points (n, 2) of a travel that follows the edges of an area where a straight line leaves it.
+
+    There is none if the line begins or ends outside, or passes from one edge to another.
+    """
+    polygons = [polygon for polygon in getattr(area, "geoms", [area]) if polygon.geom_type == "Polygon"]
+    edges = [edge for polygon in polygons for edge in (polygon.exterior, *polygon.interiors)]
+    outside = straight.difference(area)
+    sections = [np.array(section.coords)[[0, -1]] for section in getattr(outside, "geoms", [outside])]
+    start_mm, end_mm = np.array(straight.coords)
+    points_mm = [start_mm[None]]
+    for section in sorted(sections, key=lambda ends: float(np.hypot(*(ends[0] - start_mm)))):
+        ends = [shapely.Point(point) for point in section]
+        edge = min(edges, key=lambda edge: max(edge.distance(point) for point in ends))
+        if max(edge.distance(point) for point in ends) > _EDGE_TOLERANCE_MM:
+            return
+        points_mm.append(_follow_ring(edge, *(edge.project(point) for point in ends)))
+    yield np.concatenate([*points_mm, end_mm[None]])
+
+
+def _follow_ring(ring: shapely.LinearRing, begin_mm: float, end_mm: float) -> Floats:
+    """Find the points (n, 2) of the shorter way along a ring between two positions."""
+    first_mm, last_mm = sorted((begin_mm, end_mm))
+    line = shapely.LineString(ring.coords)
+    way = np.array(substring(line, first_mm, last_mm).coords)
+    if last_mm - first_mm > line.length / 2.0:
+        ends = (substring(line, last_mm, line.length), substring(line, 0.0, first_mm))
+        way = np.concatenate([np.array(end.coords) for end in ends])[::-1]
+    return way if begin_mm <= end_mm else way[::-1]
 
 
 def _find_closures(points_mm: Floats) -> list[tuple[int, int]]:
