@@ -32,8 +32,9 @@ from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.hidden_walls import (
     HiddenSide,
     remove_inner_walls,
+    reorder_infill,
     reorder_inner_walls,
-    reorder_loops,
+    reorder_outlines,
     speed_up_hidden_walls,
 )
 from slicing.layer_scale import LayerScale
@@ -259,7 +260,8 @@ def _change_hidden_walls(gcode: bytes, toolpath: Toolpath, request: PlateRequest
     changes = (
         partial(remove_inner_walls, sides=sides, settings=settings),
         partial(reorder_inner_walls, settings=settings),
-        partial(reorder_loops, settings=settings),
+        partial(reorder_outlines, settings=settings),
+        partial(reorder_infill, settings=settings),
         partial(speed_up_hidden_walls, sides=sides, settings=settings),
     )
     for change in changes if sides else ():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from slicing.hidden_walls.fast_walls import speed_up_hidden_walls
 from slicing.hidden_walls.inner_walls import remove_inner_walls, removes_inner_walls
-from slicing.hidden_walls.loop_order import reorder_loops
+from slicing.hidden_walls.line_order import reorder_infill, reorder_outlines
 from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, TRANSITION_MM, HiddenSide, SideGroove
 from slicing.hidden_walls.wall_order import reorder_inner_walls
 
@@ -19,7 +19,8 @@ __all__ = [
     "SideGroove",
     "remove_inner_walls",
     "removes_inner_walls",
+    "reorder_infill",
     "reorder_inner_walls",
-    "reorder_loops",
+    "reorder_outlines",
     "speed_up_hidden_walls",
 ]
