@@ -56,7 +56,7 @@ from farm.compute import DeferredFunction, TaskFiles
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
-from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
+from farm.planning.printer_settings import build_slicing_printer, list_max_part_sizes_mm
 from farm.planning.tasks import slice_part
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
@@ -100,7 +100,7 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     time_settings = make_print_time_settings(run.quality)
     cost = CostModel.from_settings(time_settings)
     settings = resolve_settings(run.settings_request, find_resources())
-    boxes_mm = list_model_sizes(
+    boxes_mm = list_max_part_sizes_mm(
         list_usable_volumes(PROFILES[PRINTER_MODEL], settings.brim_width_mm), settings
     )
     printers = [TargetPrinter(str(i), boxes_mm) for i in range(run.printers)]

@@ -43,9 +43,9 @@ def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = LOG_COU
         return False
     try:
         for number in range(file_count, 0, -1):
-            older_path = _number_path(path, number - 1)
-            if older_path.exists():
-                older_path.replace(_number_path(path, number))
+            source_path = _number_path(path, number - 1)
+            if source_path.exists():
+                source_path.replace(_number_path(path, number))
         new_file.replace(path)
         for stream in (1, 2):
             if _is_open_as(stream, status):

@@ -61,7 +61,7 @@ class LinkState(StrEnum):
 
 
 class Filament(StrEnum):
-    """Position of the filament's end."""
+    """Position of the filament's tip."""
 
     PARKED = "parked"  # retracted by `Profile.park_retraction_mm`, as by the end code
     AT_NOZZLE = "at_nozzle"

@@ -1,4 +1,4 @@
-"""farm: a fleet of Ultimaker 2+ printers used as one fast printer for large models."""
+"""farm: a fleet of 3D printers (Ultimaker 2+ and others) used as one fast printer for large models."""
 
 __version__: str
 

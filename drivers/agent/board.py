@@ -51,16 +51,16 @@ class Board:
     ----------
     link, session, report
         Link to the board; session of the open print, if any; the last temperatures, if known.
-    absent_reason, needs_permission
-        Reason for which the port is not open; True if a person has to confirm first that it may be opened.
+    absent_reason, needs_idle_confirmation
+        Reason for which the port is not open; True if a person has to confirm first that the printer is idle.
     state
         State that outlives the agent.
     reset_count
         Number of resets that the agent did not cause.
     stuck_heater_text
         Finding that a heater of the idle board is off but is getting hotter; the recorder handles it.
-    rearms_alarm
-        True if the printer was reconnected or seen cold: later findings are new ones.
+    alarm_is_over
+        True if the printer was reconnected or has cooled; a later finding raises a new alarm.
     idle_watch, emulator, wire_record
         Watch over the idle board; access to the emulator, if any; record of the last bytes on the port.
     has_changed
@@ -83,11 +83,11 @@ class Board:
         self.session: Session | None = None
         self.report: Report | None = None
         self.absent_reason: str | None = "the port has not been opened yet"
-        self.needs_permission = False
+        self.needs_idle_confirmation = False
         self.state = BoardState()
         self.reset_count = 0
         self.stuck_heater_text: str | None = None
-        self.rearms_alarm = False
+        self.alarm_is_over = False
         self.idle_watch = IdleWatch()
         self.emulator = EmulatorControl(folder if self.is_simulated else None)
         self.has_changed = False
@@ -96,7 +96,7 @@ class Board:
         self._port: Port | None = None
         self.wire_record = WireRecord(clock.now)
         self._retry_wall_s = 0.0
-        self._is_idle_confirmed = False  # a person confirmed that the port may be opened
+        self._is_idle_confirmed = False  # True if a person has confirmed that the printer is idle
         self._pulses_left = 0  # DTR pulses left before the reset counts as failed
 
     # --- called by the loop ---
@@ -145,12 +145,12 @@ class Board:
             if not (self.is_simulated or self._is_responsible or self._is_idle_confirmed or is_same_device):
                 raise IdleNotConfirmed(MAY_PRINT_REASON)
             if not is_same_device:
-                self.idle_watch.filament.note_reset()
+                self.idle_watch.filament_watch.note_reset()
             baud_rate = self._firmware.baud_rate
             self._port = open_port(self._url, self._folder, self._clock, baud_rate, self.wire_record)
             self.state.device_id = device
         except PortError as error:
-            self.needs_permission = isinstance(error, IdleNotConfirmed)
+            self.needs_idle_confirmation = isinstance(error, IdleNotConfirmed)
             if self.absent_reason != str(error):
                 log.warning("%s", error)
             self.absent_reason = str(error)
@@ -184,9 +184,9 @@ class Board:
         """Pause or resume the open print."""
         self._call_session(lambda session, now_s: (session.pause if is_paused else session.resume)(now_s))
 
-    def set_latest_end(self, at_s: float | None) -> None:
+    def set_ends_by(self, at_s: float | None) -> None:
         """Set the time at which the open print is ended safely; None for no limit."""
-        self._call_session(lambda session, now_s: session.set_latest_end(at_s, now_s))
+        self._call_session(lambda session, now_s: session.set_ends_by(at_s, now_s))
 
     def _call_session(self, action: Callable[[Session, float], None]) -> None:
         if self.session is not None:
@@ -195,7 +195,9 @@ class Board:
             self._process_events((), now_s)
 
     def clear_attention(self) -> None:
-        """Clear all findings: a person has checked the printer.
+        """Clear all findings, as a person has checked the printer.
+
+        Resets the board if its reset is not verified.
 
         Raises
         ------
@@ -312,7 +314,7 @@ class Board:
         """Record whether the last pulse of DTR reset the board."""
         self.idle_watch.reset()
         if event.has_restarted:
-            self.idle_watch.filament.note_reset()
+            self.idle_watch.filament_watch.note_reset()
         if event.has_restarted and (self._pulses_left or self.session is not None):
             self.state.verified_reset_port, self.state.failed_reset_port = self._url, None
         elif self._pulses_left > 1:
@@ -330,7 +332,7 @@ class Board:
         if cause is not None:
             self._mark_bed_unknown(cause)
         self.stuck_heater_text = self.stuck_heater_text if fault is None else fault.text
-        self.rearms_alarm = self.rearms_alarm or self.idle_watch.is_cold
+        self.alarm_is_over = self.alarm_is_over or self.idle_watch.is_cold
         if self.link.is_drained:
             # Switch off heaters left on when the port was lost: queries alone would reset the dead-man timer.
             firmware = self._firmware
@@ -343,16 +345,20 @@ class Board:
             self.link.on_restarted(now_s)
         elif fault.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
             self._on_port_lost(PortError(f"{self._url}: {fault.text}; is the printer switched on?"))
-        elif fault.fault is Fault.MAXTEMP:  # both heaters are off: one is stuck on, or a sensor is broken
-            self.stuck_heater_text = f"both heaters are off, and the board reports {fault.text.lstrip(' :')}"
+        elif fault.fault is Fault.MAXTEMP:
+            answer = fault.text.lstrip(" :")
+            self.stuck_heater_text = (
+                f"the board reports {answer}, and both targets are 0, "
+                "so a heater is stuck on or a sensor is broken"
+            )
         else:
             self.state.attention_reason = fault.text
 
     def _on_opened(self) -> None:
         assert self._port is not None
-        self.rearms_alarm = self.rearms_alarm or (self.absent_reason is not None and self.session is None)
+        self.alarm_is_over = self.alarm_is_over or (self.absent_reason is not None and self.session is None)
         self.absent_reason = None
-        self.needs_permission = False
+        self.needs_idle_confirmation = False
         self.report = self.stuck_heater_text = None
         self.idle_watch.reset()
         if self.session is None:
@@ -366,7 +372,7 @@ class Board:
     def _reset_board(self) -> None:
         assert self._port is not None
         self._on_port_change(None)
-        self.idle_watch.filament.note_reset()
+        self.idle_watch.filament_watch.note_reset()
         if self._is_responsible:
             send_abort(self._port, self._firmware)  # a failed reset is noticed only later
         try:
@@ -378,7 +384,7 @@ class Board:
 
     def _mark_bed_unknown(self, reason: str) -> None:
         """Record that the states of bed and filament are unknown, and keep the first reason."""
-        self.idle_watch.filament.distrust_journal()
+        self.idle_watch.filament_watch.distrust_journal()
         if self.state.bed_unknown_reason is None:
             log.warning("bed and filament are unknown: %s", reason)
             self.state.bed_unknown_reason = reason

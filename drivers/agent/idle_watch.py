@@ -68,7 +68,7 @@ class IdleWatch:
 
     Attributes
     ----------
-    filament
+    filament_watch
         Watch over the position of the filament.
     is_printing_from_card
         True while the printer is printing from its SD card.
@@ -76,7 +76,7 @@ class IdleWatch:
 
     def __init__(self) -> None:
         self.is_printing_from_card = False
-        self.filament = FilamentWatch()
+        self.filament_watch = FilamentWatch()
         self.reset()
 
     def reset(self) -> None:
@@ -119,7 +119,7 @@ class IdleWatch:
         else:
             has_moved = self._position is not None or not _may_be_garbled(self._first_position or text, text)
             self._position, self._unconfirmed_position = text, None
-            self.filament.judge_position(text)
+            self.filament_watch.judge_position(text)
             return True, MOVED_REASON if has_moved else None
         return True, None
 

@@ -152,7 +152,7 @@ class Agent:
             describe_link(self._board, self._recorder.journal_error),
             self._board.reset_count,
             self._board.state.bed_unknown_reason,
-            self._board.idle_watch.filament.is_certain,
+            self._board.idle_watch.filament_watch.is_certain,
             self._recorder.alarms.message,
             report is None,
             journal_state.print.print_id if journal_state.print is not None else None,

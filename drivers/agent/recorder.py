@@ -54,7 +54,7 @@ class Recorder:
         self._starvation_before_s = 0.0
         board.state = journal.state.board.model_copy()
         is_watched = board.is_simulated and board.state.bed_unknown_reason is None
-        board.idle_watch.filament = FilamentWatch(is_watched, board.state.rest_position)
+        board.idle_watch.filament_watch = FilamentWatch(is_watched, board.state.rest_position)
         if board.state.bed_unknown_reason is None and not board.is_simulated:
             board.state.bed_unknown_reason = NOT_WATCHED_REASON
 
@@ -68,7 +68,7 @@ class Recorder:
         program
             The program to print.
         filament
-            Position of the filament's end.
+            Position of the filament's tip.
         has_extruded
             True if material of the print may be on the bed already.
         ends_by_s
@@ -91,7 +91,7 @@ class Recorder:
             ends_by_s=ends_by_s,
         )
         self._program = program
-        self.board.idle_watch.filament.trust_journal()
+        self.board.idle_watch.filament_watch.trust_journal()
         status = self.board.emulator.read_status()
         self._starvation_before_s = status.starvation_s if status is not None else 0.0
         self.board.begin(Session(context))
@@ -115,8 +115,8 @@ class Recorder:
 
     def _update_alarm(self) -> None:
         session, board, alarms, now_s = self.board.session, self.board, self.alarms, self._clock.now()
-        if board.rearms_alarm:
-            board.rearms_alarm = False
+        if board.alarm_is_over:
+            board.alarm_is_over = False
             alarms.mark_over()
         if session is not None:
             alarms.take_session_finding(session, now_s)
@@ -137,7 +137,7 @@ class Recorder:
     def _write_changes(self) -> None:
         session, saved_state, now_s = self.board.session, self.journal.state, self._clock.now()
         state, alarm = self.board.state, self.alarms.alarm
-        state.rest_position = self.board.idle_watch.filament.rest_position
+        state.rest_position = self.board.idle_watch.filament_watch.rest_position
         if alarm != saved_state.alarm or state != saved_state.board:
             alarm_record = None if alarm is None else alarm.dump_record()
             self.journal.write(now_s, **state.dump_record(), alarm=alarm_record)
@@ -147,7 +147,7 @@ class Recorder:
         if self._lacks_outcome(context):
             return
         if context.phase is PrintPhase.PRINTING:
-            self.board.idle_watch.filament.note_print()
+            self.board.idle_watch.filament_watch.note_print()
         has_changed = (context.phase, context.has_extruded) != (saved_print.phase, saved_print.extruded)
         if not has_changed and context.filament is saved_state.filament:
             return

@@ -97,7 +97,7 @@ class RequestHandler:
             case CancelPrint():
                 self._board.cancel(request.reason)
             case EndPrintBy():
-                self._board.set_latest_end(request.ends_by_s)
+                self._board.set_ends_by(request.ends_by_s)
             case PausePrint() | ResumePrint():
                 self._board.set_paused(isinstance(request, PausePrint))
             case ForgetPrint():
@@ -161,7 +161,7 @@ class RequestHandler:
         self._recorder.alarms.clear()
         if request.filament is not None:
             self._journal.write(self._clock.now(), filament=request.filament.value)
-            self._board.idle_watch.filament.trust_journal()
+            self._board.idle_watch.filament_watch.trust_journal()
         self._recorder.record_changes()
 
     def _shut_down(self, request: Shutdown) -> None:

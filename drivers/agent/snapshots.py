@@ -27,7 +27,7 @@ def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, s
     journal_error
         See `Recorder.journal_error`.
     """
-    if board.needs_permission:
+    if board.needs_idle_confirmation:
         return LinkState.FAULT, board.absent_reason
     if board.session is not None:
         return LinkState.BUSY, board.absent_reason or journal_error
@@ -63,7 +63,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
     if session is not None:
         filament = session.context.filament
     else:
-        filament = journal_state.filament if board.idle_watch.filament.is_certain else Filament.UNKNOWN
+        filament = journal_state.filament if board.idle_watch.filament_watch.is_certain else Filament.UNKNOWN
         if filament is Filament.UNKNOWN and emulator is not None and board.state.bed_unknown_reason is None:
             filament = _classify_filament(emulator.filament_end_mm, board.profile.park_retraction_mm)
     heaters_off = report is not None and report.targets_off
@@ -112,7 +112,7 @@ def list_prints(recorder: Recorder, since_s: float) -> tuple[PrintSnapshot, ...]
 
 
 def _classify_filament(end_mm: float, park_retraction_mm: float) -> Filament:
-    """Classify the position of the filament's end in an emulator."""
+    """Classify the position of the filament's tip in an emulator."""
     if abs(end_mm + park_retraction_mm) <= _POSITION_TOLERANCE_MM:
         return Filament.PARKED
     return Filament.AT_NOZZLE if abs(end_mm) <= _POSITION_TOLERANCE_MM else Filament.UNKNOWN

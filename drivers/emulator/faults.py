@@ -1,4 +1,4 @@
-"""Faults to inject, by name, and the sampler that draws them at random.
+"""Faults to inject, by name, and the sampler that decides at random when they happen.
 
 A new fault needs a field of `Faults`, named as in the url, and code that applies it: in `FaultSampler` for
 faults of lines, in `EmulatedBoard` for physical faults, in `EmulatedFirmware` for faults of the board's
@@ -28,11 +28,11 @@ class Faults:
     noise: float = 0.0  # one bit of the byte is flipped
     lost: float = 0.0
     doubled: float = 0.0
-    bytewise: bool = False  # answers are sent in pieces of two bytes
-    wire: bool = False  # not a fault: bytes take as long as at 250000 baud
+    bytewise: bool = False  # the board sends its answers two bytes at a time
+    wire: bool = False  # not a fault: bytes arrive after their transmission time at the port's baud rate
     slowdown: bool = False  # not a fault: short moves are slowed down while few are queued
     # when lines are read or answered; probabilities per line
-    checksum: float = 0.0  # a byte of a received line is flipped
+    checksum: float = 0.0  # one bit of a received line is flipped
     no_number: float = 0.0  # a received line lacks its number, and is refused without a Resend
     no_checksum: float = 0.0  # a received line lacks its checksum
     wrong_number: float = 0.0  # a received line has the number of the one before
@@ -55,20 +55,22 @@ class Faults:
     weak_bed: bool = False  # gets no warmer than `WEAK_BED_C`
     nozzle_dies_after: int = 0
     bed_dies_after: int = 0
-    nozzle_burns_after: int = 0  # its switch is shorted: full power at any target
+    nozzle_burns_after: int = 0  # its MOSFET is shorted: full power at any target
     bed_burns_after: int = 0
-    stop_after: int = 0  # the nozzle's sensor is open: MAXTEMP, and the firmware stops
+    stop_after: int = 0  # the nozzle's sensor is open: the firmware reports MAXTEMP and stops
     nozzle_short_after: int = 0  # the nozzle's sensor is shorted: MINTEMP
     bed_open_after: int = 0  # the bed's sensor is open: MAXTEMP
     bed_short_after: int = 0  # the bed's sensor is shorted: reads cold, without an error
-    # switches
-    no_endstop: int = 0  # 1, 2, 3: the switch of X, Y, Z is never pressed
-    stuck_endstop: bool = False  # the switch of Z stays pressed
+    # endstops
+    no_endstop: int = 0  # 1, 2 or 3: the endstop of X, Y or Z is never pressed
+    stuck_endstop: bool = False  # the endstop of Z stays pressed
     # between host and board
     no_reset: bool = False  # DTR is not connected: neither opening the port nor a pulse resets the board
     # not faults: an option of some firmwares, and a difference between two printers
     advanced_ok: bool = False  # an ok has the line number and the free space of both buffers
-    home_offset_hundredths_mm: int = 0  # by which the Z of M206 is below its usual value
+    home_offset_hundredths_mm: int = (
+        0  # distance by which the reported home offset of Z (M206) is below its usual value
+    )
 
     @property
     def affects_lines(self) -> bool:
@@ -132,11 +134,11 @@ class FaultSampler:
         return text
 
     def swallows_line(self) -> bool:
-        """Draw whether a received line is neither executed nor answered."""
+        """Decide at random whether a received line is neither executed nor answered."""
         return bool(self._faults.swallow) and self._rng.random() < self._faults.swallow
 
     def refuses_line(self) -> bool:
-        """Draw whether a correct line is refused."""
+        """Decide at random whether a correct line is refused."""
         return bool(self._faults.resend) and self._rng.random() < self._faults.resend
 
 

@@ -32,7 +32,7 @@ class EmulatorStatus:
     filament_mm
         Net filament through the feeder.
     filament_end_mm
-        Position of the filament's end relative to the nozzle's tip; negative if it is retracted.
+        Position of the filament's tip relative to the nozzle's tip; negative if it is retracted.
     starvation_s
         Seconds of a print in which the planner was empty for lack of lines, minus the transmission time.
     errors

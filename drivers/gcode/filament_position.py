@@ -40,7 +40,7 @@ def read_position(answer: bytes) -> Point | None:
 
 
 def measure_retraction_mm(program: Program, done_line_count: int, stop_point: Point | None = None) -> float:
-    """Compute the distance from the nozzle's tip back to the end of the filament.
+    """Compute the distance from the nozzle's tip back to the filament's tip.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class MotionState:
     position_mm
         X, Y, Z, E in the file's coordinates; NaN if no line has set them.
     retracted_mm
-        Distance from the nozzle's tip back to the end of the filament.
+        Distance from the nozzle's tip back to the filament's tip.
     feedrate_mm_min
         The last F; NaN if there was none.
     is_relative, is_e_relative

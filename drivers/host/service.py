@@ -19,7 +19,7 @@ from typing import Any
 
 from drivers.discovery import list_plugged_devices
 from drivers.errors import AgentError, DriverError
-from drivers.host.agent_watch import AgentWatch
+from drivers.host.agent_supervisor import AgentSupervisor
 from drivers.host.connection import MAX_LINE_BYTES, MuxConnection, MuxStream
 from drivers.host.messages import (
     SILENCE_TIMEOUT_S,
@@ -39,7 +39,7 @@ from drivers.remote import Installation
 
 log = logging.getLogger(__name__)
 
-_WATCH_INTERVAL_S = 0.5
+_CHECK_INTERVAL_S = 0.5
 _PORT_INTERVAL_S = 10.0  # wall seconds between two lists of the ports
 _UNUSED_TIMEOUT_S = 60.0  # wall seconds without agents and daemon after which the service ends
 
@@ -55,7 +55,7 @@ class HostService:
 
     def __init__(self, paths: HostPaths) -> None:
         self._paths = paths
-        self._watches: dict[str, AgentWatch] = {}
+        self._supervisors: dict[str, AgentSupervisor] = {}
         self._daemon: MuxConnection | None = None
         self._daemon_writer: asyncio.StreamWriter | None = None
         self._last_message_s = time.monotonic()
@@ -75,26 +75,26 @@ class HostService:
         state_task = asyncio.create_task(self._send_states())
         port_task = asyncio.create_task(self._watch_ports())
         try:
-            while self._watches or time.monotonic() - self._last_message_s < _UNUSED_TIMEOUT_S:
+            while self._supervisors or time.monotonic() - self._last_message_s < _UNUSED_TIMEOUT_S:
                 self._check_agents()
-                await asyncio.sleep(_WATCH_INTERVAL_S)
+                await asyncio.sleep(_CHECK_INTERVAL_S)
         finally:
             server.close()
             for task in (state_task, port_task, *self._tasks):
                 task.cancel()
             await asyncio.gather(state_task, port_task, *self._tasks, return_exceptions=True)
-            for watch in self._watches.values():
-                await watch.close()
+            for supervisor in self._supervisors.values():
+                await supervisor.close()
 
     # -- agents -----------------------------------------------------------------------------------------
 
     def _check_agents(self) -> None:
-        for watch in list(self._watches.values()):
-            watch.keep_alive()
-            if not watch.is_wanted and not watch.is_alive:
-                del self._watches[watch.printer]
-                self._spawn(watch.close())
-        self._update.step(list(self._watches.values()), self._spawn)
+        for supervisor in list(self._supervisors.values()):
+            supervisor.keep_alive()
+            if not supervisor.is_wanted and not supervisor.is_alive:
+                del self._supervisors[supervisor.printer]
+                self._spawn(supervisor.close())
+        self._update.step(list(self._supervisors.values()), self._spawn)
         if self._daemon_writer is not None and time.monotonic() - self._last_message_s > SILENCE_TIMEOUT_S:
             log.warning("the daemon is silent: closing its connection")
             self._daemon_writer.transport.abort()
@@ -103,33 +103,35 @@ class HostService:
     def _set_agents(self, starts: tuple[StartFile, ...]) -> None:
         """Run these agents from now on; end all others when they are idle."""
         for start in starts:
-            if start.printer in self._watches:
-                watch = self._watches[start.printer]
-                watch.start, watch.is_wanted = start, True
+            if start.printer in self._supervisors:
+                supervisor = self._supervisors[start.printer]
+                supervisor.start, supervisor.is_wanted = start, True
             else:
                 try:
                     self._add_agent(start, None)
                 except AgentError as error:
                     log.error("%s has no agent: %s", start.printer, error)
         names = {start.printer for start in starts}
-        for watch in self._watches.values():
-            if watch.printer not in names and watch.is_wanted:
-                watch.is_wanted = False
-                self._spawn(self._retire_agent(watch))
+        for supervisor in self._supervisors.values():
+            if supervisor.printer not in names and supervisor.is_wanted:
+                supervisor.is_wanted = False
+                self._spawn(self._retire_agent(supervisor))
         self._store_agents()
         self._check_agents()
 
     def _add_agent(self, start: StartFile, kept_installation: Installation | None) -> None:
         folder = self._paths.find_agent_folder(start.printer)
-        self._watches[start.printer] = AgentWatch(start, folder, kept_installation, self._change_event.set)
+        self._supervisors[start.printer] = AgentSupervisor(
+            start, folder, kept_installation, self._change_event.set
+        )
 
-    async def _retire_agent(self, watch: AgentWatch) -> None:
+    async def _retire_agent(self, supervisor: AgentSupervisor) -> None:
         """End an agent whose printer is no longer in the fleet, as soon as it is idle."""
-        while not watch.is_wanted and watch.is_alive:
+        while not supervisor.is_wanted and supervisor.is_alive:
             with suppress(DriverError):
-                await watch.end()
-                log.info("%s is not in the fleet: its agent has ended", watch.printer)
-            await asyncio.sleep(_WATCH_INTERVAL_S)
+                await supervisor.end()
+                log.info("%s is not in the fleet: its agent has ended", supervisor.printer)
+            await asyncio.sleep(_CHECK_INTERVAL_S)
 
     def _on_update(self) -> None:
         self._store_agents()  # an agent may now keep another version
@@ -138,7 +140,9 @@ class HostService:
     def _store_agents(self) -> None:
         try:
             agents = [
-                (watch.start, watch.kept_installation) for watch in self._watches.values() if watch.is_wanted
+                (supervisor.start, supervisor.kept_installation)
+                for supervisor in self._supervisors.values()
+                if supervisor.is_wanted
             ]
             self._paths.write_agents(agents)
         except OSError as error:
@@ -191,8 +195,8 @@ class HostService:
         self._change_event.set()
 
     def _on_stream(self, stream: MuxStream, name: str) -> None:
-        watch = self._watches.get(name)
-        if watch is None:
+        supervisor = self._supervisors.get(name)
+        if supervisor is None:
             stream.close(f"this host has no printer {name}")
             return
         self._spawn(relay_stream(stream, self._paths.find_agent_folder(name), self._report_interval_s))
@@ -205,7 +209,7 @@ class HostService:
                     await self._change_event.wait()
             self._change_event.clear()
             self._send_state()
-            await asyncio.sleep(_WATCH_INTERVAL_S / 2)  # so that one state has the changes of many agents
+            await asyncio.sleep(_CHECK_INTERVAL_S / 2)  # so that one state has the changes of many agents
 
     def _send_state(self) -> None:
         if self._daemon is not None:
@@ -216,14 +220,16 @@ class HostService:
             version=self._version,
             installation=self._installation.folder,
             pid=os.getpid(),
-            agents=tuple(watch.describe() for watch in self._watches.values()),
+            agents=tuple(supervisor.describe() for supervisor in self._supervisors.values()),
             ports=self._ports,
-            update=self._update.describe(list(self._watches.values())),
+            update=self._update.describe(list(self._supervisors.values())),
         )
 
     async def _watch_ports(self) -> None:
         while True:
-            printer_ports = [(watch.printer, watch.start.port) for watch in self._watches.values()]
+            printer_ports = [
+                (supervisor.printer, supervisor.start.port) for supervisor in self._supervisors.values()
+            ]
             try:
                 devices = await asyncio.to_thread(list_plugged_devices, printer_ports)
             except OSError as error:

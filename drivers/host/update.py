@@ -11,7 +11,7 @@ from typing import Any
 
 from drivers import messages as m
 from drivers.errors import DriverError
-from drivers.host.agent_watch import AgentWatch
+from drivers.host.agent_supervisor import AgentSupervisor
 from drivers.host.messages import Update, UpdatePhase
 from drivers.remote import Installation
 
@@ -22,7 +22,7 @@ _POLL_INTERVAL_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class HealthObservation:
     """Observations of a new agent since it replaced the old one.
 
     Attributes
@@ -43,19 +43,22 @@ class Trial:
     waited_s: float
 
 
-def judge_trial(trial: Trial) -> str | bool:
-    """Judge a new agent: return True if it works, False if that is still unknown, else the fault as text.
+def check_health(observation: HealthObservation) -> str | bool:
+    """Check a new agent: return True if it works, False if that is still unknown, else the fault as text.
 
     A new agent that cannot reach its printer works if the old agent could not reach it either.
     """
-    snapshot = trial.snapshot
-    if snapshot is not None and snapshot.link in (m.LinkState.READY, m.LinkState.BUSY, trial.old_link):
+    snapshot = observation.snapshot
+    if snapshot is not None and snapshot.link in (m.LinkState.READY, m.LinkState.BUSY, observation.old_link):
         return True
     if snapshot is not None and snapshot.link in (m.LinkState.FAULT, m.LinkState.ABSENT):
         return f"its new agent reports: {snapshot.reason or snapshot.link}"
-    if trial.has_ended:
+    if observation.has_ended:
         return "its new agent has ended"
-    return trial.waited_s > _READY_TIMEOUT_S and f"its new agent was not ready in {_READY_TIMEOUT_S:g} s"
+    return (
+        observation.waited_s > _READY_TIMEOUT_S
+        and f"its new agent was not ready within {_READY_TIMEOUT_S:g} s"
+    )
 
 
 class AgentsUpdate:
@@ -83,25 +86,31 @@ class AgentsUpdate:
         """Stop the update, as an agent on another host had a fault."""
         self._is_running = False
 
-    def step(self, watches: Sequence[AgentWatch], spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:
+    def step(
+        self, supervisors: Sequence[AgentSupervisor], spawn: Callable[[Coroutine[Any, Any, None]], None]
+    ) -> None:
         """Replace the next idle agent, unless one is being replaced; end the update if none is outdated."""
         if not self._is_running or self._printer_in_replacement is not None:
             return
-        outdated_watches = self._list_outdated_watches(watches)
-        if not outdated_watches:
+        outdated_supervisors = self._list_outdated_supervisors(supervisors)
+        if not outdated_supervisors:
             self._is_running = False
             self._on_change()
             return
-        idle_watches = [w for w in outdated_watches if w.snapshot is not None and w.snapshot.print is None]
-        if idle_watches:
-            self._printer_in_replacement = idle_watches[0].printer
-            spawn(self._replace_agent(idle_watches[0]))
+        idle_supervisors = [
+            s for s in outdated_supervisors if s.snapshot is not None and s.snapshot.print is None
+        ]
+        if idle_supervisors:
+            self._printer_in_replacement = idle_supervisors[0].printer
+            spawn(self._replace_agent(idle_supervisors[0]))
 
-    def describe(self, watches: Sequence[AgentWatch]) -> Update:
+    def describe(self, supervisors: Sequence[AgentSupervisor]) -> Update:
         """Describe the update for the daemon."""
         if self._reason is not None:
             return Update(phase=UpdatePhase.FAILED, reason=self._reason)
-        outdated_printers = [watch.printer for watch in self._list_outdated_watches(watches)]
+        outdated_printers = [
+            supervisor.printer for supervisor in self._list_outdated_supervisors(supervisors)
+        ]
         if not outdated_printers:
             return Update()
         if self._is_running:
@@ -112,63 +121,65 @@ class AgentsUpdate:
             phase=UpdatePhase.OUTDATED, reason=f"agents with another version: {' '.join(outdated_printers)}"
         )
 
-    def _list_outdated_watches(self, watches: Sequence[AgentWatch]) -> list[AgentWatch]:
-        return [w for w in watches if w.is_wanted and w.find_installation() not in (None, self._installation)]
+    def _list_outdated_supervisors(self, supervisors: Sequence[AgentSupervisor]) -> list[AgentSupervisor]:
+        return [
+            s for s in supervisors if s.is_wanted and s.find_installation() not in (None, self._installation)
+        ]
 
-    async def _replace_agent(self, watch: AgentWatch) -> None:
+    async def _replace_agent(self, supervisor: AgentSupervisor) -> None:
         """Replace an agent; after a fault, start its old version again and end the update."""
         try:
-            old_snapshot, start_count = watch.snapshot, watch.start_count
-            old_installation = watch.find_installation()
-            kept_installation, watch.kept_installation = watch.kept_installation, None
+            old_snapshot, start_count = supervisor.snapshot, supervisor.start_count
+            old_installation = supervisor.find_installation()
+            kept_installation, supervisor.kept_installation = supervisor.kept_installation, None
             try:
-                await watch.end()
+                await supervisor.end()
             except DriverError as error:  # the agent has begun to print, or is ending
-                watch.kept_installation = kept_installation
-                log.info("%s: not replaced: %s", watch.printer, error)
+                supervisor.kept_installation = kept_installation
+                log.info("%s: not replaced: %s", supervisor.printer, error)
                 return
-            watch.snapshot = None
+            supervisor.snapshot = None
             old_link = None if old_snapshot is None else old_snapshot.link
-            fault = await self._await_trial(watch, old_link, start_count)
+            fault = await self._wait_until_healthy(supervisor, old_link, start_count)
             if fault is not None:
-                await self._restore_old_version(watch, old_installation, fault)
+                await self._restore_old_version(supervisor, old_installation, fault)
         finally:
             self._printer_in_replacement = None
             self._on_change()
 
-    async def _await_trial(
-        self, watch: AgentWatch, old_link: m.LinkState | None, start_count: int
+    async def _wait_until_healthy(
+        self, supervisor: AgentSupervisor, old_link: m.LinkState | None, start_count: int
     ) -> str | None:
-        """Wait for the first agent after start number `start_count`; return its fault; None if it works."""
+        """Wait until the agent started after `start_count` works; return None, or its fault as text."""
         started_s = time.monotonic()
         while True:
-            installation = watch.find_installation()
-            snapshot = watch.snapshot if installation == self._installation else None
+            installation = supervisor.find_installation()
+            snapshot = supervisor.snapshot if installation == self._installation else None
             waited_s = time.monotonic() - started_s
-            has_ended = watch.last_ended_start > start_count
-            result = judge_trial(Trial(old_link, snapshot, has_ended, waited_s))
+            has_ended = supervisor.last_ended_start > start_count
+            result = check_health(HealthObservation(old_link, snapshot, has_ended, waited_s))
             if result is True:
-                log.info("%s: its agent now has this version", watch.printer)
+                log.info("%s: its agent now has this version", supervisor.printer)
                 return None
             if result:
                 return str(result)
             await asyncio.sleep(_POLL_INTERVAL_S)
 
     async def _restore_old_version(
-        self, watch: AgentWatch, old_installation: Installation | None, fault: str
+        self, supervisor: AgentSupervisor, old_installation: Installation | None, fault: str
     ) -> None:
         """Start the old version again, and end the update."""
         self._is_running = False
         is_restorable = old_installation is not None and old_installation.exists
-        watch.kept_installation = old_installation if is_restorable else None
+        supervisor.kept_installation = old_installation if is_restorable else None
         result = "its old version is started again" if is_restorable else "its old version is gone"
-        self._reason = f"{watch.printer}: {fault}; {result}; the update of this host has ended"
+        self._reason = f"{supervisor.printer}: {fault}; {result}; the update of this host has ended"
         log.error("%s", self._reason)
-        if is_restorable and watch.is_running:
+        if is_restorable and supervisor.is_running:
             try:
-                await watch.end()
+                await supervisor.end()
             except DriverError as error:
-                log.error("%s: the new agent is killed: %s", watch.printer, error)
-                watch.kill()
-        watch.snapshot = None
-        watch.reset_backoff()
+                log.error("%s: the new agent is killed: %s", supervisor.printer, error)
+                supervisor.kill()
+        supervisor.snapshot = None
+        supervisor.reset_backoff()

@@ -87,7 +87,7 @@ class BoardState(BaseModel):
     bed_unknown_reason
         Event at the printer that the farm did not cause, until a person has cleared the bed.
     hot
-        True if a heater may still be on because of the farm.
+        True if a heater that the farm switched on may still be on.
     rest_position
         Answer of the idle printer to the position query since its last print; None if unknown.
     device_id
@@ -127,7 +127,7 @@ class JournalState:
     print
         The last print; open unless its phase is final.
     filament
-        Position of the filament's end.
+        Position of the filament's tip.
     alarm
         Alarm about a heater that could not be switched off, until a person has checked the printer.
     board

@@ -48,7 +48,7 @@ def connect(context: SessionContext) -> Script:
 def send(context: SessionContext, *commands: bytes, limit_s: float = SEND_TIMEOUT_S) -> TimedScript:
     """Send commands and wait until the last of them was executed."""
     context.link.send(context.now_s, *commands)
-    context.last_command_s = context.now_s
+    context.last_command_at_s = context.now_s
     return (yield context.wait(lambda: context.link.is_drained, limit_s))
 
 

@@ -85,7 +85,7 @@ class SessionContext:
     profile
         Model of the printer to which the board must belong.
     filament
-        Position of the filament's end.
+        Position of the filament's tip.
     pace
         See `Pace`.
     now_s
@@ -128,7 +128,7 @@ class SessionContext:
         Position in the last answer to M114.
     answer
         Output of the board since the last query.
-    dead_man_timeout_s, last_command_s
+    dead_man_timeout_s, last_command_at_s
         Time without a command after which the firmware's dead-man timer switches heaters off; time of the
         last command.
     executed_line_count
@@ -170,7 +170,7 @@ class SessionContext:
     position_mm: Point | None = field(default=None, init=False)
     answer: bytes = field(default=b"", init=False)
     dead_man_timeout_s: float = field(default=0.0, init=False)
-    last_command_s: float = field(init=False)
+    last_command_at_s: float = field(init=False)
     executed_line_count: int = field(default=0, init=False)
     final_line_count: int | None = field(default=None, init=False)
     is_pause_requested: bool = field(default=False, init=False)
@@ -178,7 +178,7 @@ class SessionContext:
     is_nozzle_paused: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        self.started_s = self.report_s = self.last_command_s = self.now_s
+        self.started_s = self.report_s = self.last_command_at_s = self.now_s
         self.heater_watch = HeaterWatch(2 * self.pace.min_timeout_s)
 
     @property

@@ -71,7 +71,7 @@ def heat(context: SessionContext, command: HeatCommand) -> Script:
         if context.now_s > deadline_s:
             text = f"the {command.heater} reached only {current_c:g} of {command.target_c:g} C in time"
             raise PrintEnded(Fault.HEATER_TIMEOUT, text)
-        if context.now_s - context.last_command_s > COMMAND_INTERVAL_S:
+        if context.now_s - context.last_command_at_s > COMMAND_INTERVAL_S:
             yield from arm_dead_man_timer(context, context.dead_man_timeout_s)
 
 

@@ -44,7 +44,7 @@ def park(context: SessionContext, retracted_mm: float, can_extrude: bool) -> Scr
     context
         State of the session.
     retracted_mm
-        Distance from the nozzle's tip back to the end of the filament; NaN if it is unknown.
+        Distance from the nozzle's tip back to the filament's tip; NaN if it is unknown.
     can_extrude
         True if the nozzle is warm enough to move the filament.
     """

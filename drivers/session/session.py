@@ -91,7 +91,7 @@ class Session:
         self.context.is_pause_requested = False
         self.advance((), now_s)
 
-    def set_latest_end(self, at_s: float | None, now_s: float) -> None:
+    def set_ends_by(self, at_s: float | None, now_s: float) -> None:
         """Set the time at which the print is ended safely; None for no limit."""
         self.context.ends_by_s = at_s
         self.advance((), now_s)

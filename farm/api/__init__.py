@@ -105,7 +105,7 @@ class JobStatus(View):
 
 
 class SubmitResponse(View):
-    """Response to a submission; `again` is True if a job with the same request id already exists."""
+    """Response to a submission; `again` is True if it repeats the request id of an existing job."""
 
     job: int
     again: bool

@@ -44,7 +44,7 @@ class ClearedRequest(View):
 class ClearedResponse(View):
     """Response to the report that a bed is clear. A bad part is printed again, unless it was cancelled."""
 
-    again: str | None = None  # part that is printed again
+    again: str | None = None  # id of the part that is printed again, as it is bad; null if there is none
     good: str | None = None  # part of a failed print that is good
     printed_on: list[str] = Field(default_factory=list)  # printers that are already reprinting that part
 

@@ -22,7 +22,7 @@ class ClusterWorkerView(View):
 class ClusterTaskView(View):
     """Task that was sent to the cluster."""
 
-    what: str
+    what: str  # kind of work
     group: str | None  # its job, or the plate that is replanned
     worker: str | None  # null until it starts
 
@@ -36,7 +36,7 @@ class ClusterView(View):
     workers: list[ClusterWorkerView]
     tasks: list[ClusterTaskView]
     waiting: int  # number of tasks that wait for a worker
-    here: int  # number of tasks that this computer runs
+    here: int  # number of tasks that run on the daemon's computer instead of the cluster
 
 
 class Targets(View):
@@ -75,7 +75,9 @@ class LastPrint(View):
     plate: str
     state: PrintState
     ended: str | None
-    off: float | None  # share by which it took longer than expected; null unless the print is `done`
+    off: (
+        float | None
+    )  # (actual - expected time) / expected time; null unless it is `done` and was never paused
     verdict: Verdict | None
 
 
@@ -97,10 +99,12 @@ class PrinterView(PrinterReadings, View):
     feature_factors: FeatureFactorsView | None = None
     print: PrintProgress | None
     last: LastPrint | None
-    look: str | None  # reason why a person must inspect it
+    look: str | None  # reason why a person must inspect the printer; null if no inspection is needed
     maintenance: str | None  # reason why it is out of use
     hold: Hold | None
-    kept_for: str | None = None  # plate or job for which the free printer is reserved
+    kept_for: str | None = (
+        None  # plate or job for which the free printer is reserved; null if it is not reserved
+    )
     camera: bool = False  # GET /printers/NAME/camera shows it
 
 
@@ -136,7 +140,7 @@ class FleetView(View):
     timezone: str
     time_scale: float
     now: str
-    forecast: str | None = None  # time at which the expected ends of jobs were computed
+    forecast: str | None = None  # time at which the forecast (the expected ends of the jobs) was computed
     file: str
 
 

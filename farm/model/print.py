@@ -68,7 +68,7 @@ class Print(Entity):
     fail_reason: str | None = None  # reason why a person marked it as failed (`farm fail`)
     charged: bool = True  # True if its failure counts as an attempt of its plate
     verdict: Verdict | None = None  # judgement of its part; None until a person has judged it
-    verdict_why: str | None = None
+    verdict_why: str | None = None  # reason for the verdict
     pause_requested: bool = False  # True if a person has requested a pause
     paused: bool = False  # True if it was ever paused, so no time factor is learned from it
     starved_s: float = 0.0

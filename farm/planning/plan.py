@@ -111,7 +111,7 @@ class DecomposeTask:
     budget_s
         Budget of the search for parts; None for the decomposition's default.
     may_pause
-        True to return a `PausedJob` before a round of several attempts of the search.
+        True to return a `PausedDecomposition` before a round of several attempts of the search.
     """
 
     job: int
@@ -132,8 +132,10 @@ class DecomposeTask:
 
 
 @dataclass(frozen=True, slots=True)
-class PausedJob:
-    """Job whose search for parts has paused before a round of attempts; see `farm.planning.parts.paused_job`.
+class PausedDecomposition:
+    """Decomposition whose search for parts has paused before a round of attempts.
+
+    See `farm.planning.parts.paused_decomposition`.
 
     Attributes
     ----------

@@ -15,12 +15,12 @@ from slicing.settings import EngineSettings, Resources, SettingsRequest, find_re
 
 
 def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -> list[PrinterSection]:
-    """Return the enabled printers, at least one, that have the material and the colour of a job.
+    """Return the enabled printers, at least one, that have a job's material and colour and are in its `only`.
 
     Raises
     ------
     RefusedError
-        If no printer matches; the message lists the materials of the fleet.
+        If no printer matches; the message says why.
     """
     enabled_sections = [section for section in printers if section.enabled]
     matching_sections = [
@@ -51,7 +51,10 @@ def _describe_filament(section: PrinterSection) -> str:
 
 
 def build_settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
-    """Build the request for the slicer's settings on a printer, with supports, which the poses assume."""
+    """Build the request for a printer's slicer settings.
+
+    Supports are on, because the choice of poses assumes them.
+    """
     return SettingsRequest(
         build_slicing_printer(PROFILES[section.model]),
         quality,
@@ -108,7 +111,7 @@ def find_usable_volumes(section: PrinterSection, brim_mm: float) -> tuple[Usable
     return list_usable_volumes(PROFILES[section.model], brim_mm, section.volume_mm)
 
 
-def list_model_sizes(
+def list_max_part_sizes_mm(
     usable_volumes: tuple[UsableVolume, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
     """Return the largest sizes (x, y, z) in mm that a part may have before shrinkage compensation."""

@@ -89,13 +89,15 @@ if TYPE_CHECKING:
     from farm.planning.inspection.own_gcode import plan_gcode
     from farm.planning.parts.decompose_job import decompose_job, warm_up_planning
     from farm.planning.parts.job_drawing import draw_job_parts, draw_overview, draw_step_range
-    from farm.planning.parts.paused_job import continue_job, try_grid
+    from farm.planning.parts.paused_decomposition import continue_job, try_grid
     from farm.planning.parts.rebalance_parts import rebalance_parts
     from farm.planning.parts.slice_part import slice_part
     from farm.planning.replanning.cut_part import cut_part
 else:
     inspect_submission = DeferredFunction("farm.planning.inspection.inspect_submission:inspect_submission")
-    continue_job = DeferredFunction("farm.planning.parts.paused_job:continue_job", list_continue_files)
+    continue_job = DeferredFunction(
+        "farm.planning.parts.paused_decomposition:continue_job", list_continue_files
+    )
     decompose_job = DeferredFunction("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
     draw_job_parts = DeferredFunction("farm.planning.parts.job_drawing:draw_job_parts", list_draw_files)
     draw_overview = DeferredFunction("farm.planning.parts.job_drawing:draw_overview", list_overview_files)
@@ -105,7 +107,7 @@ else:
     )
     warm_up_planning = DeferredFunction("farm.planning.parts.decompose_job:warm_up_planning")
     plan_gcode = DeferredFunction("farm.planning.inspection.own_gcode:plan_gcode")
-    try_grid = DeferredFunction("farm.planning.parts.paused_job:try_grid", list_attempt_files)
+    try_grid = DeferredFunction("farm.planning.parts.paused_decomposition:try_grid", list_attempt_files)
     slice_part = DeferredFunction("farm.planning.parts.slice_part:slice_part", list_slice_files)
     cut_part = DeferredFunction("farm.planning.replanning.cut_part:cut_part", list_cut_files)
 

@@ -110,7 +110,7 @@ def _check_prints(books: Books) -> Iterator[str]:
         if job.state in _UNPLANNED_STATES:
             yield f"print {attempt.id}: it is open, and job {job.id} is {job.state}"
         if plate.id not in job.plates:
-            yield f"print {attempt.id}: it is open, and plate {plate.id} is no longer printed"
+            yield f"print {attempt.id}: it is open, but plate {plate.id} no longer belongs to job {job.id}"
         if _is_abandoned(books, attempt):
             yield f"print {attempt.id}: its plate {plate.id} is cancelled, and it has no cancel request"
 
@@ -131,7 +131,7 @@ def _check_printers(books: Books) -> Iterator[str]:
         if printer.bed is not Bed.CLEAR:
             continue
         if printer.name in extruding_printers:
-            yield f"printer {printer.name}: its bed is clear under a print that extrudes"
+            yield f"printer {printer.name}: its bed is marked clear, but its open print has extruded"
         last_print = books.find_last_print(printer.name)
         if (
             last_print is not None

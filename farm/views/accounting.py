@@ -10,7 +10,7 @@ from farm.state import Books, PlateState
 
 _PRINTED_STATES = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
-"""Length of the last night, which ends now: in the morning, it began in the previous afternoon."""
+"""Length of last night, which ends now: in the morning, it began in the previous afternoon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def compute_job_totals(books: Books, job: Job) -> JobTotals:
 
 
 def compute_night_totals(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightTotals | None:
-    """Count the prints of the last night; return None if no print ended during that night.
+    """Count the prints of last night; return None if no print ended during that night.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Views of the past: the last night, ended jobs, ended prints. Pure."""
+"""Views of the past: last night, ended jobs, ended prints. Pure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def select_shown_jobs(books: Books) -> list[Job]:
 
 
 def describe_night(context: ViewContext) -> api.NightView | None:
-    """Describe the last night; return None if no print ended in it."""
+    """Describe last night; return None if no print ended in it."""
     night = compute_night_totals(context.books, context.books.prints.values(), context.now_s)
     if night is None:
         return None

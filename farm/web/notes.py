@@ -1,4 +1,4 @@
-"""Readers of pages, and notes about their last actions, each of which is shown once."""
+"""Users of pages, and notes about their last actions, each of which is shown once."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from dataclasses import dataclass
 from farm.model import Role
 from farm.web.callers import KeyHolder
 
-_MAX_READERS = 1000
+_MAX_USERS = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Reader:
-    """Person who reads a page.
+class User:
+    """User of a page.
 
     Attributes
     ----------
     name, role
         Name of the user or key, and its role.
     has_session
-        True if the reader can log out.
+        True if the user can log out.
     """
 
     name: str
@@ -29,43 +29,43 @@ class Reader:
     has_session: bool = True
 
     @classmethod
-    def for_holder(cls, holder: KeyHolder) -> Reader:
-        """Return the reader for the holder of a key or a session."""
+    def for_holder(cls, holder: KeyHolder) -> User:
+        """Return the user for the holder of a key or a session."""
         return cls(holder.name, holder.role, holder.has_session)
 
     def has_role(self, role: str) -> bool:
-        """Return whether the reader has the rights of a role."""
+        """Return whether the user has the rights of a role."""
         return self.role.allows(Role(role))
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Message about a reader's last action, shown once above the page."""
+    """Message about a user's last action, shown once above the page."""
 
     text: str
     is_problem: bool = False
 
 
 class Notes:
-    """Last note of each reader, kept until a page shows it."""
+    """Last note of each user, kept until a page shows it."""
 
     def __init__(self) -> None:
         self._notes: dict[str, Note] = {}
 
-    def put(self, reader_id: str, note: Note) -> None:
-        """Store a note for the reader with the id of a key or session."""
-        self._notes.pop(reader_id, None)
-        self._notes[reader_id] = note
-        if len(self._notes) > _MAX_READERS:
+    def put(self, user_id: str, note: Note) -> None:
+        """Store a note for the user with the id of a key or session."""
+        self._notes.pop(user_id, None)
+        self._notes[user_id] = note
+        if len(self._notes) > _MAX_USERS:
             del self._notes[next(iter(self._notes))]
 
     @contextmanager
-    def show(self, reader_id: str) -> Iterator[Note | None]:
-        """Yield the note of a reader, or None; delete the note unless rendering its page fails."""
-        note = self._notes.pop(reader_id, None)
+    def show(self, user_id: str) -> Iterator[Note | None]:
+        """Yield the note of a user, or None; delete the note unless rendering its page fails."""
+        note = self._notes.pop(user_id, None)
         try:
             yield note
         except BaseException:
             if note is not None:
-                self._notes.setdefault(reader_id, note)
+                self._notes.setdefault(user_id, note)
             raise

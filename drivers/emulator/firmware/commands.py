@@ -86,7 +86,7 @@ def dwell(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
     begin_s = max(now_s, machine.planner.idle_since_s)
     pause_s = (read_value(line, b"P") or 0.0) / 1000.0
     seconds = read_value(line, b"S")
-    machine.last_command_s = begin_s
+    machine.last_command_at_s = begin_s
     yield begin_s + max(0.0, seconds if seconds is not None else pause_s)
 
 
@@ -226,7 +226,7 @@ def set_dead_man_timer(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``M85``: arm or disarm the dead-man timer."""
     seconds = read_value(line, b"S")
     if seconds is not None:
-        machine.dead_man_armed_s = now_s
+        machine.dead_man_armed_at_s = now_s
         machine.dead_man_timeout_s = seconds if seconds > 0.0 else math.inf
 
 

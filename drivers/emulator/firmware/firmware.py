@@ -104,7 +104,9 @@ class EmulatedFirmware(Listener):
             and not machine.waiting_moves
         ):
             # It is unknown when the bytes arrived during the last wait: assume the earliest time.
-            machine.last_command_s = max(machine.last_command_s, now_s - machine.dead_man_timeout_s + 1e-3)
+            machine.last_command_at_s = max(
+                machine.last_command_at_s, now_s - machine.dead_man_timeout_s + 1e-3
+            )
         self._advance(now_s)
         if data and self.phase in (Phase.RUNNING, Phase.BOOTING):
             if not self._is_busy():
@@ -182,7 +184,7 @@ class EmulatedFirmware(Listener):
                 self._schedule.popleft()[1](at_s)
             elif self._busy_message_s <= at_s and self.dialect.busy_message and self._is_busy():
                 self._send(self.dialect.busy_message)
-                self._busy_message_s += self.machine.keep_alive_s
+                self._busy_message_s += self.machine.keep_alive_interval_s
             elif self.machine.temperature_fault_s <= at_s:
                 self.stop(self.machine.temperature_fault_message, at_s)
             else:
@@ -209,7 +211,7 @@ class EmulatedFirmware(Listener):
                 self._time_s = max(self._time_s, free_s)
                 planner.advance(self._time_s)
                 machine.queue_waiting_move(self._time_s)
-                machine.last_command_s = self._time_s
+                machine.last_command_at_s = self._time_s
                 continue
             if self._running_command is not None:
                 if self._resume_s > now_s:
@@ -248,14 +250,14 @@ class EmulatedFirmware(Listener):
         machine, now_s = self.machine, self._time_s
         number = read_value(line, b"N")
         self._number = self._number if number is None else int(number)
-        self._busy_message_s = now_s + machine.keep_alive_s
+        self._busy_message_s = now_s + machine.keep_alive_interval_s
         code = read_value(line, b"G")
         if code is not None and 0 <= int(code) <= 3 and not machine.is_stopped:
             if int(code) < 2:
                 machine.move(line, now_s)
             else:
                 execute(self.dialect.commands, machine, line, now_s)
-            machine.last_command_s = now_s
+            machine.last_command_at_s = now_s
             if not self.dialect.acknowledges_read_moves:
                 self._end_move(self._number)
             return
@@ -301,7 +303,7 @@ class EmulatedFirmware(Listener):
 
     def _begin_main_loop(self, now_s: float) -> None:
         self.phase = Phase.RUNNING
-        self._time_s = self.machine.last_command_s = now_s
+        self._time_s = self.machine.last_command_at_s = now_s
 
     def stop(self, message: bytes, now_s: float) -> None:
         """Execute ``Stop()``: switch heaters off and refuse moves until ``M999``; halt if `Dialect.halts`."""
@@ -356,11 +358,11 @@ class EmulatedFirmware(Listener):
                 board.set_nozzle_target(0.0, now_s)
             case "nozzle_dies_after" | "nozzle_burns_after":
                 board.nozzle.compute_temperature_c(now_s)
-                board.nozzle.is_dead, board.nozzle.is_switch_shorted = "dies" in name, "burns" in name
+                board.nozzle.is_dead, board.nozzle.is_mosfet_shorted = "dies" in name, "burns" in name
                 self.machine.predict_temperature_fault(now_s)
             case "bed_dies_after" | "bed_burns_after":
                 board.bed.compute_temperature_c(now_s)
-                board.bed.is_dead, board.bed.is_switch_shorted = "dies" in name, "burns" in name
+                board.bed.is_dead, board.bed.is_mosfet_shorted = "dies" in name, "burns" in name
             case "stop_after":
                 self.stop(self.dialect.fault_messages.nozzle_maxtemp, now_s)
             case "nozzle_short_after":

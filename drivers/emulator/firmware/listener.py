@@ -133,7 +133,7 @@ class Listener(ABC):
             None if e is None else float(e),
             self._time_s,
         )
-        machine.last_command_s = self._time_s
+        machine.last_command_at_s = self._time_s
         if not self.dialect.acknowledges_read_moves:
             self._end_move(self._last_number)
         return True
@@ -141,7 +141,7 @@ class Listener(ABC):
     def _end_move(self, number: int) -> None:
         """Acknowledge a move if it is in the planner; otherwise leave its ok pending."""
         self._number = number
-        self._busy_message_s = self._time_s + self.machine.keep_alive_s
+        self._busy_message_s = self._time_s + self.machine.keep_alive_interval_s
         if self.machine.waiting_moves:
             self._is_ok_pending = True
         else:
@@ -209,7 +209,7 @@ class Listener(ABC):
         self._receiver.flush()
         self._send(b"Resend: %d\n" % (self._last_number + 1))
         if not self._faults.mute_resend:
-            self.machine.last_command_s = max(self.machine.last_command_s, self._time_s)
+            self.machine.last_command_at_s = max(self.machine.last_command_at_s, self._time_s)
             self._send(self._sampler.garble_ok(wording.OK))
 
     # --- messages ---
@@ -219,7 +219,7 @@ class Listener(ABC):
 
     def _finish_command(self) -> None:
         """Acknowledge a finished command (``ClearToSend``)."""
-        self.machine.last_command_s = max(self.machine.last_command_s, self._time_s)
+        self.machine.last_command_at_s = max(self.machine.last_command_at_s, self._time_s)
         self._acknowledge()
 
     def _acknowledge(self) -> None:

@@ -80,9 +80,9 @@ class Machine:
         self.temperature_fault_s = math.inf  # time at which a heater makes the firmware stop, and the message
         self.temperature_fault_message = b""
         self.dead_man_timeout_s = math.inf  # M85: longest allowed silence of the host
-        self.keep_alive_s = KEEP_ALIVE_INTERVAL_S  # seconds between two busy messages
-        self.dead_man_armed_s = now_s  # time of the M85
-        self.last_command_s = now_s  # time at which the last command was finished
+        self.keep_alive_interval_s = KEEP_ALIVE_INTERVAL_S  # seconds between two busy messages
+        self.dead_man_armed_at_s = now_s  # time of the M85
+        self.last_command_at_s = now_s  # time at which the last command was finished
         self.send = send
         self.stop = stop
         self._sd_print: tuple[int, float] | None = None  # size of the file in bytes, and start time
@@ -184,7 +184,7 @@ class Machine:
 
     def _note_starvation(self, now_s: float) -> None:
         if self.is_streaming:
-            since_s = max(self.planner.idle_since_s, self.last_command_s)
+            since_s = max(self.planner.idle_since_s, self.last_command_at_s)
             self.starvation_s += max(0.0, now_s - since_s - MAX_WIRE_TIME_S)
 
     def _limit_extrusion(self, e_mm: float, now_s: float) -> float:
@@ -243,7 +243,7 @@ class Machine:
                 now_s + DEAD_HEATER_TIMEOUT_S,
                 self.fault_messages.dead_heater,
             )
-        elif nozzle.is_switch_shorted or nozzle.target_c > MAX_NOZZLE_C:
+        elif nozzle.is_mosfet_shorted or nozzle.target_c > MAX_NOZZLE_C:
             self.temperature_fault_s = now_s + nozzle.compute_heating_s(MAX_NOZZLE_C, now_s)
             self.temperature_fault_message = self.fault_messages.nozzle_maxtemp
 

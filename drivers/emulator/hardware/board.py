@@ -38,7 +38,7 @@ class EmulatedBoard:
     filament_mm
         Net filament through the feeder since power-on.
     filament_end_mm
-        Position of the filament's end relative to the nozzle's tip; never above 0.
+        Position of the filament's tip relative to the nozzle's tip; never above 0.
     change_count
         Number of changes that a person at the printer would notice at once.
     """
@@ -94,7 +94,7 @@ class EmulatedBoard:
         self.bed.set_target(target_c, now_s)
         if self.is_bed_sensor_shorted:
             # The controller reads a cold bed, and heats at full power.
-            self.bed.is_switch_shorted = target_c > 0.0
+            self.bed.is_mosfet_shorted = target_c > 0.0
         self.change_count += 1
 
     def switch_heaters_off(self, now_s: float) -> None:

@@ -26,8 +26,8 @@ class Heater:
 
     Attributes
     ----------
-    is_switch_shorted
-        True if the heater's switch is shorted: full power at any target.
+    is_mosfet_shorted
+        True if the heater's MOSFET is shorted: full power at any target.
     """
 
     __slots__ = (
@@ -37,7 +37,7 @@ class Heater:
         "_temperature_c",
         "_time_s",
         "is_dead",
-        "is_switch_shorted",
+        "is_mosfet_shorted",
         "model",
         "target_c",
     )
@@ -45,7 +45,7 @@ class Heater:
     def __init__(self, model: HeaterModel, period_s: float = 0.0, is_dead: bool = False) -> None:
         self.model = model
         self.is_dead = is_dead
-        self.is_switch_shorted = False
+        self.is_mosfet_shorted = False
         self.target_c = 0.0
         self._period_s = period_s
         self._temperature_c = AMBIENT_C
@@ -61,7 +61,7 @@ class Heater:
     def compute_temperature_c(self, now_s: float) -> float:
         """Compute the temperature at a time, which must not be before the time of the last call."""
         if now_s > self._time_s:
-            if self.is_switch_shorted:
+            if self.is_mosfet_shorted:
                 self._update_temperature(now_s - self._time_s, is_powered=True)
                 self._next_decision_s = now_s
             elif self._period_s > 0.0:

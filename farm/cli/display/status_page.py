@@ -1,4 +1,4 @@
-"""Status page: tasks for people, the last night, jobs and printers."""
+"""Status page: tasks for people, last night, jobs and printers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _TASK_LABELS = {
 }
 _NAME_WIDTH = 32  # columns of a model's name
 _OTHER_LINE_COUNT = 12  # number of lines of a short page besides those of its printers
-_PIPE_WIDTH = 200  # maximum width of a line that several texts share if the width is not limited
+_PIPE_WIDTH = 200  # columns up to which texts are joined into one line when the page has no maximum width
 
 
 def render_status(view: api.StatusSummary, width: int | None = None, height: int | None = None) -> Text:
@@ -158,7 +158,7 @@ def _fold_texts(
 
 
 def format_night(view: api.NightView) -> str:
-    """Format the counts of the last night."""
+    """Format the counts of last night."""
     other_counts = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
     counts = "".join(f", {count} {label}" for label, count in other_counts.items() if count)
     waste = f" + {format_mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
@@ -243,7 +243,7 @@ def _list_job_figures(job: api.JobSummary, now: str) -> list[str]:
     if job.wasted_s > 0:
         figures.append(f"wasted {format_duration(job.wasted_s)}, {format_mass(job.wasted_grams)}")
     if job.progress is not None:
-        figures.append(f"planned again: {format_planning(job.progress)}")
+        figures.append(f"replanning: {format_planning(job.progress)}")
     if job.hold is not None:
         figures.append(job.hold.text)
     return figures

@@ -72,7 +72,7 @@ class ClusterState:
         problems = []
         if self.place is Place.THIS_COMPUTER:
             problems.append(
-                f"no worker of the cluster {self.scheduler} can be used: this computer computes instead; "
+                f"no worker of the cluster {self.scheduler} is usable: running on this computer instead; "
                 "check that the scheduler and its workers are running"
             )
         problems += [

@@ -36,7 +36,7 @@ from farm.planning.error_translation import translate_errors
 from farm.planning.local.sliced_parts import PartSlicer, rebalance_by_slices, write_sliced_parts
 from farm.planning.parts.bed_places import Bed
 from farm.planning.parts.pricing import build_print_time_settings, select_connectors
-from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
+from farm.planning.printer_settings import build_slicing_printer, list_max_part_sizes_mm
 from slicing.cache_limit import trim_cache
 from slicing.settings import (
     DEFAULT_QUALITY,
@@ -137,7 +137,7 @@ def decompose_to_folder(
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm, memory_bytes=memory_bytes)
         cost = _build_cost_model(settings, request.brim_mm)
         decomposition = _decompose(
-            model, list_model_sizes(usable_volumes, settings), request, options, cost, executor
+            model, list_max_part_sizes_mm(usable_volumes, settings), request, options, cost, executor
         )
         if request.slices_parts:
             brim_request = replace(settings_request, overrides={"brim_width": f"{request.brim_mm:g}"})

@@ -47,7 +47,7 @@ class _LocalPool:
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
         """Run a function in this process, after a notice to the user."""
-        self._on_notice("no worker of the cluster can be used: this computer computes")
+        self._on_notice("no cluster worker is usable: running on this computer instead")
         return work(*args)
 
     def close(self) -> None:

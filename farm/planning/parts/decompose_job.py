@@ -34,7 +34,7 @@ from farm.planning.parts.copies import choose_evenly_spaced_items, iterate_part_
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.job_drawing import write_drawing_record
 from farm.planning.parts.pricing import build_decompose_options, build_target_printers, estimate_time_factors
-from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob, TooFewPrinters
+from farm.planning.plan import DecomposedJob, DecomposeTask, PausedDecomposition, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
 
@@ -48,12 +48,12 @@ def warm_up_planning(report: Callable[[str], object]) -> None:
     decompose_model(box, printers, Options(prove=False), CostModel.from_settings(PrintTimeSettings()))
 
 
-def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
+def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedDecomposition:
     """Cut a job's model for its printers, and write the parts into the task's folder.
 
     Returns
     -------
-    DecomposedJob | PausedJob
+    DecomposedJob | PausedDecomposition
         A paused job is returned only with `DecomposeTask.may_pause`.
 
     Raises
@@ -93,7 +93,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
             raise
 
 
-def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | PausedJob:
+def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | PausedDecomposition:
     """Write the parts of a search into the folder of the task, or the record of a search that has paused.
 
     The record is a pickle of the best result, for workers of the same version.
@@ -102,7 +102,7 @@ def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | Pau
     if best.open_printers:
         record = task.folder / f"search-{len(best.attempts)}.pickle"
         record.write_bytes(pickle.dumps(best))
-        return PausedJob(record, len(search.plan_round()), search.spent_share)
+        return PausedDecomposition(record, len(search.plan_round()), search.spent_share)
     time_factors = estimate_time_factors(
         task.printers, task.time_factors, search.model.solid, task.options.quality, find_resources()
     )

@@ -12,13 +12,17 @@ from decompose.printers import TargetPrinter
 from farm.config import PrinterSection
 from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Shares, TimeFactors
 from farm.planning.plate_times import compute_overhead_s
-from farm.planning.printer_settings import find_usable_volumes, list_model_sizes, resolve_printer_settings
+from farm.planning.printer_settings import (
+    find_usable_volumes,
+    list_max_part_sizes_mm,
+    resolve_printer_settings,
+)
 from slicing.hidden_walls import removes_inner_walls
 from slicing.settings import FARM_QUALITIES, SMALL_OVERHANG_MM2, EngineSettings, LayerFit, Resources
 
 REMAINING_TRAVEL_SHARE = 0.25
-"""Travel where the inner wall of a hidden side is removed, as a share of the length of that wall; the order
-of the remaining pieces saves the rest. Fitted to the slices of 70 parts."""
+"""Travel that remains where an inner wall is removed, as a share of that wall's length; the print order of
+the remaining wall segments avoids the other travel. Fitted to the slices of 70 parts."""
 
 
 def build_target_printers(
@@ -49,7 +53,7 @@ def build_target_printers(
     fastest = sorted(printers, key=lambda section: time_factors[section.name])
     target_printers = [
         TargetPrinter(
-            section.name, list_model_sizes(volumes, settings[section.name]), time_ratios[section.name]
+            section.name, list_max_part_sizes_mm(volumes, settings[section.name]), time_ratios[section.name]
         )
         for _ in range(round_count)
         for section in fastest
@@ -192,7 +196,7 @@ def _find_hidden_inner_wall_mm_s(settings: EngineSettings) -> float:
 
 
 def _compute_retraction_s(extruder: Mapping[str, str]) -> float:
-    """Compute the seconds of a retraction and its return; 0 if retraction is disabled."""
+    """Compute the duration of a retraction and unretraction, in seconds; 0 if retraction is disabled."""
     if extruder["retraction_enable"] != "True":
         return 0.0
     speeds_mm_s = (float(extruder[f"retraction_{direction}_speed"]) for direction in ("retract", "prime"))
@@ -206,5 +210,12 @@ def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> Cos
 
 def compute_time_ratio(cost: CostModel, reference: CostModel) -> float:
     """Return the ratio of the estimated times of a 50 mm cube by two cost models."""
-    cube_sums, size_mm = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
-    return cost.price_part_s(cube_sums, size_mm) / reference.price_part_s(cube_sums, size_mm)
+    cube_features = (
+        125_000.0,
+        10_000.0,
+        5_000.0,
+        0.0,
+        0.0,
+    )  # volume mm3, sides, skins, slopes mm2, supports mm3
+    size_mm = (50.0, 50.0, 50.0)
+    return cost.price_part_s(cube_features, size_mm) / reference.price_part_s(cube_features, size_mm)

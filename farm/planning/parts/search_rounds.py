@@ -9,7 +9,7 @@ from pathlib import Path
 from farm.compute import DECOMPOSING_LIMIT, PoolShare
 from farm.errors import ErrorCode, FarmError
 from farm.planning.decompose_progress import DecomposeProgress, ProgressRate, read_share
-from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
+from farm.planning.plan import DecomposedJob, DecomposeTask, PausedDecomposition
 from farm.planning.tasks import continue_job, decompose_job, try_grid
 
 log = logging.getLogger(__name__)
@@ -34,19 +34,19 @@ class SearchRounds:
 
     async def run(self) -> DecomposedJob:
         """Search for parts. Raises FarmError; see `decompose_job`."""
-        result: DecomposedJob | PausedJob = await self._workers.run(
+        result: DecomposedJob | PausedDecomposition = await self._workers.run(
             decompose_job, self._task, limit=DECOMPOSING_LIMIT
         )
-        while isinstance(result, PausedJob):
+        while isinstance(result, PausedDecomposition):
             outcomes = await self._make_attempts(result)
             result = await self._continue_search(result.record, outcomes)
         return result
 
     async def _continue_search(
         self, record: Path, outcomes: tuple[Path | str, ...]
-    ) -> DecomposedJob | PausedJob:
+    ) -> DecomposedJob | PausedDecomposition:
         """Continue the search after a round; beyond a limit, end it with the best result so far."""
-        result: DecomposedJob | PausedJob
+        result: DecomposedJob | PausedDecomposition
         try:
             result = await self._workers.run(
                 continue_job, self._task, record, outcomes, limit=DECOMPOSING_LIMIT
@@ -75,12 +75,15 @@ class SearchRounds:
             share = max(share or 0.0, self._spent_share + sum(attempt_shares))
         return None if share is None else self._rate.estimate_progress(min(1.0, share), now_s)
 
-    async def _make_attempts(self, paused_job: PausedJob) -> tuple[Path | str, ...]:
+    async def _make_attempts(self, paused_decomposition: PausedDecomposition) -> tuple[Path | str, ...]:
         """Make the attempts of a round; return the file of each outcome, or the limit that it exceeded."""
-        self._spent_share = paused_job.spent_share
-        folders = [paused_job.record.with_suffix(f".{number}") for number in range(paused_job.attempt_count)]
+        self._spent_share = paused_decomposition.spent_share
+        folders = [
+            paused_decomposition.record.with_suffix(f".{number}")
+            for number in range(paused_decomposition.attempt_count)
+        ]
         attempts = [
-            asyncio.ensure_future(self._make_attempt(paused_job.record, number, folder))
+            asyncio.ensure_future(self._make_attempt(paused_decomposition.record, number, folder))
             for number, folder in enumerate(folders)
         ]
         self._attempt_folders = folders

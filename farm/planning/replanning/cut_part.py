@@ -50,10 +50,8 @@ def cut_part(task: ReplanTask) -> Pieces:
         if len(decomposition.parts) < 2:
             raise FarmError(f"part {task.part.id} finishes sooner in one piece", ErrorCode.NO_FIT)
         beds = find_beds(task.printers, task.options.quality, resources)
-        renamed_decomposition = _rename_pieces(decomposition, task.part)
-        stored_decomposition = write_decomposition(
-            renamed_decomposition, task.folder, make_place_finder(beds)
-        )
+        job_decomposition = _move_and_name_pieces(decomposition, task.part)
+        stored_decomposition = write_decomposition(job_decomposition, task.folder, make_place_finder(beds))
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except FarmError:
@@ -80,7 +78,7 @@ def read_pin_distances_mm(task: ReplanTask) -> tuple[float, ...]:
     )
 
 
-def _rename_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:
+def _move_and_name_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:
     """Name the pieces by their part and a letter, and move them to the frame of the job's model."""
     to_model = np.reshape(whole.geometry.to_model, (4, 4))
     name = Path(whole.id).name

@@ -107,13 +107,11 @@ def _(event: ev.JobFailed, books: Books) -> Result:
 @change.register
 def _(event: ev.JobCancelled, books: Books) -> Result:
     job = books.get_job(event.job)
-    # A job that has not started may be planned for other printers.
+    # A planned job that has not started may be being replanned.
     is_planning = job.state is JobState.PLANNING or not books.has_started(job.id)
     reason = f"cancelled by {event.by}"
-    books, instructions = end_job(
-        books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, reason
-    )
-    return books, (ev.StopPlanning(job=event.job), *instructions) if is_planning else instructions
+    books, commands = end_job(books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, reason)
+    return books, (ev.StopPlanning(job=event.job), *commands) if is_planning else commands
 
 
 @change.register

@@ -1,4 +1,4 @@
-"""Assembly steps, joints and curve of a decomposition, from its report (decomposition.json). Pure."""
+"""Assembly steps, joints and time curve of a decomposition, from its report (decomposition.json). Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Joint(_Record):
     a: str
     b: str
     area_mm2: float
-    glued: bool = True  # whether the glued area suffices without other joints
+    glued: bool = True  # True if the glued area of this joint suffices without other joints
 
 
 class MarkText(_Record):
@@ -73,7 +73,7 @@ class Step(_Record):
 
 
 class Assembly(_Record):
-    """Steps in order, and groups of parts that cannot be taken apart in any order."""
+    """Steps in order, and groups of interlocked parts: no order takes them apart."""
 
     steps: tuple[Step, ...] = ()
     locked: tuple[tuple[str, ...], ...] = ()
@@ -93,7 +93,7 @@ class CurvePoint(_Record):
 
 
 class Report(_Record):
-    """Joints, assembly and curve of a decomposition; fields missing in old reports are empty.
+    """Joints, assembly and time curve of a decomposition; fields missing in old reports are empty.
 
     Attributes
     ----------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from farm.web.live.fragments import publish_page
+from farm.web.live.fragments import prepare_page
 from farm.web.live.live_pages import LivePages, make_live_routes
 
-__all__ = ["LivePages", "make_live_routes", "publish_page"]
+__all__ = ["LivePages", "make_live_routes", "prepare_page"]

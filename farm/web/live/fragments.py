@@ -53,7 +53,7 @@ def split_page(page: str) -> Fragments:
     return Fragments(_FRAGMENT_PATTERN.sub(r"<!--live:\1--><!--/live-->", main), elements)
 
 
-def publish_page(page: str) -> str:
+def prepare_page(page: str) -> str:
     """Prepare a rendered page for a browser: remove the comments, and add the version of its content."""
     if _VERSION_ATTRIBUTE not in page:
         return page

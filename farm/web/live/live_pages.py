@@ -23,12 +23,12 @@ from farm.http import StreamLimit, StreamResponse
 from farm.model import Role
 from farm.web.callers import find_holder
 from farm.web.live.fragments import MAIN_ID, find_changes, split_page
-from farm.web.notes import Reader
+from farm.web.notes import User
 
 log = logging.getLogger(__name__)
 
-PageRenderer = Callable[[Reader, str, str], Awaitable[str]]
-"""Function that renders a page for a reader from the variable part of its path and the query of its URL."""
+PageRenderer = Callable[[User, str, str], Awaitable[str]]
+"""Function that renders a page for a user from the variable part of its path and the query of its URL."""
 
 _PERIOD_S = 1.0  # minimum time between two rounds
 _MAX_RENDERING_SHARE = 0.05  # share of the time that rendering may take
@@ -162,7 +162,7 @@ class LivePages:
         for pattern, render, rounds_per_rendering in self._pages:
             match = pattern.fullmatch(path)
             if match is not None:
-                return partial(render, Reader("", role), "".join(match.groups()), query), rounds_per_rendering
+                return partial(render, User("", role), "".join(match.groups()), query), rounds_per_rendering
         raise NotFoundError(f"there is no live page {path}")
 
     def _start_refreshing(self) -> None:

@@ -13,7 +13,7 @@ from farm import api
 from farm.http import describe_farm
 from farm.model import HoldCode, JobState, Link, PrintState, TextTime
 from farm.text import format_count, format_mass
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.rendering import render_page
 from farm.web.pages.sentences import Sentence
@@ -104,17 +104,17 @@ class JobRow:
     waits: Sequence[Sentence]
 
 
-def render_home(status: api.Status, reader: Reader, note: Note | None = None) -> str:
+def render_home(status: api.Status, user: User, note: Note | None = None) -> str:
     """Render the home page.
 
     Parameters
     ----------
     status
         The farm.
-    reader
-        Person who reads the page.
+    user
+        User of the page.
     note
-        Message about the reader's last action.
+        Message about the user's last action.
     """
     jobs = [describe_job_row(job) for job in status.jobs]
     ended_rows = [row for row in jobs if JobState(row.job.state).ended and row.job.state != JobState.PRINTED]
@@ -122,7 +122,7 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
         "home.html",
         status.fleet,
         "/",
-        reader,
+        user,
         note,
         now=status.fleet.now,
         time_scale=status.fleet.time_scale,
@@ -251,7 +251,7 @@ def describe_job_row(job: api.JobView) -> JobRow:
     """Describe the progress of a job, and the reasons why it or its plates wait."""
     progress = format_planning(job.progress) if job.progress is not None else ""
     if job.plates:
-        replanning_text = f"; planned again: {progress}" if progress else ""
+        replanning_text = f"; replanning: {progress}" if progress else ""
         progress = f"{job.printed} of {format_count(len(job.plates), 'plate')} printed{replanning_text}"
     return JobRow(job, progress, list(_list_waits(job)))
 
@@ -269,7 +269,7 @@ def _list_waits(job: api.JobView) -> Iterator[Sentence]:
 
 
 def describe_night(night: api.NightView | None) -> str | None:
-    """Describe the last night in a sentence."""
+    """Describe last night in a sentence."""
     if night is None:
         return None
     counts = {"failed": night.failed, "still printing": night.printing, "not started": night.waiting}
@@ -283,10 +283,10 @@ def make_home_routes(pages: PageContext) -> APIRouter:
     """Return the route of the home page."""
     router = APIRouter(include_in_schema=False)
 
-    async def render(reader: Reader, note: Note | None = None) -> str:
-        return render_home(describe_farm(pages.services), reader, note)
+    async def render(user: User, note: Note | None = None) -> str:
+        return render_home(describe_farm(pages.services), user, note)
 
-    pages.live_pages.add("/", lambda reader, _variable, _query: render(reader))
+    pages.live_pages.add("/", lambda user, _variable, _query: render(user))
 
     @router.get("/")
     async def show_home(request: Request) -> Response:

@@ -10,13 +10,13 @@ from fastapi.responses import HTMLResponse
 
 from farm.http import Services
 from farm.web.callers import find_holder
-from farm.web.live import LivePages, publish_page
-from farm.web.notes import Note, Notes, Reader
+from farm.web.live import LivePages, prepare_page
+from farm.web.notes import Note, Notes, User
 
 SLOW_PAGE_ROUNDS = 10
 """Rounds of live pages between two renderings of a page that reads all jobs and prints."""
-PageRenderer = Callable[[Reader, Note | None], Awaitable[str]]
-"""Function that renders a page for a reader, with a note above it."""
+PageRenderer = Callable[[User, Note | None], Awaitable[str]]
+"""Function that renders a page for a user, with a note above it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,4 +41,4 @@ class PageContext:
         """Answer with a page and the note of the caller; the note is kept if rendering fails."""
         holder = find_holder(request)
         with self.notes.show(holder.key.id) as note:
-            return HTMLResponse(publish_page(await render(Reader.for_holder(holder), note)))
+            return HTMLResponse(prepare_page(await render(User.for_holder(holder), note)))

@@ -13,7 +13,7 @@ from farm import api
 from farm.model import JobState, PrintState, Role
 from farm.templates import load_environment
 from farm.text import format_duration, format_mass
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.sentences import (
     format_commands,
     format_sentence,
@@ -67,7 +67,7 @@ class FleetInfo(Protocol):
 
 
 def render_page(
-    template: str, fleet: FleetInfo, path: str, reader: Reader, note: Note | None = None, **values: object
+    template: str, fleet: FleetInfo, path: str, user: User, note: Note | None = None, **values: object
 ) -> str:
     """Render a page with its navigation.
 
@@ -79,17 +79,15 @@ def render_page(
         The fleet.
     path
         Path of the page, marked in the navigation.
-    reader
-        Person who reads the page.
+    user
+        User of the page.
     note
-        Message about the reader's last action.
+        Message about the user's last action.
     values
         Variables of the template.
     """
-    links = [(page_path, label) for page_path, label, role in NAVIGATION if reader.role.allows(role)]
-    return load_template(template).render(
-        fleet=fleet, path=path, links=links, reader=reader, note=note, **values
-    )
+    links = [(page_path, label) for page_path, label, role in NAVIGATION if user.role.allows(role)]
+    return load_template(template).render(fleet=fleet, path=path, links=links, user=user, note=note, **values)
 
 
 def render_login(farm_name: str, user: str, role: Role) -> str:

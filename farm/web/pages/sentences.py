@@ -1,6 +1,6 @@
 """Times, and sentences with times and commands, as HTML. Pure.
 
-Times are in the farm's time zone; a script of the pages converts them to the reader's.
+Times are in the farm's time zone; a script of the pages converts them to the user's.
 """
 
 from __future__ import annotations

@@ -108,9 +108,9 @@ def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, run_log: Path):
     agent.report(21.0)
     agent.wait_for_outcome()
     assert count_runs(run_log) == 1
-    assert (
-        agent.attention_reason
-        == f"both heaters are off, and the board reports MAXTEMP triggered: switch it off; {CUT_OUTCOME}"
+    assert agent.attention_reason == (
+        "the board reports MAXTEMP triggered, and both targets are 0, so a heater is stuck on or a sensor is "
+        f"broken: switch it off; {CUT_OUTCOME}"
     )
 
 
@@ -132,7 +132,7 @@ def test_finding_counts_again_after_the_printer_was_cold_absent_or_checked(tmp_p
 
     check_run_after_hot_reports(1)
     check_run_after_hot_reports(2)  # the printer was cold in between
-    agent.board.absent_reason, agent.board.rearms_alarm = None, True  # the printer is connected again
+    agent.board.absent_reason, agent.board.alarm_is_over = None, True  # the printer is connected again
     agent.board.idle_watch.reset()
     agent.report(60.0)
     agent.report(90.0)
@@ -266,7 +266,7 @@ def test_cooling_heater_ends_the_alarm(tmp_path: Path, run_log: Path):
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     rig.firmware.board.nozzle.compute_temperature_c(rig.now_s)
-    rig.firmware.board.nozzle.is_switch_shorted = False
+    rig.firmware.board.nozzle.is_mosfet_shorted = False
     step_until(agent, rig, lambda: agent.board.session is None)
     assert agent.alarm is None and read_journal(tmp_path / JOURNAL)[0].alarm is None
     assert count_runs(run_log) == 0 and "went up to" in agent.attention_reason

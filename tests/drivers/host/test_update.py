@@ -8,13 +8,13 @@ import pytest
 from drivers import messages as m
 from drivers.errors import AgentError
 from drivers.host import UpdatePhase, update
-from drivers.host.update import AgentsUpdate, Trial, judge_trial
+from drivers.host.update import AgentsUpdate, HealthObservation, check_health
 from drivers.remote import Installation
 
 OLD_INSTALLATION, NEW_INSTALLATION = Installation("/old/python", "/old"), Installation("/new/python", "/new")
 
 
-class FakeWatch:
+class FakeSupervisor:
     """Simulated agent that restarts with the new installation, or with the one that it keeps."""
 
     def __init__(self, printer: str, is_printing: bool = False, new_link: m.LinkState | None = None) -> None:
@@ -57,16 +57,16 @@ class FakeWatch:
         """Do nothing, because a simulated agent starts immediately."""
 
 
-def run_update(watches: list[FakeWatch], condition: Callable[[AgentsUpdate], bool]) -> AgentsUpdate:
+def run_update(supervisors: list[FakeSupervisor], condition: Callable[[AgentsUpdate], bool]) -> AgentsUpdate:
     """Begin an update, and step until a condition holds."""
 
     async def run() -> AgentsUpdate:
         agents_update, tasks = AgentsUpdate(NEW_INSTALLATION, lambda: None), set()
-        assert agents_update.describe(watches).phase is UpdatePhase.OUTDATED
+        assert agents_update.describe(supervisors).phase is UpdatePhase.OUTDATED
         agents_update.begin()
         async with asyncio.timeout(20):
             while not condition(agents_update):
-                agents_update.step(watches, lambda work: tasks.add(asyncio.create_task(work)))
+                agents_update.step(supervisors, lambda work: tasks.add(asyncio.create_task(work)))
                 await asyncio.sleep(0)
             await asyncio.gather(*tasks)
         return agents_update
@@ -80,51 +80,57 @@ def _short_poll_interval(monkeypatch):
 
 
 def test_idle_agents_are_replaced_one_by_one():
-    watches = [FakeWatch("a"), FakeWatch("b")]
-    run_update(watches, lambda agents_update: agents_update.describe(watches).phase is UpdatePhase.CURRENT)
-    assert [watch.installation for watch in watches] == [NEW_INSTALLATION, NEW_INSTALLATION]
+    supervisors = [FakeSupervisor("a"), FakeSupervisor("b")]
+    run_update(
+        supervisors, lambda agents_update: agents_update.describe(supervisors).phase is UpdatePhase.CURRENT
+    )
+    assert [supervisor.installation for supervisor in supervisors] == [NEW_INSTALLATION, NEW_INSTALLATION]
 
 
 def test_printing_agent_is_not_replaced_before_its_print_has_ended():
-    watches = [FakeWatch("a", is_printing=True), FakeWatch("b")]
-    agents_update = run_update(watches, lambda _: watches[1].installation == NEW_INSTALLATION)
-    assert watches[0].installation == OLD_INSTALLATION
-    assert agents_update.describe(watches).phase is UpdatePhase.RUNNING
-    assert "a" in str(agents_update.describe(watches).reason)
+    supervisors = [FakeSupervisor("a", is_printing=True), FakeSupervisor("b")]
+    agents_update = run_update(supervisors, lambda _: supervisors[1].installation == NEW_INSTALLATION)
+    assert supervisors[0].installation == OLD_INSTALLATION
+    assert agents_update.describe(supervisors).phase is UpdatePhase.RUNNING
+    assert "a" in str(agents_update.describe(supervisors).reason)
 
 
 def test_first_fault_restores_the_old_version_and_ends_the_update(tmp_path, monkeypatch):
     monkeypatch.setattr(Installation, "exists", True)
-    watches = [FakeWatch("a", new_link=m.LinkState.FAULT), FakeWatch("b")]
+    supervisors = [FakeSupervisor("a", new_link=m.LinkState.FAULT), FakeSupervisor("b")]
     agents_update = run_update(
-        watches, lambda agents_update: agents_update.describe(watches).phase is UpdatePhase.FAILED
+        supervisors, lambda agents_update: agents_update.describe(supervisors).phase is UpdatePhase.FAILED
     )
-    assert [watch.installation for watch in watches] == [OLD_INSTALLATION, OLD_INSTALLATION]
-    assert watches[0].kept_installation == OLD_INSTALLATION
-    reason = str(agents_update.describe(watches).reason)
+    assert [supervisor.installation for supervisor in supervisors] == [OLD_INSTALLATION, OLD_INSTALLATION]
+    assert supervisors[0].kept_installation == OLD_INSTALLATION
+    reason = str(agents_update.describe(supervisors).reason)
     assert "a: its new agent reports: its port is gone; its old version is started again" in reason
 
 
 def test_new_agent_that_does_not_end_is_killed_and_replaced_by_the_old_one(monkeypatch):
     monkeypatch.setattr(Installation, "exists", True)
-    watch = FakeWatch("a", new_link=m.LinkState.FAULT)
-    watch.ignores_end = True
-    run_update([watch], lambda agents_update: agents_update.describe([watch]).phase is UpdatePhase.FAILED)
-    assert watch.installation == OLD_INSTALLATION
+    supervisor = FakeSupervisor("a", new_link=m.LinkState.FAULT)
+    supervisor.ignores_end = True
+    run_update(
+        [supervisor], lambda agents_update: agents_update.describe([supervisor]).phase is UpdatePhase.FAILED
+    )
+    assert supervisor.installation == OLD_INSTALLATION
 
 
 def test_new_agent_is_judged_by_its_link_and_the_time_since_its_start():
     ready_report, fault_report, absent_report = (
-        FakeWatch("a").make_snapshot(link)
+        FakeSupervisor("a").make_snapshot(link)
         for link in (m.LinkState.READY, m.LinkState.FAULT, m.LinkState.ABSENT)
     )
-    report = FakeWatch("a").make_snapshot(m.LinkState.CONNECTING)
+    report = FakeSupervisor("a").make_snapshot(m.LinkState.CONNECTING)
     old_link = m.LinkState.READY
-    assert judge_trial(Trial(old_link, ready_report, False, 5.0)) is True
-    assert judge_trial(Trial(old_link, report, False, 5.0)) is False
-    assert judge_trial(Trial(old_link, None, False, 5.0)) is False  # a busy computer starts an agent late
-    assert judge_trial(Trial(old_link, None, True, 0.1)) == "its new agent has ended"
-    assert "its port is gone" in str(judge_trial(Trial(old_link, fault_report, False, 5.0)))
+    assert check_health(HealthObservation(old_link, ready_report, False, 5.0)) is True
+    assert check_health(HealthObservation(old_link, report, False, 5.0)) is False
+    assert (
+        check_health(HealthObservation(old_link, None, False, 5.0)) is False
+    )  # a busy computer starts an agent late
+    assert check_health(HealthObservation(old_link, None, True, 0.1)) == "its new agent has ended"
+    assert "its port is gone" in str(check_health(HealthObservation(old_link, fault_report, False, 5.0)))
     # The printer was absent before the update too, so the update is not the cause.
-    assert judge_trial(Trial(m.LinkState.ABSENT, absent_report, False, 5.0)) is True
-    assert "was not ready" in str(judge_trial(Trial(old_link, report, False, 100.0)))
+    assert check_health(HealthObservation(m.LinkState.ABSENT, absent_report, False, 5.0)) is True
+    assert "was not ready within 90 s" in str(check_health(HealthObservation(old_link, report, False, 100.0)))

@@ -134,7 +134,7 @@ def end_print(ending: Ending, lines: int, seconds: float, text: str) -> Rig:
 
 
 def measure_next_filament_end_mm(rig: Rig) -> float:
-    """Measure the position of the filament's end in mm at the first extruding line of the next print."""
+    """Measure the position of the filament's tip in mm at the first extruding line of the next print."""
     board = rig.firmware.board
     no_faults = Faults()
     next_rig = Rig(text=make_gcode(20), filament=rig.session.context.filament)
@@ -223,7 +223,7 @@ def test_any_print_ends_and_reports_its_heaters_correctly(
         assert rig.read_targets() == (0.0, 0.0)
         for heater in (board.nozzle, board.bed):
             # A heater that is stuck on is only this cold if the print has just begun.
-            assert not heater.is_switch_shorted or heater.compute_temperature_c(rig.now_s) < 90.0
+            assert not heater.is_mosfet_shorted or heater.compute_temperature_c(rig.now_s) < 90.0
     if session.context.phase is PrintPhase.DONE and not (
         rig.firmware.noise and rig.firmware.noise.altered_line_count
     ):

@@ -115,7 +115,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off_and_its_mains_are_cut(
 def test_heater_stuck_on_at_the_end_fails_the_print():
     rig = Rig(text=make_gcode(50))
     rig.run_until_printing(rig.program.line_count - 12)
-    rig.firmware.board.bed.is_switch_shorted = True
+    rig.firmware.board.bed.is_mosfet_shorted = True
     rig.run()
     assert (rig.session.context.phase, rig.session.context.fault) == (
         PrintPhase.FAILED,

@@ -127,7 +127,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     assert suspicion is not None
     if not burns:
         rig.firmware.board.nozzle.compute_temperature_c(rig.now_s)
-        rig.firmware.board.nozzle.is_switch_shorted = False
+        rig.firmware.board.nozzle.is_mosfet_shorted = False
     rig.link.on_closed()
     rig.session = Session(
         SessionContext(rig.link, None, PLUS_PROFILE, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
@@ -142,7 +142,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
 @pytest.mark.parametrize("burns", [False, True])
 def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     rig = Rig()
-    rig.firmware.board.nozzle.is_switch_shorted = burns
+    rig.firmware.board.nozzle.is_mosfet_shorted = burns
     started_s = rig.now_s
     old_suspicion = Suspicion("the nozzle went up to 250 C, above 210", rig.now_s - 3600.0)
     rig.session = Session(

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.printers import PROFILES, SLICING_PROFILES
 from farm.config import PrinterSection
-from farm.planning.printer_settings import find_usable_volumes, list_bed_boxes, list_model_sizes
+from farm.planning.printer_settings import find_usable_volumes, list_bed_boxes, list_max_part_sizes_mm
 from printers.slicing_printers import UM2_PLUS
 from slicing.errors import EngineMissing
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
@@ -45,7 +45,7 @@ def test_usable_volume_of_a_model_is_reduced_by_the_shrinkage(resources):
     section = PrinterSection(name="a", model="ultimaker2_plus", port="/dev/ttyACM0")
     settings = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_abs"), resources)
     volumes = find_usable_volumes(section, settings.brim_width_mm)
-    for (x, y, z), box in zip(list_model_sizes(volumes, settings), volumes, strict=True):
+    for (x, y, z), box in zip(list_max_part_sizes_mm(volumes, settings), volumes, strict=True):
         assert (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z) == pytest.approx(
             box.size_mm
         )

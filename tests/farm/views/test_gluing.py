@@ -20,7 +20,7 @@ from farm.views.context import ViewContext
 from farm.views.dashboard import HistoryFilter, describe_history, write_csv
 from farm.views.jobs import measure_assembly
 from farm.views.report import list_figures
-from farm.web.notes import Reader
+from farm.web.notes import User
 from farm.web.pages.fleet.history import render_history
 
 FLEET = Fleet.model_validate(
@@ -98,12 +98,12 @@ def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
 
 def test_history_page_has_the_expected_time_of_gluing_until_it_is_reported(books):
     books = print_parts(books)
-    reader = Reader("ann", Role.LOOK)
+    user = User("ann", Role.LOOK)
     view = describe_history(make_context(books, 300.0), HistoryFilter())
-    assert ">expected 1h00</td></tr>" in render_history(view, FLEET.fleet, reader)
+    assert ">expected 1h00</td></tr>" in render_history(view, FLEET.fleet, user)
     books, _ = apply_events(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
     view = describe_history(make_context(books, 6000.0), HistoryFilter())
-    assert ">50 min</td></tr>" in render_history(view, FLEET.fleet, reader)
+    assert ">50 min</td></tr>" in render_history(view, FLEET.fleet, user)
 
 
 def test_reported_times_correct_those_expected_of_a_later_job(books):

@@ -7,8 +7,8 @@ import pytest
 from books.planned_job import plan_job
 from farm import api
 from farm.model import Role
-from farm.web.live import publish_page
-from farm.web.notes import Reader
+from farm.web.live import prepare_page
+from farm.web.notes import User
 from farm.web.pages.home import render_home
 from farm.web.pages.static_files import load_static_files
 from farms.network_farm import NetworkFarm
@@ -30,8 +30,8 @@ def test_first_page_of_a_hundred_printers_is_small(tmp_path):
         )
         for index in range(100)
     ]
-    page = publish_page(
-        render_home(status.model_copy(update={"printers": printers}), Reader("a", Role.OPERATE))
+    page = prepare_page(
+        render_home(status.model_copy(update={"printers": printers}), User("a", Role.OPERATE))
     )
     loaded_files = [file for name, file in load_static_files().items() if f"/static/{name}?" in page]
     assert len(loaded_files) >= 4  # style sheet, icon and scripts

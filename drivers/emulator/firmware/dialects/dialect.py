@@ -44,7 +44,7 @@ class Dialect:
     advanced_ok
         True if an ok can contain the line number and the free space of both buffers.
     busy_message
-        Message sent every `Machine.keep_alive_s` while a command is executed; empty if there is none.
+        Message sent every `Machine.keep_alive_interval_s` while a command is executed; empty if none is.
     find_inactivity_start_s
         Function that returns the time from which M85 counts.
     halts

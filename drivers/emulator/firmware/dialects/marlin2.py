@@ -92,7 +92,7 @@ def _stop_moves(machine: Machine, line: bytes, now_s: float) -> ResumeTimes:
 
 
 def _set_keep_alive(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.keep_alive_s = read_value(line, b"S") or math.inf
+    machine.keep_alive_interval_s = read_value(line, b"S") or math.inf
 
 
 def _halt(machine: Machine, line: bytes, now_s: float) -> None:
@@ -102,7 +102,7 @@ def _halt(machine: Machine, line: bytes, now_s: float) -> None:
 def _find_last_activity_s(machine: Machine) -> float:
     """Return the time of the last move, or of the last M85 (``manage_inactivity``)."""
     planner = machine.planner
-    return max(machine.dead_man_armed_s, planner.end_s if len(planner) else planner.idle_since_s)
+    return max(machine.dead_man_armed_at_s, planner.end_s if len(planner) else planner.idle_since_s)
 
 
 MARLIN2 = Dialect(

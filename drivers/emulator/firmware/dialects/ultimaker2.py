@@ -113,6 +113,6 @@ ULTIMAKER2 = Dialect(
     acknowledges_read_moves=True,
     advanced_ok=False,
     busy_message=b"",
-    find_inactivity_start_s=lambda machine: machine.last_command_s,
+    find_inactivity_start_s=lambda machine: machine.last_command_at_s,
     halts=False,
 )

@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from farm.views import ViewContext
 from farm.views.dashboard import HistoryFilter, HistoryView, describe_history, select_prints, write_csv
 from farm.views.history import make_history_row
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
 from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
 from farm.web.pages.rendering import FleetInfo, render_page
@@ -43,19 +43,19 @@ def make_history_routes(pages: PageContext) -> APIRouter:
     controller = services.controller
     fleet = controller.fleet.fleet
 
-    async def render(reader: Reader, query: HistoryQuery, note: Note | None = None) -> str:
+    async def render(user: User, query: HistoryQuery, note: Note | None = None) -> str:
         context = controller.build_view_context(services.state)
         view = await asyncio.to_thread(describe_history, context, query.to_filter())
-        return render_history(view, fleet, reader, note)
+        return render_history(view, fleet, user, note)
 
-    async def render_live(reader: Reader, _variable: str, query: str) -> str:
-        return await render(reader, read_query(HistoryQuery, query))
+    async def render_live(user: User, _variable: str, query: str) -> str:
+        return await render(user, read_query(HistoryQuery, query))
 
     pages.live_pages.add("/history", render_live, SLOW_PAGE_ROUNDS)
 
     @router.get("/history")
     async def show_history(request: Request, query: Annotated[HistoryQuery, Query()]) -> Response:
-        return await pages.answer(request, lambda reader, note: render(reader, query, note))
+        return await pages.answer(request, lambda user, note: render(user, query, note))
 
     @router.get("/history.csv")
     async def export_history(query: Annotated[HistoryQuery, Query()]) -> Response:
@@ -66,7 +66,7 @@ def make_history_routes(pages: PageContext) -> APIRouter:
     return router
 
 
-def render_history(view: HistoryView, fleet: FleetInfo, reader: Reader, note: Note | None = None) -> str:
+def render_history(view: HistoryView, fleet: FleetInfo, user: User, note: Note | None = None) -> str:
     """Render the page.
 
     Parameters
@@ -75,10 +75,10 @@ def render_history(view: HistoryView, fleet: FleetInfo, reader: Reader, note: No
         Ended prints, with figures.
     fleet
         The fleet.
-    reader
-        Person who reads the page.
+    user
+        User of the page.
     note
-        Message about the reader's last action.
+        Message about the user's last action.
     """
     values = asdict(view.history_filter)
     query = urlencode({name: value for name, value in values.items() if value is not None})
@@ -86,7 +86,7 @@ def render_history(view: HistoryView, fleet: FleetInfo, reader: Reader, note: No
         "history.html",
         fleet,
         "/history",
-        reader,
+        user,
         note,
         view=view,
         periods=PERIODS,

@@ -20,7 +20,7 @@ from farm.errors import NotFoundError, RefusedError
 from farm.http import find_stored_file
 from farm.views.dashboard import PrinterPage, describe_printer_page
 from farm.web.callers import find_holder
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.home import is_hot
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute
@@ -45,7 +45,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
     controller = services.controller
     fleet = controller.fleet.fleet
 
-    async def render(reader: Reader, name: str, note: Note | None = None) -> str:
+    async def render(user: User, name: str, note: Note | None = None) -> str:
         context, printer = (
             controller.build_view_context(services.state),
             controller.situations.describe_printer(name),
@@ -58,23 +58,23 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
             None if printer is None else printer.find_obstacle(),
             controller.scheduler.list_reservations().get(name),
         )
-        return render_printer(page, fleet, reader, note)
+        return render_printer(page, fleet, user, note)
 
-    pages.live_pages.add("/printers/{name}", lambda reader, name, _query: render(reader, name))
+    pages.live_pages.add("/printers/{name}", lambda user, name, _query: render(user, name))
 
     @router.get("/printers/{name}")
     async def show_printer(request: Request, name: str) -> Response:
-        return await pages.answer(request, lambda reader, note: render(reader, name, note))
+        return await pages.answer(request, lambda user, note: render(user, name, note))
 
     @router.get("/printers/{name}/wire")
     async def show_wire(request: Request, name: str) -> Response:
-        reader, problem, lines = Reader.for_holder(find_holder(request)), None, list[WireLine]()
+        user, problem, lines = User.for_holder(find_holder(request)), None, list[WireLine]()
         controller.books.get_printer(name)
         try:
             lines = await services.read_lines(name)
         except RefusedError as error:
             problem = str(error)
-        return HTMLResponse(render_wire(name, lines, fleet, reader, problem))
+        return HTMLResponse(render_wire(name, lines, fleet, user, problem))
 
     @router.get("/jobs/{number}/stills/{name}")
     async def show_still(number: int, name: str) -> Response:
@@ -86,7 +86,7 @@ def make_printer_page_routes(pages: PageContext) -> APIRouter:
     return router
 
 
-def render_printer(page: PrinterPage, fleet: FleetInfo, reader: Reader, note: Note | None = None) -> str:
+def render_printer(page: PrinterPage, fleet: FleetInfo, user: User, note: Note | None = None) -> str:
     """Render the page of a printer.
 
     Parameters
@@ -95,15 +95,15 @@ def render_printer(page: PrinterPage, fleet: FleetInfo, reader: Reader, note: No
         The printer.
     fleet
         The fleet.
-    reader
-        Person who reads the page; the page has the forms that the reader's role allows.
+    user
+        User of the page, which has the forms that the user's role allows.
     note
-        Message about the reader's last action.
+        Message about the user's last action.
     """
     path = f"/printers/{page.printer.name}"
     title = PROFILES[page.model].title if page.model in PROFILES else page.model
     values = {"page": page, "title": title, "upkeep_words": UPKEEP_WORDS, "is_hot": is_hot(page.printer)}
-    return render_page("printer.html", fleet, path, reader, note, **values)
+    return render_page("printer.html", fleet, path, user, note, **values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ def render_wire(
     name: str,
     lines: Sequence[WireLine],
     fleet: FleetInfo,
-    reader: Reader,
+    user: User,
     problem: str | None = None,
 ) -> str:
     """Render the last lines on the wire of a printer.
@@ -132,8 +132,8 @@ def render_wire(
         Lines, oldest first, with times on the farm's clock.
     fleet
         The fleet.
-    reader
-        Person who reads the page.
+    user
+        User of the page.
     problem
         Reason why there are no lines.
     """
@@ -143,4 +143,4 @@ def render_wire(
         for line in lines
     ]
     path = f"/printers/{name}/wire"
-    return render_page("wire.html", fleet, path, reader, name=name, lines=shown_lines, problem=problem)
+    return render_page("wire.html", fleet, path, user, name=name, lines=shown_lines, problem=problem)

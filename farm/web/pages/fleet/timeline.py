@@ -19,7 +19,7 @@ from farm.text import format_duration
 from farm.views import ViewContext
 from farm.views.dashboard import Change, TimelineView, describe_fleet_timeline
 from farm.views.jobs import count_waiting_plates, list_queue
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.page_context import SLOW_PAGE_ROUNDS, PageContext
 from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
 from farm.web.pages.rendering import FleetInfo, render_page
@@ -63,7 +63,7 @@ def make_timeline_routes(pages: PageContext) -> APIRouter:
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
 
-    async def render(reader: Reader, query: TimelineQuery, note: Note | None = None) -> str:
+    async def render(user: User, query: TimelineQuery, note: Note | None = None) -> str:
         context, situation = (
             controller.build_view_context(services.state),
             controller.situations.build_for_forecast(),
@@ -75,22 +75,22 @@ def make_timeline_routes(pages: PageContext) -> APIRouter:
         except FarmError as error:
             problem = str(error)
             view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.past_s)
-        return render_timeline(view, query, controller.fleet.fleet, reader, note, problem)
+        return render_timeline(view, query, controller.fleet.fleet, user, note, problem)
 
-    async def render_live(reader: Reader, _variable: str, query: str) -> str:
-        return await render(reader, read_query(TimelineQuery, query))
+    async def render_live(user: User, _variable: str, query: str) -> str:
+        return await render(user, read_query(TimelineQuery, query))
 
     pages.live_pages.add("/timeline", render_live, SLOW_PAGE_ROUNDS)
 
     @router.get("/timeline")
     async def show_timeline(request: Request, query: Annotated[TimelineQuery, Query()]) -> Response:
-        return await pages.answer(request, lambda reader, note: render(reader, query, note))
+        return await pages.answer(request, lambda user, note: render(user, query, note))
 
     return router
 
 
 def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
-    """Return the what-if change to a job that a reader has chosen; None if there is none.
+    """Return the what-if change to a job that a user has chosen; None if there is none.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def render_timeline(
     view: TimelineView,
     query: TimelineQuery,
     fleet: FleetInfo,
-    reader: Reader,
+    user: User,
     note: Note | None = None,
     problem: str | None = None,
 ) -> str:
@@ -138,10 +138,10 @@ def render_timeline(
         The query of the page.
     fleet
         The fleet.
-    reader
-        Person who reads the page.
+    user
+        User of the page.
     note
-        Message about the reader's last action.
+        Message about the user's last action.
     problem
         Reason why the change cannot be made.
     """
@@ -149,7 +149,7 @@ def render_timeline(
         "timeline.html",
         fleet,
         "/timeline",
-        reader,
+        user,
         note,
         view=view,
         problem=problem,

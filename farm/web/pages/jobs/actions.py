@@ -1,4 +1,4 @@
-"""Buttons of a job and its parts, which depend on their state and the reader's role. Pure."""
+"""Buttons of a job and its parts, which depend on their state and the user's role. Pure."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
     job
         The job.
     role
-        Role of the reader.
+        Role of the user.
     """
     if not role.allows(Role.PRINT) or JobState(job.state).ended:
         return []
@@ -60,7 +60,7 @@ def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
 
 
 def can_report_assembly(job: api.JobView, role: Role) -> bool:
-    """Return whether a reader may report the time that gluing the parts of a job took."""
+    """Return whether a user may report the time that gluing the parts of a job took."""
     is_printed = job.state in (JobState.PRINTED, JobState.DONE)
     is_cut = len(job.parts) > len({part.copy_number for part in job.parts})
     return is_printed and is_cut and role.allows(Role.PRINT)
@@ -78,7 +78,7 @@ def list_part_actions(
     printer
         Printer on whose bed the printed part lies; None if the part is on no bed.
     role
-        Role of the reader.
+        Role of the user.
     """
     if not role.allows(Role.PRINT) or job.options.dry_run:
         return

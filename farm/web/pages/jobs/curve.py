@@ -1,4 +1,4 @@
-"""Chart of the expected printing time by number of printers, from which a reader chooses the number. Pure."""
+"""Chart of the expected printing time by number of printers, from which a user chooses the number. Pure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MAX_LABELS = 12
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Point of the curve.
+    """Point of the time curve.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class TimeCurve:
     """Layout of the chart; lengths in px."""
 
     choices: tuple[Choice, ...]
@@ -57,15 +57,15 @@ class Curve:
     right: int = _WIDTH - _RIGHT_MARGIN
 
 
-def lay_out_curve(
+def lay_out_time_curve(
     points: Sequence[CurvePoint], chosen_count: int, start: datetime, now: datetime
-) -> Curve | None:
-    """Lay out a curve; return None if there are fewer than two points.
+) -> TimeCurve | None:
+    """Lay out a time curve; return None if there are fewer than two points.
 
     Parameters
     ----------
     points
-        Points of the curve.
+        Points of the time curve.
     chosen_count
         Number of printers in the plan.
     start
@@ -95,4 +95,4 @@ def lay_out_curve(
 
     choices = tuple(place_choice(number) for number in numbers)
     polyline = " ".join(f"{choice.x:.1f},{choice.y:.1f}" for choice in choices)
-    return Curve(choices, polyline, format_duration(longest_s))
+    return TimeCurve(choices, polyline, format_duration(longest_s))

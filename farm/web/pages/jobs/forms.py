@@ -22,7 +22,7 @@ class ReleaseForm(BaseModel):
 
 
 class ReplanForm(BaseModel):
-    """Number of printers, and the job whose curve the page shows."""
+    """Number of printers, and the job whose time curve the page shows."""
 
     printers: Annotated[int, Field(ge=1)] | None = None
     curve: int | None = None

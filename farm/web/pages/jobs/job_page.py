@@ -14,9 +14,9 @@ from farm.text import format_count, format_duration, format_mass
 from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
 from farm.views.report import list_figures
 from farm.views.report.decomposition import Report
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.jobs.actions import can_report_assembly, list_job_actions
-from farm.web.pages.jobs.curve import Curve, lay_out_curve
+from farm.web.pages.jobs.curve import TimeCurve, lay_out_time_curve
 from farm.web.pages.jobs.parts import list_part_rows
 from farm.web.pages.rendering import FleetInfo, render_page
 from farm.web.pages.sentences import Sentence, format_sentence, format_time_element
@@ -49,11 +49,11 @@ class JobData:
     timeline
         Expected times of its plates; None without a plan, and once the job has ended.
     report
-        Joints, assembly and curve.
+        Joints, assembly and time curve.
     files
         Names of its files.
-    curve_job
-        Job whose report has the curve; None for this job.
+    time_curve_job
+        Job whose report has the time curve; None for this job.
     gcode_figures
         Figures of a person's own G-code.
     """
@@ -64,18 +64,18 @@ class JobData:
     timeline: api.Timeline | None = None
     report: Report = field(default_factory=Report)
     files: Sequence[str] = ()
-    curve_job: int | None = None
+    time_curve_job: int | None = None
     gcode_figures: Sequence[tuple[str, str]] = ()
 
 
-def render_job_page(data: JobData, fleet: FleetInfo, reader: Reader, note: Note | None = None) -> str:
+def render_job_page(data: JobData, fleet: FleetInfo, user: User, note: Note | None = None) -> str:
     """Render the page.
 
     Parameters
     ----------
     data
         The job.
-    fleet, reader, note
+    fleet, user, note
         See `render_page`.
     """
     job, timeline = data.job, data.timeline
@@ -86,21 +86,21 @@ def render_job_page(data: JobData, fleet: FleetInfo, reader: Reader, note: Note 
         "job.html",
         fleet,
         f"/jobs/{job.id}",
-        reader,
+        user,
         note,
         job=job,
         summary=summarise_job(job, timeline),
         share=None if job.progress is None else estimate_completed_share(job.progress),
         is_planning=job.state in (JobState.QUEUED, JobState.PLANNING),
-        actions=list_job_actions(job, reader.role),
-        rows=list_part_rows(job, data.printers, slots, reader.role),
+        actions=list_job_actions(job, user.role),
+        rows=list_part_rows(job, data.printers, slots, user.role),
         reasons=list_wait_reasons(job, timeline),
         changes=list_model_changes(job),
         gantt=lay_out_job_gantt(data, now),
-        curve=lay_out_job_curve(data, now) if job.options.dry_run else None,
-        curve_job=data.curve_job or job.id,
+        time_curve=lay_out_job_time_curve(data, now) if job.options.dry_run else None,
+        time_curve_job=data.time_curve_job or job.id,
         figures=[*data.gcode_figures, *_list_figures(job)],
-        can_report_assembly=can_report_assembly(job, reader.role),
+        can_report_assembly=can_report_assembly(job, user.role),
         report=data.report,
         model=_MODEL_FILE if _MODEL_FILE in data.files else None,
         picture=_PICTURE_FILE if _PICTURE_FILE in data.files else None,
@@ -211,13 +211,15 @@ def lay_out_job_gantt(data: JobData, now: datetime) -> Gantt | None:
     return lay_out_gantt([*list_bars(data.job, data.history, now), *list_expected_bars(slots, now)])
 
 
-def lay_out_job_curve(data: JobData, now: datetime) -> Curve | None:
-    """Lay out the curve of a plan, with the start time of the plan for all points."""
+def lay_out_job_time_curve(data: JobData, now: datetime) -> TimeCurve | None:
+    """Lay out the time curve of a plan, with the start time of the plan for all points."""
     timeline = data.timeline
     if timeline is None:
         return None
     start = min((datetime.fromisoformat(slot.starts) for slot in timeline.slots), default=now)
-    return lay_out_curve(data.report.curve, len({plate.printer for plate in data.job.plates}), start, now)
+    return lay_out_time_curve(
+        data.report.curve, len({plate.printer for plate in data.job.plates}), start, now
+    )
 
 
 def group_downloads(files: Sequence[str]) -> Mapping[str, list[tuple[str, str]]]:

@@ -75,7 +75,7 @@ def list_part_rows(
     slots
         Actual or expected printer and times of each plate, by its id.
     role
-        Role of the reader.
+        Role of the user.
     """
     plates = {plate.id: plate for plate in job.plates}
     beds = find_printers_with_parts(job, printers)

@@ -22,7 +22,7 @@ from farm.http import Services, describe_farm, find_stored_file, map_stored_file
 from farm.views import describe_job, describe_timeline, list_history
 from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import Report, parse_report
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.jobs.job_page import JobData, list_gcode_figures, render_job_page
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_query
@@ -39,7 +39,7 @@ _COMPRESSION_LEVEL = 1  # halves the size of an STL, at about 50 MB/s
 
 
 class JobQuery(BaseModel):
-    """Query of a job's page: the job whose curve it shows, if that is another job."""
+    """Query of a job's page: the job whose time curve it shows, if that is another job."""
 
     curve: Annotated[int | None, EMPTY_FIELD_VALIDATOR] = None
 
@@ -49,25 +49,27 @@ def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     fleet = services.controller.fleet.fleet
 
-    async def render(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
+    async def render(
+        user: User, number: int, note: Note | None = None, time_curve_job: int | None = None
+    ) -> str:
         dry_runs.keep(number, time.monotonic(), PAGE_DRY_RUN_TIMEOUT_S)
         report = await _read_stored_report(services, number)
-        if curve is not None and not report.curve:
-            curve_report = await _read_stored_report(services, curve)
-            report = report.model_copy(update={"curve": curve_report.curve})
-        data = collect_job_data(services, number, report, curve)
-        return render_job_page(data, fleet, reader, note)
+        if time_curve_job is not None and not report.curve:
+            time_curve_report = await _read_stored_report(services, time_curve_job)
+            report = report.model_copy(update={"curve": time_curve_report.curve})
+        data = collect_job_data(services, number, report, time_curve_job)
+        return render_job_page(data, fleet, user, note)
 
-    async def render_live(reader: Reader, number: str, query: str) -> str:
+    async def render_live(user: User, number: str, query: str) -> str:
         if not number.isdecimal():
             raise NotFoundError(f"there is no job {number}")
-        return await render(reader, int(number), curve=read_query(JobQuery, query).curve)
+        return await render(user, int(number), time_curve_job=read_query(JobQuery, query).curve)
 
     pages.live_pages.add("/jobs/{number}", render_live)
 
     @router.get("/jobs/{number}")
     async def show_job(number: int, request: Request, query: Annotated[JobQuery, Query()]) -> Response:
-        return await pages.answer(request, lambda reader, note: render(reader, number, note, query.curve))
+        return await pages.answer(request, lambda user, note: render(user, number, note, query.curve))
 
     _add_document_routes(router, services)
     return router
@@ -131,7 +133,7 @@ def _read_report(path: Path) -> Report:
     return parse_report(path.read_bytes())
 
 
-def collect_job_data(services: Services, number: int, report: Report, curve_job: int | None) -> JobData:
+def collect_job_data(services: Services, number: int, report: Report, time_curve_job: int | None) -> JobData:
     """Collect the data of a job's page. Raises NotFoundError for an unknown job."""
     controller = services.controller
     context = controller.build_view_context(services.state)
@@ -146,7 +148,7 @@ def collect_job_data(services: Services, number: int, report: Report, curve_job:
         timeline,
         report,
         tuple(map_stored_files(controller.books, number)),
-        curve_job,
+        time_curve_job,
         list_gcode_figures(job, controller.books.list_plates(job)),
     )
 

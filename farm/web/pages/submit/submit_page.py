@@ -25,7 +25,7 @@ from farm.planning.inspection import resolve_filament
 from farm.text import format_count
 from farm.web.callers import find_holder
 from farm.web.forms import FormReader, FormUploads
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute
 from farm.web.pages.rendering import FleetInfo, render_page
@@ -87,7 +87,7 @@ def render_submit_page(
     choices: SubmitChoices,
     request_id: str,
     fleet: FleetInfo,
-    reader: Reader,
+    user: User,
     note: Note | None = None,
     values: Mapping[str, str] = DEFAULTS,
 ) -> str:
@@ -99,7 +99,7 @@ def render_submit_page(
         Choices in the form.
     request_id
         Id of the submission; a form that is sent twice makes one job.
-    fleet, reader, note
+    fleet, user, note
         See `render_page`.
     values
         Values of the fields.
@@ -108,7 +108,7 @@ def render_submit_page(
         "submit.html",
         fleet,
         SUBMIT_PATH,
-        reader,
+        user,
         note,
         choices=choices,
         fleet_size=format_count(choices.printer_count, "printer"),
@@ -131,12 +131,12 @@ def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
     fleet = services.controller.fleet
     uploads = FormUploads(services.uploads, jobs)
 
-    def render(reader: Reader, note: Note | None, values: dict[str, str] | None = None) -> str:
+    def render(user: User, note: Note | None, values: dict[str, str] | None = None) -> str:
         choices = list_choices(services.controller.fleet)
-        return render_submit_page(choices, uuid.uuid4().hex, fleet.fleet, reader, note, values or DEFAULTS)
+        return render_submit_page(choices, uuid.uuid4().hex, fleet.fleet, user, note, values or DEFAULTS)
 
-    async def render_empty_form(reader: Reader, note: Note | None) -> str:
-        return render(reader, note)
+    async def render_empty_form(user: User, note: Note | None) -> str:
+        return render(user, note)
 
     @router.get(SUBMIT_PATH)
     async def show_form(request: Request) -> Response:
@@ -160,7 +160,7 @@ def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
             number = (await uploads.submit(request, request_id, read_options, caller_name)).job_number
         except (FarmError, HTTPException) as error:
             text = str(error.detail if isinstance(error, HTTPException) else error)
-            return HTMLResponse(render(Reader.for_holder(holder), Note(text, True), values), _BAD_REQUEST)
+            return HTMLResponse(render(User.for_holder(holder), Note(text, True), values), _BAD_REQUEST)
         remarks = jobs.list_unusable_options(services.controller.books.get_job(number).options)
         if remarks:
             pages.notes.put(holder.key.id, Note("; ".join(remarks)))

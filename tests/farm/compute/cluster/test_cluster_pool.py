@@ -171,7 +171,7 @@ def test_work_continues_on_this_computer_when_the_cluster_is_silent_for_half_a_m
         connection.on_workers(())
         assert (await run_task)["copy"].exists()
         assert local_pool.calls == [work.copy] and pool.state.place is Place.THIS_COMPUTER
-        assert "this computer computes instead" in pool.state.list_problems()[0]
+        assert "running on this computer instead" in pool.state.list_problems()[0]
         connection.on_workers(workers)
         assert pool.state.place is Place.CLUSTER and pool.state.list_problems() == []
         await pool.run(work.copy, source, tmp_path / "again")  # lost three times, then run on this computer

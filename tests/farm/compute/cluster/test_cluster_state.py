@@ -17,5 +17,5 @@ def test_problems_name_the_cluster_and_each_refused_worker():
     worker = ClusterWorker("pc-b", "tls://b:1", 4, "it has farm 2, not 1")
     state = ClusterState("tls://a:8786", Place.THIS_COMPUTER, (worker,), (), 0, 1, 40.0)
     no_cluster, refusal = state.list_problems()
-    assert "tls://a:8786" in no_cluster and "this computer computes instead" in no_cluster
+    assert "tls://a:8786" in no_cluster and "running on this computer instead" in no_cluster
     assert refusal == "worker pc-b of the cluster is refused: it has farm 2, not 1"

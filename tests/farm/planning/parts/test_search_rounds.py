@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from farm.errors import ErrorCode, FarmError
 from farm.planning.decompose_progress import ProgressFile
 from farm.planning.parts.search_rounds import SearchRounds
-from farm.planning.plan import DecomposeTask, PausedJob
+from farm.planning.plan import DecomposeTask, PausedDecomposition
 from farm.planning.tasks import continue_job, decompose_job, try_grid
 
 DECOMPOSED = "decomposed"
@@ -20,7 +20,9 @@ class ScriptedWorkers:
     """Workers that answer each task at once, but attempts in a given order, or with an error."""
 
     def __init__(self, folder, rounds=(3,), order=(), errors=None, continue_errors=()):
-        self.paused_jobs = [PausedJob(folder / f"search-{n}.pickle", n, 0.25) for n in rounds]
+        self.paused_decompositions = [
+            PausedDecomposition(folder / f"search-{n}.pickle", n, 0.25) for n in rounds
+        ]
         self.order, self.errors = list(order), errors or {}
         self.order_changed = asyncio.Condition()
         self.running_count, self.max_running_count, self.cancelled_attempts = 0, 0, []
@@ -36,7 +38,7 @@ class ScriptedWorkers:
             self.end_reasons.append(args[2] if len(args) > 2 else None)
             if self.continue_errors:
                 raise self.continue_errors.pop(0)
-        return self.paused_jobs.pop(0) if self.paused_jobs else DECOMPOSED
+        return self.paused_decompositions.pop(0) if self.paused_decompositions else DECOMPOSED
 
     async def try_grid(self, record, number, folder):
         self.running_count += 1

@@ -13,7 +13,7 @@ from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import place_hidden_sides, slice_part
-from farm.planning.printer_settings import find_usable_volumes, list_model_sizes
+from farm.planning.printer_settings import find_usable_volumes, list_max_part_sizes_mm
 from printers.slicing_printers import PRINTERS
 from slicing.hidden_walls import TRANSITION_MM
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
@@ -79,7 +79,7 @@ def test_part_has_its_own_brim_first_layer_and_height(make_task):
 def test_part_that_fills_its_usable_volume_fits_after_enlarging(make_task, material):
     section = PrinterSection(name="a", model=PRINTER_MODEL, port=f"sim://{PRINTER_MODEL}", material=material)
     settings = resolve_settings(SettingsRequest(PRINTERS[PRINTER_MODEL], material=material), find_resources())
-    x, y, _ = list_model_sizes(find_usable_volumes(section, settings.brim_width_mm), settings)[0]
+    x, y, _ = list_max_part_sizes_mm(find_usable_volumes(section, settings.brim_width_mm), settings)[0]
     plate = slice_part(make_task(trimesh.creation.box((x, y, 1.0)), material=material))
     assert plate.max_mm[0] - plate.min_mm[0] > x
     with pytest.raises(FarmError, match="does not fit on the bed"):

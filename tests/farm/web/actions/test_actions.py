@@ -103,9 +103,9 @@ def test_note_stays_for_the_next_page_if_a_page_fails():
     assert read_note(notes, "ann") == Note("job 1 is approved")
 
 
-def read_note(notes, reader):
-    """Return the note that a page shows to a reader."""
-    with notes.show(reader) as note:
+def read_note(notes, user):
+    """Return the note that a page shows to a user."""
+    with notes.show(user) as note:
         return note
 
 

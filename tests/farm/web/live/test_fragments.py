@@ -3,7 +3,7 @@
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from farm.web.live.fragments import MAIN_ID, find_changes, publish_page, split_page
+from farm.web.live.fragments import MAIN_ID, find_changes, prepare_page, split_page
 
 NAMES = st.lists(st.sampled_from(["a", "b-1", "c--", "printer-d"]), unique=True)
 TEXTS = st.text("ab<>&;-! \nü", max_size=8).map(lambda text: text.replace("<", "&lt;").replace(">", "&gt;"))
@@ -52,7 +52,7 @@ def test_changes_lead_from_one_page_to_the_next(old_parts, new_parts):
 
 @given(draw_pages())
 def test_page_is_sent_without_marks_and_with_its_version(page):
-    sent_page = publish_page(make_page(*page))
+    sent_page = prepare_page(make_page(*page))
     assert "<!--" not in sent_page
     assert f'data-version="{split_page(make_page(*page)).version}"' in sent_page
     assert sent_page.startswith("<html><body data-live") and sent_page.endswith("</main></body></html>")
@@ -65,4 +65,4 @@ def test_only_the_changed_element_is_sent():
 
 
 def test_page_without_a_version_is_sent_as_it_is():
-    assert publish_page("<main>x</main>") == "<main>x</main>"
+    assert prepare_page("<main>x</main>") == "<main>x</main>"

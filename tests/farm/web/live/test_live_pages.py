@@ -26,13 +26,13 @@ class Page:
     def __init__(self):
         self.number, self.render_count, self.error, self.pauses = 0, 0, None, 0
 
-    async def render(self, reader, variable, query):
+    async def render(self, user, variable, query):
         self.render_count += 1
         for _ in range(self.pauses):  # other work meanwhile
             await asyncio.sleep(0)
         if self.error is not None:
             raise self.error
-        element = f'<p id="n">{self.number} {reader.role} {variable}{query}</p>'
+        element = f'<p id="n">{self.number} {user.role} {variable}{query}</p>'
         return f'<body><main id="main"><!--live:n-->{element}<!--/live--></main></body>'
 
 

@@ -35,7 +35,7 @@ from farm.state.faults import FarmFault
 from farm.views import report
 from farm.web import make_web_app
 from farm.web.access import METRICS_PATH, ROLES, SCHEMA_PAGE_PATH, SCHEMA_PATH
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages import rendering, static_files
 from farm.web.pages.fleet.printer import render_wire
 from farm.web.pages.rendering import render_login, render_message
@@ -241,7 +241,7 @@ def test_hostile_text_changes_no_element_of_any_page(farm, text, name):
 def render_other_pages(farm, text, name):
     """Render pages that no address shows by itself: log-in, messages, refused forms, what-if changes."""
     fleet = SimpleNamespace(name=name, timezone="UTC")
-    reader, note = Reader(text, Role.OPERATE), Note(text, is_problem=True)
+    user, note = User(text, Role.OPERATE), Note(text, is_problem=True)
     choices = list_choices(farm.controller.fleet)
     choices = replace(choices, materials=[text], colours=[name], build_volumes_mm=[(text, 1.0, 2.0, 3.0)])
     fields = dict.fromkeys(DEFAULTS, text)
@@ -257,9 +257,9 @@ def render_other_pages(farm, text, name):
     return [
         render_login(name, text, Role.LOOK),
         render_message(name, text, has_login_hint=True),
-        render_wire(name, lines, fleet, reader),
-        render_wire(name, [], fleet, reader, problem=text),
-        render_submit_page(choices, text, fleet, reader, note, fields),
+        render_wire(name, lines, fleet, user),
+        render_wire(name, [], fleet, user, problem=text),
+        render_submit_page(choices, text, fleet, user, note, fields),
         *(response.text for response in responses),
     ]
 

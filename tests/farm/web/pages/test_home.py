@@ -7,11 +7,11 @@ import pytest
 from books.example_night import make_night_books, make_status
 from farm import api
 from farm.model import Bed, Hold, HoldCode, JobState, Role
-from farm.web.notes import Note, Reader
+from farm.web.notes import Note, User
 from farm.web.pages.home import list_home_tasks, list_tiles, render_home
 from farms.network_farm import NetworkFarm
 
-ANN = Reader("ann", Role.OPERATE)
+ANN = User("ann", Role.OPERATE)
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_each_task_has_a_text_and_for_operators_its_form(status, todo, text, for
     assert text in page
     for form in forms:
         assert form in page
-    viewer_page = render_home(shown_status, Reader("bob", Role.LOOK))
+    viewer_page = render_home(shown_status, User("bob", Role.LOOK))
     assert text in viewer_page
     assert 'method="post"' not in viewer_page.partition("<main")[2]
 

@@ -10,7 +10,7 @@ from books.recording_controller import make_fleet
 from clusters.same_process import AcceptingWorkers
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Role
-from farm.web.notes import Reader
+from farm.web.notes import User
 from farm.web.pages.submit.options import DEFAULTS, read_job_options
 from farm.web.pages.submit.submit_page import SUBMIT_PATH, list_choices, render_submit_page
 from farms.network_farm import NetworkFarm
@@ -73,7 +73,7 @@ def test_wrong_field_is_named(fields, text):
 
 
 def test_page_offers_the_printers_and_beds_of_the_fleet():
-    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, User("ann", Role.PRINT))
     assert f'action="/submit?request={REQUEST_ID}"' in page
     assert "This many, out of 2 printers" in page
     assert "Ultimaker 2+" in page
@@ -81,7 +81,7 @@ def test_page_offers_the_printers_and_beds_of_the_fleet():
 
 
 def test_every_field_has_a_label():
-    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, User("ann", Role.PRINT))
     form = page[page.index('<form id="submit"') :]
     labels = re.findall(r"<label[^>]*>(.*?)</label>", form, re.DOTALL)
     field_names = set(re.findall(r'<(?:input|select)[^>]* name="(\w+)"', form))
@@ -162,7 +162,7 @@ def test_request_for_more_printers_than_there_are_gets_a_note(farm):
 @pytest.mark.parametrize("can_read_step", [True, False])
 def test_step_files_are_offered_if_they_can_be_read(monkeypatch, can_read_step):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if can_read_step else None)
-    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(make_fleet()), REQUEST_ID, FARM, User("ann", Role.PRINT))
     suffixes = re.search(r'accept="([^"]*)"', page)[1].split(",")
     assert (".step" in suffixes, "STEP" in page) == (can_read_step, can_read_step)
     assert {".stl", ".gcode"} <= set(suffixes)

@@ -13,7 +13,7 @@ from farm.model import Hold, HoldCode, JobOptions, JobState, OwnGcode, PlanProgr
 from farm.state import events as ev
 from farm.views import describe_job
 from farm.views.report.decomposition import Report, parse_report
-from farm.web.notes import Reader
+from farm.web.notes import User
 from farm.web.pages.jobs.job_page import (
     JobData,
     group_downloads,
@@ -46,7 +46,7 @@ def list_rows(data, role=Role.OPERATE):
 
 
 def render_page(data, role=Role.OPERATE):
-    return render_job_page(data, FARM, Reader("ann", role))
+    return render_job_page(data, FARM, User("ann", role))
 
 
 def list_paths(page):
@@ -168,7 +168,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
         price=None,
         currency=None,
     )
-    page = render_page(replace(data, timeline=timeline, curve_job=7))
+    page = render_page(replace(data, timeline=timeline, time_curve_job=7))
     assert list_paths(page) == {"/jobs/1/release", "/jobs/1/keep", "/jobs/1/cancel", "/jobs/1/replan"}
     assert '<input type="hidden" name="plan" value="abc">' in page
     assert '<input type="hidden" name="curve" value="7">' in page

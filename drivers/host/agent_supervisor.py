@@ -1,4 +1,4 @@
-"""Watch over one agent of a host: its process, its reports, and its end."""
+"""Supervisor of one agent of a host: its process, its reports, and its end."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _RETRY_INTERVAL_S = 1.0  # wall seconds between two attempts to connect to the a
 _END_TIMEOUT_S = 30.0  # wall seconds for an idle agent to end
 
 
-class AgentWatch:
-    """Watch that starts an agent, listens to it, restarts it when it ends, and kills it if it hangs.
+class AgentSupervisor:
+    """Supervisor that starts an agent, listens to it, restarts it when it ends, and kills it if it hangs.
 
     Parameters
     ----------

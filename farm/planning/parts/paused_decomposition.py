@@ -1,4 +1,4 @@
-"""Job whose search for parts has paused: attempts of its next round, and its continuation, in workers."""
+"""Continuation of a paused decomposition: the attempts of its next round, and its search, in workers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected_model
 from farm.planning.parts.decompose_job import finish_job
 from farm.planning.parts.pricing import build_printer_cost
-from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
+from farm.planning.plan import DecomposedJob, DecomposeTask, PausedDecomposition
 from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
@@ -27,12 +27,12 @@ OUTCOME_FILE_NAME = "outcome.pickle"
 
 
 def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Path:
-    """Make one attempt of the next round of a paused job.
+    """Make one attempt of the next round of a paused decomposition.
 
     Parameters
     ----------
     record
-        See `PausedJob`.
+        See `PausedDecomposition`.
     number
         Number of the attempt in its round.
     folder
@@ -58,13 +58,13 @@ def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Pa
 
 def continue_job(
     task: DecomposeTask, record: Path, outcomes: Sequence[Path | str], end_reason: str | None = None
-) -> DecomposedJob | PausedJob:
-    """Continue a paused job after a round of attempts, and write its parts.
+) -> DecomposedJob | PausedDecomposition:
+    """Continue a paused decomposition after a round of attempts, and write its parts.
 
     Parameters
     ----------
     record
-        See `PausedJob`.
+        See `PausedDecomposition`.
     outcomes
         File of each attempt of the round, or the reason why the attempt has no file.
     end_reason
@@ -90,7 +90,7 @@ def continue_job(
 
 @contextmanager
 def _open_search(task: DecomposeTask, record: Path, folder: Path) -> Iterator[PausedSearch]:
-    """Open the search of a paused job, with threads; its progress is written into a folder."""
+    """Open the search of a paused decomposition, with threads; its progress is written into a folder."""
     progress = ProgressFile(folder)
     with (
         translate_errors(),
