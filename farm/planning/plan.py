@@ -5,6 +5,7 @@ There are no partial plans. For the order of the steps see `farm.planning`.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -222,8 +223,6 @@ class Plan:
     ----------
     serial_s
         Expected time of the whole model on one large printer, which need not exist.
-    expected_s
-        Expected parallel printing time.
     picture, assembly, decomposition, instructions
         Names in the file store.
     assembly_s
@@ -235,9 +234,16 @@ class Plan:
     repairs: tuple[str, ...]
     scale: float
     serial_s: float
-    expected_s: float
     picture: str | None = None
     assembly: str | None = None
     decomposition: str | None = None
     instructions: str | None = None
     assembly_s: float | None = None
+
+    @property
+    def expected_s(self) -> float:
+        """Longest expected time of a printer, without the time to clear beds between its plates."""
+        printer_times_s: defaultdict[str, float] = defaultdict(float)
+        for plate in self.plates:
+            printer_times_s[plate.printer] += plate.expected_s
+        return max(printer_times_s.values())

@@ -96,7 +96,6 @@ def store_plan(sliced_job: SlicedJob, files: Path) -> Plan:
         repairs=decomposed_job.repairs,
         scale=decomposed_job.scale,
         serial_s=_estimate_serial_s(sliced_job),
-        expected_s=sliced_job.compute_makespan_s(),
         picture=store_file(files, task.folder / PICTURE),
         assembly=store_file(files, task.folder / ASSEMBLY),
         decomposition=store_file(files, task.folder / REPORT),

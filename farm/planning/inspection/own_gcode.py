@@ -109,8 +109,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     if section is not sections[0]:  # it may have a different material
         accepted_gcode = _rewrite_gcode(task.model, section, nozzle_mm, "the file")
     part, plate = _store_gcode(task, accepted_gcode, section, files)
-    expected_s = plate.expected_s
-    return Plan((part,), (plate,), _list_notices(accepted_gcode, section), 1.0, expected_s, expected_s)
+    return Plan((part,), (plate,), _list_notices(accepted_gcode, section), 1.0, plate.expected_s)
 
 
 def _store_gcode(

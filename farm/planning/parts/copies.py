@@ -85,26 +85,19 @@ def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
             f"{MAX_PLATES}: submit fewer copies at once",
             ErrorCode.SETTINGS,
         )
-    plates, loads_s = _assign_copies(plan, task)
+    plates = _assign_copies(plan, task)
     numbers = range(1, copies + 1)
     return replace(
         plan,
         parts=tuple(_copy_part(part, number) for number in numbers for part in plan.parts),
         plates=tuple(plates[_name_copy(plate.id, number)] for number in numbers for plate in plan.plates),
         serial_s=plan.serial_s * copies,
-        expected_s=max(loads_s.values()),
         assembly_s=None if plan.assembly_s is None else plan.assembly_s * copies,
     )
 
 
-def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], dict[str, float]]:
-    """Assign each copy of each plate to a printer.
-
-    Returns
-    -------
-    plates, loads_s
-        The copied plates by their name, and the printing seconds of each printer.
-    """
+def _assign_copies(plan: Plan, task: DecomposeTask) -> dict[str, Plate]:
+    """Assign each copy of each plate to a printer; return the copied plates by their name."""
     printers = _choose_printers(plan, task)
     loads_s: dict[str, float] = defaultdict(float)
     plates: dict[str, Plate] = {}
@@ -119,7 +112,7 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], d
             name = _name_copy(plate.id, number)
             parts = tuple(_name_copy(part, number) for part in plate.parts)
             plates[name] = chosen_plate.model_copy(update={"id": name, "parts": parts})
-    return plates, loads_s
+    return plates
 
 
 def _choose_printers(plan: Plan, task: DecomposeTask) -> list[PrinterSection]:

@@ -59,7 +59,7 @@ def make_stored_plan(number, state, plates=2):
     (state.files / "g.gcode").write_bytes(gcode)
     fields = {"sha256": hashlib.sha256(gcode).hexdigest()}
     new_plates = tuple(plate.model_copy(update=fields) for plate in event.plates)
-    return Plan(event.parts, new_plates, (), 1.0, 500.0, 100.0, None)
+    return Plan(event.parts, new_plates, (), 1.0, 500.0)
 
 
 def describe_job_timeline(farm, state, number):

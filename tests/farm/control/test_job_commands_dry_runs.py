@@ -91,7 +91,7 @@ def test_approved_dry_run_is_not_cancelled(tmp_path):
     farm.report_ready("a", "b")
     number = submit_job(farm, "a", dry_run=True, hold=True)
     event = make_plan_event(number)
-    farm.controller.on_plan(number, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(number, Plan(event.parts, event.plates, (), 1.0, 500.0))
     farm.controller.handle(ev.JobApproved(at_s=1.0, job=number, by="ann"))
     dry_runs = DryRuns(farm.controller)
     dry_runs.cancel_abandoned_runs(0.0)

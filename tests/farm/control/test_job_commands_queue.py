@@ -26,7 +26,7 @@ def farm(tmp_path):
         farm.jobs.submit(f"request-{number}", f"m{number}.stl", INSPECTED_MODEL, JobOptions())
         event = make_plan_event(number, 3)
         plates = tuple(plate.model_copy(update={"printer": "a"}) for plate in event.plates)
-        farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0, None))
+        farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0))
     return farm
 
 

@@ -38,7 +38,7 @@ def farm(tmp_path):
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 3)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0))
     return farm
 
 
@@ -221,7 +221,7 @@ def test_idle_printers_lost_together_are_an_outage(tmp_path):
 def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
     farm.jobs.submit("s" * 8, "n.stl", INSPECTED_MODEL, JobOptions(hold=True))
     event = make_plan_event(2, 1)
-    farm.controller.on_plan(2, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(2, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0))
     for name in "ab":
         end_print(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())
     assert farm.controller.books.outage is not None

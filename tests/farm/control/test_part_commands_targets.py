@@ -24,7 +24,7 @@ def farm(tmp_path):
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 2)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0))
     now_s = farm.controller.clock.now()
     for attempt in list(farm.controller.books.list_open_prints()):
         farm.controller.handle(

@@ -33,7 +33,7 @@ def plan_job(farm, user="ann", glb=None, **options):
     parts = event.parts
     if "copies" in options:
         parts, plates = copy_parts(parts, plates, options["copies"])
-    farm.controller.on_plan(number, Plan(parts, plates, (), 1.0, 500.0, 100.0, **files))
+    farm.controller.on_plan(number, Plan(parts, plates, (), 1.0, 500.0, **files))
     return number
 
 

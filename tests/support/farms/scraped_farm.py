@@ -34,7 +34,7 @@ class ScrapedFarm:
         farm.jobs.submit(f"request-{number}", "m.stl", INSPECTED_MODEL, JobOptions())
         event = make_plan_event(number, 1)
         plates = tuple(plate.model_copy(update={"printer": "a"}) for plate in event.plates)
-        farm.controller.on_plan(number, Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None))
+        farm.controller.on_plan(number, Plan(event.parts, plates, event.repairs, 1.0, 500.0))
         attempt = farm.controller.books.find_open_print("a")
         now_s = farm.controller.clock.now()
         for print_state in (PrintState.PRINTING, state):

@@ -224,7 +224,7 @@ class FarmSimulation:
                 plate.model_copy(update={"sha256": f"{i % self.files:064x}"})
                 for i, plate in enumerate(event.plates)
             )
-            plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None)
+            plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0)
             restart_count = self.restart_count
             if (
                 not self.restart_if_killed(lambda: self.controller.on_plan(job, plan))

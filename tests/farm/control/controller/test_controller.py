@@ -36,7 +36,7 @@ START_S = 1_700_000_000.0
 @pytest.fixture
 def plan():
     event = make_plan_event(1, 2)
-    return Plan(event.parts, event.plates, event.repairs, 1000.0, 500.0, 100.0, None)
+    return Plan(event.parts, event.plates, event.repairs, 1000.0, 500.0)
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def test_plate_is_reassigned_after_its_agent_confirmed_its_cancellation(tmp_path
     farm.report_ready("a", "b", "c")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 1)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0))
     first_print = farm.controller.books.find_open_print("a")
     stale_snapshot = AgentSnapshot(printer="a", link=Link.ABSENT, agent_pid=9, reason="unplugged")
     farm.controller.on_snapshot(stale_snapshot)
@@ -195,7 +195,7 @@ def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
     assert farm.effects.plans == [(1, ["a", "b"], 1), (2, ["a", "b"], 1)]
     farm.controller.on_plan(1, plan)
     event = make_plan_event(2, 2)
-    farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0))
     first_view, second_view = (
         describe_job(farm.build_view_context(STATE), farm.controller.books.jobs[n]) for n in (1, 2)
     )
@@ -299,7 +299,7 @@ def test_hold_shows_the_end_computed_from_progress_without_a_commit(farm):
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 3)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0))
 
     def find_hold():
         job = describe_job(farm.build_view_context(STATE), farm.controller.books.jobs[1])
@@ -338,7 +338,7 @@ def test_start_writes_few_bytes_while_many_plates_wait(farm, monkeypatch):
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 100)
     monkeypatch.setattr(farm.store, "commit", record_size)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0))
     assert sizes.pop("JobPlanned")
     assert sizes.keys() == {"PlateAssigned"} and max(sizes["PlateAssigned"]) < 4096
 

@@ -36,7 +36,7 @@ def farm(tmp_path):
     farm.report_ready("a", "b", "c", "d")
     farm.jobs.submit("r" * 8, "vase.stl", INSPECTED_MODEL, OPTIONS)
     event = make_plan_event(plates=2)
-    single_plan = Plan(event.parts, event.plates, event.repairs, 1.0, 180.0, 100.0, None)
+    single_plan = Plan(event.parts, event.plates, event.repairs, 1.0, 180.0)
     task = DecomposeTask(1, tmp_path, OPTIONS, farm.controller.fleet.printers, 1, tmp_path)
     farm.controller.on_plan(1, multiply_plan(single_plan, task))
     return farm

@@ -61,7 +61,7 @@ class ForecastSimulation:
             for index, (plate, duration_h) in enumerate(zip(event.plates, durations_h, strict=True))
         )
         self.planned_count = len(self.farm.effects.plans)
-        self.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0))
+        self.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0))
         self.reject_revisions()
 
     def reject_revisions(self):

@@ -33,7 +33,7 @@ def farm(tmp_path):
     farm.report_ready("a", reset_verified=False)
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0))
     return farm
 
 
@@ -181,7 +181,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     farm.report_ready("a")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0))
     farm.jobs.submit("s" * 8, "m.stl", INSPECTED_MODEL, JobOptions(at="12:00"), "ann")
     assert farm.controller.books.find_open_print("a") is None
     farm.controller.clock.now_s += 7 * 3600.0
@@ -189,9 +189,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     assert farm.controller.books.find_open_print("a").plate == "1/01"
     assert farm.controller.books.jobs[2].not_before_s == parse_time_s("2026-11-20 12:00")
     later_event = make_plan_event(2, 1)
-    farm.controller.on_plan(
-        2, Plan(later_event.parts, later_event.plates, later_event.repairs, 1.0, 500.0, 100.0, None)
-    )
+    farm.controller.on_plan(2, Plan(later_event.parts, later_event.plates, later_event.repairs, 1.0, 500.0))
     farm.report_ready("b")
     assert farm.controller.scheduler.find_plate_holds()["2/01"].code is HoldCode.START_TIME
     farm.controller.clock.now_s += 2 * 3600.0

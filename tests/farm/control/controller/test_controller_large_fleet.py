@@ -28,7 +28,7 @@ def farm(tmp_path, monkeypatch):
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     farm.report_ready("a", "b", link=Link.STARTING)
     event = make_plan_event(1, 2)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0))
     return farm
 
 
@@ -100,7 +100,7 @@ def plan_jobs(farm, plate_counts):
             str(number) * 8, "m.stl", INSPECTED_MODEL, JobOptions(printers=count % 3 or None), "ann"
         )
         event = make_plan_event(number, count)
-        plan = Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None)
+        plan = Plan(event.parts, event.plates, event.repairs, 1.0, 500.0)
         farm.controller.handle(ev.PlanningStarted(at_s=1.0, job=number))
         farm.controller.on_plan(number, plan)
 

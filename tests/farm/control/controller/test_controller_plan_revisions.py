@@ -32,7 +32,7 @@ def make_plan(number, durations_h, printers):
         )
         for index, (plate, duration_h) in enumerate(zip(event.plates, durations_h, strict=True))
     )
-    return Plan(event.parts, plates, (), 1.0, 500.0, 100.0)
+    return Plan(event.parts, plates, (), 1.0, 500.0)
 
 
 @pytest.fixture

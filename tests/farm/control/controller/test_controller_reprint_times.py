@@ -23,7 +23,7 @@ class Scenario:
         self.farm.report_ready("a", "b")
         self.farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
         event = make_plan_event(1, 2)
-        self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+        self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0))
 
     def report_print(self, printer, state, started_s):
         """Report the state of a print as the agent of its printer does."""

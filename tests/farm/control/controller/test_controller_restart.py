@@ -119,7 +119,7 @@ def test_full_disk_of_an_agent_is_not_counted_as_an_attempt(tmp_path):
     farm.report_ready(*"abcd")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 1)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0))
     for _ in "abcd":
         (attempt,) = farm.controller.books.list_open_prints()
         for _ in range(MAX_REFUSALS):

@@ -39,7 +39,7 @@ def farm(tmp_path, calls):
     farm.report_ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions(), "ann")
     event = make_plan_event(1, 1)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0))
     calls.clear()
     return farm
 
@@ -142,7 +142,7 @@ def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
         plate.model_copy(update={"printer": printer, "grams": 50.0})
         for plate, printer in zip(event.plates, "ca", strict=True)
     ]
-    plan = Plan(event.parts, tuple(plates), event.repairs, 1.0, 500.0, 100.0, None)
+    plan = Plan(event.parts, tuple(plates), event.repairs, 1.0, 500.0)
     farm.controller.on_plan(1, plan)
     tick(farm, NIGHT_S)
     books = farm.controller.books

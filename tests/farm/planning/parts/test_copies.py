@@ -59,7 +59,7 @@ def make_copy_plan(*durations_s):
         plate.model_copy(update={"sliced_s": duration_s, "expected_s": duration_s + 10.0, "printer": "p0"})
         for plate, duration_s in zip(event.plates, durations_s, strict=True)
     )
-    return Plan(event.parts, plates, (), 1.0, 100.0, 110.0)
+    return Plan(event.parts, plates, (), 1.0, 100.0)
 
 
 def make_task(fleet, tmp_path, factors=None, **options):

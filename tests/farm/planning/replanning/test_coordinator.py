@@ -26,7 +26,7 @@ def make_farm(tmp_path, models, plates=1, **options):
     event = make_plan_event(1, plates)
     time_fields = {"expected_s": 10 * HOUR_S, "sliced_s": 10 * HOUR_S - 300.0, "family": PLUS_MODEL}
     long_plates = tuple(plate.model_copy(update=time_fields) for plate in event.plates)
-    farm.controller.on_plan(1, Plan(event.parts, long_plates, (), 1.0, 1.0, 10 * HOUR_S, None))
+    farm.controller.on_plan(1, Plan(event.parts, long_plates, (), 1.0, 1.0))
     if options.get("hold"):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=1, by="ann"))
     return farm
@@ -109,7 +109,7 @@ def test_later_job_gets_no_reserved_printers(tmp_path):
     ((_, reserved_printers, _),) = farm.effects.replans
     farm.jobs.submit("s" * 8, "n.stl", INSPECTED_MODEL, JobOptions(material="generic_pla"))
     event = make_plan_event(2, 2)
-    farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0))
     assert not list_started_plates(farm).keys() & set(reserved_printers)
     farm.controller.on_replan("1/01", FarmError("too thin"))
     # The reserved printers print the plate itself and those of the other job.

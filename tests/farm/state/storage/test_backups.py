@@ -189,7 +189,7 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     farm.report_ready("a", "b")
     event = make_plan_event(1, 3)
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0))
     farm.jobs.submit("s" * 8, "n.stl", INSPECTED_MODEL, JobOptions())
     instruction_count = len(farm.effects.instructions)
     farm.controller.start(farm.effects, restored_s=FIRST_BACKUP_S)

@@ -23,7 +23,7 @@ def farm(tmp_path):
     (farm.state.files / "secret.txt").write_text("secret")
     event = make_plan_event(1, 2)
     parts = (event.parts[0].model_copy(update={"file": file_name}), *event.parts[1:])
-    farm.controller.on_plan(1, Plan(parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(parts, event.plates, event.repairs, 1.0, 500.0))
     yield farm
     farm.store.close()
 

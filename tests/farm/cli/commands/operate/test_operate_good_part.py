@@ -28,7 +28,7 @@ def farm(tmp_path, monkeypatch):
     farm.report_ready("a")
     farm.jobs.submit("r" * 8, "m.stl", INSPECTED_MODEL, JobOptions())
     event = make_plan_event(1, 1)
-    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0))
     now_s = farm.controller.clock.now()
     report_print(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)
     end_fields = {
