@@ -238,10 +238,10 @@ class Controller:
         """Record the prints that an agent has made since the backup."""
         self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
 
-    def on_plan(self, number: int, result: Plan | FarmError) -> None:
+    def on_plan(self, job_id: int, result: Plan | FarmError) -> None:
         """Record the plan of a job, or the error that prevents it."""
         situation = self.situations.build(self.situations.find_held_back_plates())
-        event = self.planning.finish(self.books.get_job(number), result, self.books, situation)
+        event = self.planning.finish(self.books.get_job(job_id), result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:

@@ -93,8 +93,8 @@ class FarmEffects:
         )
         self._plate_replanner.start(task, instruction.is_cut)
 
-    def _link_files(self, number: int, books: Books) -> None:
-        job = books.get_job(number)
+    def _link_files(self, job_id: int, books: Books) -> None:
+        job = books.get_job(job_id)
         names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.list_plates(job))
         try:
             link_files(self._state.find_job_folder(job.id), self._state.files, names)

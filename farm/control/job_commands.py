@@ -72,17 +72,17 @@ class JobCommands:
         options: JobOptions,
         caller_name: str | None = None,
     ) -> tuple[int, bool]:
-        """Record a job; return its number, and True if an earlier request has already submitted it."""
+        """Record a job; return its id, and True if an earlier request has already submitted it."""
         existing_job = self.find_submission(request_id)
         if existing_job is not None:
             return existing_job, True
         controller = self._controller
-        number, now_s = max(controller.books.jobs, default=0) + 1, controller.clock.now()
+        job_id, now_s = max(controller.books.jobs, default=0) + 1, controller.clock.now()
         not_before_s, deadline_s = parse_start_and_deadline_s(options, controller.rules, now_s)
         if controller.fleet.fleet.approve:
             options = options.model_copy(update={"hold": True})
         job = Job(
-            id=number,
+            id=job_id,
             request_id=request_id,
             name=options.name or name,
             model_file=model.file,
@@ -98,51 +98,51 @@ class JobCommands:
             submitted_by=caller_name,
         )
         controller.handle(ev.JobSubmitted(at_s=now_s, job=job))
-        return number, False
+        return job_id, False
 
-    def cancel(self, number: int, caller_name: str) -> None:
+    def cancel(self, job_id: int, caller_name: str) -> None:
         """Cancel a job: no more of its parts are printed."""
-        job = self._controller.books.get_job(number)
+        job = self._controller.books.get_job(job_id)
         if job.state.ended:
             is_printable = job.parts and job.pruned_s is None
-            hint = f"; `farm reprint {number} PART` prints a part again" if is_printable else ""
-            raise RefusedError(f"job {number} has already ended: it is {job.state}{hint}")
+            hint = f"; `farm reprint {job_id} PART` prints a part again" if is_printable else ""
+            raise RefusedError(f"job {job_id} has already ended: it is {job.state}{hint}")
         self._controller.handle(
-            ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=caller_name)
+            ev.JobCancelled(at_s=self._controller.clock.now(), job=job_id, by=caller_name)
         )
 
-    def set_paused(self, number: int, is_paused: bool, caller_name: str) -> None:
+    def set_paused(self, job_id: int, is_paused: bool, caller_name: str) -> None:
         """Pause a job, so that its prints pause and no others start, or resume it."""
         books = self._controller.books
-        job = books.get_job(number)
+        job = books.get_job(job_id)
         if job.state.ended:
-            raise RefusedError(f"job {number} has already ended: it is {job.state}")
+            raise RefusedError(f"job {job_id} has already ended: it is {job.state}")
         has_paused_parts = not is_paused and any(plate.paused for plate in books.list_plates(job))
         if job.paused is is_paused and not has_paused_parts:
-            raise RefusedError(f"job {number} is {'already paused' if is_paused else 'not paused'}")
+            raise RefusedError(f"job {job_id} is {'already paused' if is_paused else 'not paused'}")
         if not is_paused:
-            printers = (p.printer for p in books.list_open_prints(number) if p.pause_requested)
+            printers = (p.printer for p in books.list_open_prints(job_id) if p.pause_requested)
             self._printers.refuse_unattended_printers(sorted(printers))
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=is_paused, by=caller_name))
+        self._controller.handle(ev.JobPaused(at_s=at_s, job=job_id, wanted=is_paused, by=caller_name))
 
-    def record_assembly(self, number: int, minutes: float, caller_name: str) -> None:
+    def record_assembly(self, job_id: int, minutes: float, caller_name: str) -> None:
         """Record the time that a person took to glue the parts of a job; a later report replaces it."""
-        job = self._controller.books.get_job(number)
+        job = self._controller.books.get_job(job_id)
         if job.state not in (JobState.PRINTED, JobState.DONE):
-            raise RefusedError(f"job {number} is {job.state}: report its assembly once all parts are printed")
+            raise RefusedError(f"job {job_id} is {job.state}: report its assembly once all parts are printed")
         if len(job.parts) < 2:
-            raise RefusedError(f"job {number} has one part: there is nothing to glue")
+            raise RefusedError(f"job {job_id} has one part: there is nothing to glue")
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobAssembled(at_s=at_s, job=number, minutes=minutes, by=caller_name))
+        self._controller.handle(ev.JobAssembled(at_s=at_s, job=job_id, minutes=minutes, by=caller_name))
 
-    def move(self, number: int, move: api.QueueMove, caller_name: str) -> None:
+    def move(self, job_id: int, move: api.QueueMove, caller_name: str) -> None:
         """Move a job in the queue: up, down, to the front, to the end, or before another job."""
-        successor = find_successor(self._list_queue(number), number, move)
+        successor = find_successor(self._list_queue(job_id), job_id, move)
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=successor, by=caller_name))
+        self._controller.handle(ev.JobMoved(at_s=at_s, job=job_id, before=successor, by=caller_name))
 
-    def reschedule(self, number: int, at: str, caller_name: str) -> None:
+    def reschedule(self, job_id: int, at: str, caller_name: str) -> None:
         """Set the time before which no more plates of a job start; "now" removes it.
 
         Raises
@@ -152,7 +152,7 @@ class JobCommands:
         FarmError
             If the time cannot be read, or is not in the future.
         """
-        self._list_queue(number)
+        self._list_queue(job_id)
         now_s, not_before_s = self._controller.clock.now(), None
         if at.strip().lower() != "now":
             try:
@@ -160,25 +160,25 @@ class JobCommands:
             except ValueError as error:
                 raise FarmError(str(error), ErrorCode.SETTINGS) from error
         self._controller.handle(
-            ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=caller_name)
+            ev.JobRescheduled(at_s=now_s, job=job_id, not_before_s=not_before_s, by=caller_name)
         )
 
-    def _list_queue(self, number: int) -> list[int]:
-        """Return the numbers of the queued jobs, in order. Raises RefusedError if this job is not queued."""
+    def _list_queue(self, job_id: int) -> list[int]:
+        """Return the ids of the queued jobs, in order. Raises RefusedError if this job is not queued."""
         books = self._controller.books
-        if books.get_job(number).state.ended:
-            raise RefusedError(f"job {number} has already ended: it is {books.get_job(number).state}")
+        if books.get_job(job_id).state.ended:
+            raise RefusedError(f"job {job_id} has already ended: it is {books.get_job(job_id).state}")
         queue = [job.id for job in list_queue(books)]
-        if number not in queue:
-            raise RefusedError(f"no plate of job {number} is waiting: all of them have started")
+        if job_id not in queue:
+            raise RefusedError(f"no plate of job {job_id} is waiting: all of them have started")
         return queue
 
-    async def approve(self, number: int, plan: str, state: StateFolder, caller_name: str) -> None:
+    async def approve(self, job_id: int, plan: str, state: StateFolder, caller_name: str) -> None:
         """Release a held job to print, with exactly the plan and files that a person has reviewed.
 
         Parameters
         ----------
-        number
+        job_id
             The job.
         plan
             The hash of the reviewed plan; empty for a plan of an earlier version.
@@ -187,41 +187,41 @@ class JobCommands:
         caller_name
             The person who approves it.
         """
-        job = self._find_held_job(number)
+        job = self._find_held_job(job_id)
         if plan != (job.plan or ""):
-            raise RefusedError(f"the plan of job {number} is {job.plan}, not {plan}: check it again")
+            raise RefusedError(f"the plan of job {job_id} is {job.plan}, not {plan}: check it again")
         for plate in list(self._controller.books.list_plates(job)):
             path = state.files / plate.gcode
             if not path.is_file() or await asyncio.to_thread(compute_sha256, path) != plate.sha256:
                 raise RefusedError(
                     f"plate {plate.id} has changed since it was planned: {path}; submit the model again"
                 )
-        self._find_held_job(number)  # the job may have been cancelled in the meantime
-        self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=caller_name))
+        self._find_held_job(job_id)  # the job may have been cancelled in the meantime
+        self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=job_id, by=caller_name))
 
-    def keep_dry_run(self, number: int, caller_name: str) -> None:
+    def keep_dry_run(self, job_id: int, caller_name: str) -> None:
         """Convert a dry run to a job that is held until its plan is approved."""
-        job = self._controller.books.get_job(number)
+        job = self._controller.books.get_job(job_id)
         if not job.options.dry_run or job.state.ended:
-            raise RefusedError(f"job {number} is not a dry run that can be kept: it is {job.state}")
+            raise RefusedError(f"job {job_id} is not a dry run that can be kept: it is {job.state}")
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobReleased(at_s=at_s, job=number, by=caller_name, hold=True))
+        self._controller.handle(ev.JobReleased(at_s=at_s, job=job_id, by=caller_name, hold=True))
 
-    def resubmit(self, number: int, request_id: str, options: JobOptions, caller_name: str) -> int:
-        """Submit the model of a job again with other options; return the number of the new job."""
-        job = self._controller.books.get_job(number)
+    def resubmit(self, job_id: int, request_id: str, options: JobOptions, caller_name: str) -> int:
+        """Submit the model of a job again with other options; return the id of the new job."""
+        job = self._controller.books.get_job(job_id)
         if job.pruned_s is not None:
-            raise RefusedError(f"the files of job {number} were pruned: submit {job.name} again")
+            raise RefusedError(f"the files of job {job_id} were pruned: submit {job.name} again")
         self.check_submission(options)
         model = InspectedSubmission(job.model_file, job.repairs, job.scale or 1.0, job.own_gcode, job.size)
         return self.submit(request_id, job.name, model, options, caller_name)[0]
 
-    async def release(self, number: int, state: StateFolder, caller_name: str, is_operator: bool) -> None:
+    async def release(self, job_id: int, state: StateFolder, caller_name: str, is_operator: bool) -> None:
         """Release a job from its hold, planned or not; a job that is already printing does not change.
 
         Parameters
         ----------
-        number
+        job_id
             The job.
         state
             Folder with the files.
@@ -231,36 +231,36 @@ class JobCommands:
             True if the person is an operator. Others may release only their own jobs, and only on a farm
             where jobs need no approval.
         """
-        job = self._controller.books.get_job(number)
+        job = self._controller.books.get_job(job_id)
         if job.state.ended:
-            raise RefusedError(f"job {number} has already ended: it is {job.state}")
+            raise RefusedError(f"job {job_id} has already ended: it is {job.state}")
         if not is_operator and (self._needs_operator(job) or job.submitted_by != caller_name):
-            raise RefusedError(f"only an operator may let job {number} print: `farm approve {number}`")
+            raise RefusedError(f"only an operator may let job {job_id} print: `farm approve {job_id}`")
         if job.state is JobState.HELD:
-            await self.approve(number, job.plan or "", state, caller_name)
+            await self.approve(job_id, job.plan or "", state, caller_name)
         elif job.options.hold and job.state in (JobState.QUEUED, JobState.PLANNING):
             self._controller.handle(
-                ev.JobReleased(at_s=self._controller.clock.now(), job=number, by=caller_name)
+                ev.JobReleased(at_s=self._controller.clock.now(), job=job_id, by=caller_name)
             )
 
     def _needs_operator(self, job: Job) -> bool:
         return self._controller.fleet.fleet.approve or job.restored
 
-    def _find_held_job(self, number: int) -> Job:
-        job = self._controller.books.get_job(number)
+    def _find_held_job(self, job_id: int) -> Job:
+        job = self._controller.books.get_job(job_id)
         if job.state is not JobState.HELD:
-            raise RefusedError(f"job {number} is not waiting for approval: it is {job.state}")
+            raise RefusedError(f"job {job_id} is not waiting for approval: it is {job.state}")
         return job
 
 
-def find_successor(queue: Sequence[int], number: int, move: api.QueueMove) -> int | None:
+def find_successor(queue: Sequence[int], job_id: int, move: api.QueueMove) -> int | None:
     """Find the job before which a job is moved; None for the end of the queue.
 
     Parameters
     ----------
     queue
-        The numbers of the jobs in the queue, in order.
-    number
+        Ids of the jobs in the queue, in order.
+    job_id
         The job that is moved, which is in `queue`.
     move
         The new place: a direction, an end of the queue, or the job before which it is put.
@@ -270,8 +270,8 @@ def find_successor(queue: Sequence[int], number: int, move: api.QueueMove) -> in
     RefusedError
         If the job is already at that place, or the other job is not in the queue.
     """
-    place = queue.index(number)
-    other_jobs = [entry for entry in queue if entry != number]
+    place = queue.index(job_id)
+    other_jobs = [entry for entry in queue if entry != job_id]
     if move.before is not None:
         if move.before not in other_jobs:
             raise RefusedError(f"job {move.before} is not another job in the queue: `farm queue` lists it")
@@ -284,16 +284,16 @@ def find_successor(queue: Sequence[int], number: int, move: api.QueueMove) -> in
     }
     target = places[move.to or api.QueuePlace.LAST]
     if not 0 <= target <= len(other_jobs):
-        raise RefusedError(f"job {number} is already {'first' if place == 0 else 'last'} in the queue")
+        raise RefusedError(f"job {job_id} is already {'first' if place == 0 else 'last'} in the queue")
     return other_jobs[target] if target < len(other_jobs) else None
 
 
 def abort_prints(controller: Controller) -> None:
     """Cancel every open print and its job; if the job has ended, cancel only the plate of the print."""
     books, now_s = controller.books, controller.clock.now()
-    numbers = sorted({attempt.job for attempt in books.list_open_prints()})
-    open_jobs = [number for number in numbers if not books.get_job(number).state.ended]
-    controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in open_jobs))
+    job_ids = sorted({attempt.job for attempt in books.list_open_prints()})
+    open_jobs = [job_id for job_id in job_ids if not books.get_job(job_id).state.ended]
+    controller.handle(*(ev.JobCancelled(at_s=now_s, job=job_id) for job_id in open_jobs))
     plates_of_ended_jobs = [
         attempt.plate for attempt in controller.books.list_open_prints() if attempt.cancel_reason is None
     ]
@@ -341,7 +341,7 @@ class DryRuns:
         jobs = self._controller.books.jobs.values()
         dry_runs = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
         self._expiry_times_s = {n: self._expiry_times_s.get(n, now_s + DRY_RUN_TIMEOUT_S) for n in dry_runs}
-        abandoned_jobs = [number for number, until_s in self._expiry_times_s.items() if now_s > until_s]
+        abandoned_jobs = [job_id for job_id, until_s in self._expiry_times_s.items() if now_s > until_s]
         if abandoned_jobs:
             at_s = self._controller.clock.now()
             self._controller.handle(

@@ -41,11 +41,11 @@ class JobPlanning:
         self._admission = JobAdmission()
         self._started_plans: dict[int, tuple[StartPlanning, float]] = {}  # last of each job, with its time
 
-    def on_progress(self, number: int, progress: PlanProgress) -> None:
+    def on_progress(self, job_id: int, progress: PlanProgress) -> None:
         """Store the progress of a plan; a job that already has a plan does not wait for free disk space."""
-        self.progress[number] = progress
+        self.progress[job_id] = progress
         if progress.step is PlanStep.NO_ROOM:
-            self.revisions.end_replanning(number)
+            self.revisions.end_replanning(job_id)
 
     def find_reservations(
         self, books: Books, situation: Situation, reserved_printers: dict[str, str]
@@ -93,11 +93,11 @@ class JobPlanning:
         self._admission.begin_planning(instruction)
         self._started_plans[instruction.job] = instruction, now_s
 
-    def end(self, number: int) -> None:
+    def end(self, job_id: int) -> None:
         """Remove a job that is no longer being planned."""
-        self.progress.pop(number, None)
-        self._admission.end_planning(number)
-        self.revisions.end_replanning(number)
+        self.progress.pop(job_id, None)
+        self._admission.end_planning(job_id)
+        self.revisions.end_replanning(job_id)
 
     def finish(
         self, job: Job, result: Plan | FarmError, books: Books, situation: Situation
@@ -135,8 +135,8 @@ class JobPlanning:
     def list_running_jobs(self, books: Books) -> list[int]:
         """List the jobs that are being planned, without those that wait for free disk space."""
         planning_jobs = (job.id for job in books.jobs.values() if job.state is JobState.PLANNING)
-        return sorted(number for number in planning_jobs if not self._waits_for_disk_space(number))
+        return sorted(job_id for job_id in planning_jobs if not self._waits_for_disk_space(job_id))
 
-    def _waits_for_disk_space(self, number: int) -> bool:
-        progress = self.progress.get(number)
+    def _waits_for_disk_space(self, job_id: int) -> bool:
+        progress = self.progress.get(job_id)
         return progress is not None and progress.step is PlanStep.NO_ROOM

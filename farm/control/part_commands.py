@@ -32,15 +32,15 @@ class PartCommands:
     def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
         self._controller, self._printers = controller, printers
 
-    def reprint(self, number: int, part: str, reason: str, caller_name: str) -> str:
+    def reprint(self, job_id: int, part: str, reason: str, caller_name: str) -> str:
         """Print a part again, unless it is already waiting or being printed; return its name."""
-        plate = self._find_plate(number, part)
-        job = self._controller.books.get_job(number)
+        plate = self._find_plate(job_id, part)
+        job = self._controller.books.get_job(job_id)
         if job.pruned_s is not None:
             pruned_at = datetime.fromtimestamp(job.pruned_s, self._controller.fleet.zone)
             raise RefusedError(
-                f"the files of job {number} were pruned on {pruned_at:%Y-%m-%d} (`fleet.keep` in "
-                f"fleet.yaml): submit {job.name} again; `farm report {number}` still shows how it was printed"
+                f"the files of job {job_id} were pruned on {pruned_at:%Y-%m-%d} (`fleet.keep` in "
+                f"fleet.yaml): submit {job.name} again; `farm report {job_id}` still shows how it was printed"
             )
         state = self._controller.books.find_plate_state(plate)
         stopped_print = find_stopped_print(plate, self._controller.books.list_prints(plate))
@@ -51,9 +51,9 @@ class PartCommands:
         self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=reason, by=caller_name))
         return plate.parts[0]
 
-    def cancel(self, number: int, part: str, caller_name: str) -> str:
+    def cancel(self, job_id: int, part: str, caller_name: str) -> str:
         """Cancel a part, which is then not printed; return its name."""
-        return self._cancel_plate(self._find_plate(number, part), caller_name)
+        return self._cancel_plate(self._find_plate(job_id, part), caller_name)
 
     def cancel_on_printer(self, printer: str, caller_name: str) -> str:
         """Cancel the part that a printer is printing; return its name."""
@@ -69,9 +69,9 @@ class PartCommands:
         )
         return plate.parts[0]
 
-    def set_paused(self, number: int, part: str, is_paused: bool, caller_name: str) -> str:
+    def set_paused(self, job_id: int, part: str, is_paused: bool, caller_name: str) -> str:
         """Pause or resume a part, on its printer or in the queue; return the printer, or an empty string."""
-        plate = self._find_plate(number, part)
+        plate = self._find_plate(job_id, part)
         printer = self._find_printer(plate)
         if printer is not None:
             self._printers.set_paused(printer, is_paused, caller_name)
@@ -79,33 +79,33 @@ class PartCommands:
         name, state = plate.parts[0], self._controller.books.find_plate_state(plate)
         if state is not PlateState.WAITING:
             reason = _REFUSAL_REASONS.get(
-                state, f"failed too often: print it again with `farm reprint {number} {part}`"
+                state, f"failed too often: print it again with `farm reprint {job_id} {part}`"
             )
             raise RefusedError(f"part {name} {reason}")
         if plate.paused is is_paused:
-            if not is_paused and self._controller.books.get_job(number).paused:
-                raise RefusedError(f"job {number} is paused: `farm resume {number}` resumes its parts")
+            if not is_paused and self._controller.books.get_job(job_id).paused:
+                raise RefusedError(f"job {job_id} is paused: `farm resume {job_id}` resumes its parts")
             raise RefusedError(f"part {name} is {'already paused' if is_paused else 'not paused'}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=is_paused, by=caller_name))
         return ""
 
-    def _find_plate(self, number: int, part: str) -> Plate:
+    def _find_plate(self, job_id: int, part: str) -> Plate:
         """Find the plate of a part, whose name may lack the number of the job: 3/p01, p01, 01 or 1."""
         books = self._controller.books
-        job = books.get_job(number)
+        job = books.get_job(job_id)
         for name in job.parts:
             if parse_part_number(name) == parse_part_number(part):
                 return books.plates[books.parts[name].plate]
         for cut_part in books.parts.values():
-            if cut_part.job == number and parse_part_number(cut_part.id) == parse_part_number(part):
+            if cut_part.job == job_id and parse_part_number(cut_part.id) == parse_part_number(part):
                 names = books.plates[cut_part.plate].replaced_by
                 pieces = " ".join(name for plate in names for name in books.plates[plate].parts)
                 raise RefusedError(
                     f"part {cut_part.id} failed and was cut into smaller parts: name one of {pieces}"
                 )
         part_names = " ".join(name.rpartition("/")[2] for name in job.parts) or "none yet"
-        raise NotFoundError(f"job {number} has no part {part}; its parts are {part_names}")
+        raise NotFoundError(f"job {job_id} has no part {part}; its parts are {part_names}")
 
     def _find_printer(self, plate: Plate) -> str | None:
         """Return the printer that is printing a plate; None if there is none."""
