@@ -193,7 +193,7 @@ def _measure_prints(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
 
 
 def _measure_requests(fleet: PrintingFleet, request: Callable[[], object]) -> list[tuple[float, float]]:
-    """Send a request several times; return the daemon's CPU seconds and the wall seconds of each."""
+    """Send a request several times; return the daemon's CPU seconds and the wall-clock time of each in s."""
     durations_s = []
     for _ in range(STATUS_REQUESTS):
         start_cpu_s, start_s = fleet.daemon.read_cpu_s(), time.monotonic()
@@ -214,7 +214,7 @@ def _measure_faults(fleet: PrintingFleet, size: FleetSize) -> dict[str, Any]:
             fleet, [name for name in (FIRST_HOST, FIRST_HALF) if name in fleet.hosts_by_group]
         ),
     }
-    if fleet.groups.has_network:
+    if fleet.groups.uses_namespaces:
         figures["poor_network"] = measure_poor_network(fleet, size.seconds, min(size.plate_changes, 10))
     return figures
 

@@ -39,7 +39,7 @@ OLD_VERSION, NEW_VERSION = "1.0.0", "1.0.1"
 UPDATE_SHARE = 0.3  # printed share of the first plates when the new version is installed
 # Wall seconds for which a host is away; after 30 s it counts as lost.
 MIN_ABSENCE_S, MAX_ABSENCE_S = 5.0, 60.0
-SERVICE_END_S = 90.0  # wall seconds until a service without a daemon ends: 60, and a margin
+SERVICE_END_S = 90.0  # seconds of wall-clock time until a service without a daemon ends: 60, and a margin
 SAMPLE_S = 20.0  # time between two samples of CPU time
 
 

@@ -49,8 +49,8 @@ PRINTER_MODEL = "ultimaker2_plus"
 SIDE_MM, LAYER_MM, MOVES_PER_LAYER = 20.0, 0.2, 4
 E_PER_MM = 0.4 * LAYER_MM / 6.38  # for lines of 0.4 mm, with filament of 2.85 mm
 AWAY_AFTER_S = 1800.0  # farm time at which the operator's night begins
-POLL_S = 0.3  # wall seconds between two polls of the operator
-START_TIMEOUT_S = 120.0  # wall seconds for the start of a daemon on a busy machine
+POLL_S = 0.3  # seconds of wall-clock time between two polls of the operator
+START_TIMEOUT_S = 120.0  # seconds of wall-clock time for the start of a daemon on a busy machine
 
 
 def write_slow_gcode(moves: int, move_s: float) -> str:
@@ -345,7 +345,7 @@ def make_parser(description: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--scale", type=int, default=300, help="farm seconds per wall second")
     parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
     parser.add_argument("--kills", type=int, default=2, help="number of times that the daemon is killed")
-    parser.add_argument("--patience-s", type=float, default=900.0, help="wall seconds for the whole night")
+    parser.add_argument("--patience-s", type=float, default=900.0, help="limit of the wall-clock time in s")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--keep",

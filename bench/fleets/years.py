@@ -1,11 +1,11 @@
-"""Size of a state folder after a year of nights, with and without the nightly prune, from simulated prints.
+"""Size of a state folder after a year of nights, with and without nightly pruning, from simulated prints.
 
     python -m bench.fleets.years --json
     python -m bench.fleets.years --measure STATE_FOLDER    # sizes of the files of a planned job
 
 Every night a job is planned, printed on eight printers and judged, and the database is backed up. The files
 of a job have the sizes of those of a real night and take no space (they are sparse). The state, its events,
-the backup and the prune are the daemon's own. The pictures of parts are not drawn; a file of the usual size
+the backup and the pruning are the daemon's own. The pictures of parts are not drawn; a file of the usual size
 replaces each of them.
 """
 
@@ -43,7 +43,7 @@ DAY_S = 86400.0
 START_S = 1_790_000_000.0
 PARTS_PER_JOB = 8
 PICTURE_BYTES = 17_000  # mean size of the pictures of parts
-FILE_AGE_S = 7200.0  # wall seconds; the prune keeps younger files
+FILE_AGE_S = 7200.0  # seconds of wall-clock time; pruning keeps younger files
 JOB_FILE_BYTES = {
     "model": [1009943],
     "stl": [703584, 484884, 408684, 480384, 511284, 579384, 311584, 446084],
@@ -75,19 +75,19 @@ class FakeWorkers:
         return {part: write_sparse(files, f"{name}.png", PICTURE_BYTES) for part, name in parts.items()}
 
 
-def write_sparse(files: Path, name: str, size: int) -> str:
+def write_sparse(files: Path, name: str, size_bytes: int) -> str:
     """Write a sparse file of a size, last modified two hours ago."""
     path = files / name
     path.touch()
-    os.truncate(path, size)
+    os.truncate(path, size_bytes)
     stored_s = time.time() - FILE_AGE_S
     os.utime(path, (stored_s, stored_s))
     return name
 
 
-def list_printer_names(jobs: int) -> list[str]:
+def list_printer_names(job_count: int) -> list[str]:
     """List the names of the printers that a number of jobs per night need."""
-    return [f"um2-{number:02d}" for number in range(1, PARTS_PER_JOB * jobs + 1)]
+    return [f"um2-{number:02d}" for number in range(1, PARTS_PER_JOB * job_count + 1)]
 
 
 def list_job_events(
@@ -144,7 +144,7 @@ def list_job_events(
 class SimulatedFarm:
     """State folder of a farm that prints every night."""
 
-    def __init__(self, root: Path, keep: dict[str, float], jobs: int) -> None:
+    def __init__(self, root: Path, keep: dict[str, float], job_count: int) -> None:
         self.state = StateFolder(root)
         self.state.make()
         self.store, self.clock = Store(self.state.books), NightClock()
@@ -152,9 +152,9 @@ class SimulatedFarm:
         self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(NoEffects())
         self.upkeep = Upkeep(self.controller, self.store, self.state, cast(WorkerPool, FakeWorkers()))
-        self.prune_s: list[float] = []
-        self._jobs = jobs
-        for name in list_printer_names(jobs):
+        self.upkeep_s: list[float] = []
+        self._job_count = job_count
+        for name in list_printer_names(job_count):
             self._commit(ev.PrinterAdded(at_s=START_S, printer=name, bed=Bed.CLEAR))
 
     def _commit(self, event: ev.AnyEvent) -> None:
@@ -162,33 +162,35 @@ class SimulatedFarm:
         self.store.commit(event, self.controller.books, new_books)
         self.controller.books = new_books
 
-    async def simulate_nights(self, nights: int) -> None:
-        """Simulate the prints of some nights, each followed by the upkeep."""
-        for night in range(1, nights + 1):
+    async def simulate_nights(self, night_count: int) -> None:
+        """Simulate the prints of some nights, each followed by the upkeep: backup and pruning."""
+        for night in range(1, night_count + 1):
             self.clock.now_s = START_S + night * DAY_S
-            for index in range(self._jobs):
-                number = (night - 1) * self._jobs + index + 1
-                printers = list_printer_names(self._jobs)[PARTS_PER_JOB * index :][:PARTS_PER_JOB]
+            for index in range(self._job_count):
+                number = (night - 1) * self._job_count + index + 1
+                printers = list_printer_names(self._job_count)[PARTS_PER_JOB * index :][:PARTS_PER_JOB]
                 for event in list_job_events(
                     number, self.clock.now_s - 14 * 3600.0, self._write_files(number), printers
                 ):
                     self._commit(event)
             start_s = time.perf_counter()
             await self.upkeep.prune("the bench", dry_run=False)
-            self.prune_s.append(time.perf_counter() - start_s)
+            self.upkeep_s.append(time.perf_counter() - start_s)
 
     def _write_files(self, number: int) -> dict[str, list[str]]:
         return {
             kind: [
-                write_sparse(self.state.files, f"{number}-{i}.{kind}", size) for i, size in enumerate(sizes)
+                write_sparse(self.state.files, f"{number}-{i}.{kind}", size_bytes)
+                for i, size_bytes in enumerate(sizes_bytes)
             ]
-            for kind, sizes in JOB_FILE_BYTES.items()
+            for kind, sizes_bytes in JOB_FILE_BYTES.items()
         }
 
     def measure(self) -> dict[str, Any]:
         """Close the store, and return the sizes at the end of the year."""
         files, books = list_files(self.state.files), self.controller.books
-        events, missing_files = len(self.store.read_all_events()), list_referenced_files(books) - files.keys()
+        event_count = len(self.store.read_all_events())
+        missing_files = list_referenced_files(books) - files.keys()
         self.store.close()
         oldest_backup, *_ = sorted(self.state.backups.iterdir())
         pruned_jobs = [job for job in books.jobs.values() if job.pruned_s]
@@ -197,12 +199,12 @@ class SimulatedFarm:
             "database_mb": self.state.books.stat().st_size / 1e6,
             "backups_mb": sum(path.stat().st_size for path in self.state.backups.iterdir()) / 1e6,
             "backup_readable": read_books(oldest_backup)[1] > 0,
-            "events": events,
+            "events": event_count,
             "jobs": len(books.jobs),
             "pruned_jobs": len(pruned_jobs),
             "missing_files": len(missing_files),
-            "upkeep_s_median": statistics.median(self.prune_s),
-            "upkeep_s_worst": max(self.prune_s),
+            "upkeep_s_median": statistics.median(self.upkeep_s),
+            "upkeep_s_worst": max(self.upkeep_s),
         }
 
 
@@ -222,16 +224,16 @@ def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:
     return {kind: [(state.files / name).stat().st_size for name in names] for kind, names in kinds.items()}
 
 
-def run(nights: int, keep: dict[str, float], jobs: int) -> dict[str, Any]:
+def run(night_count: int, keep: dict[str, float], job_count: int) -> dict[str, Any]:
     """Simulate a farm in a new folder, and measure it."""
     with tempfile.TemporaryDirectory(prefix="farm-years-") as folder:
-        farm = SimulatedFarm(Path(folder), keep, jobs)
-        asyncio.run(farm.simulate_nights(nights))
+        farm = SimulatedFarm(Path(folder), keep, job_count)
+        asyncio.run(farm.simulate_nights(night_count))
         return farm.measure()
 
 
 def main() -> None:
-    """Print the sizes with the prune and without it."""
+    """Print the sizes with and without pruning."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -257,12 +259,15 @@ def main() -> None:
     if args.json:
         print(json.dumps(figures))
         return
-    print(f"{args.nights} nights of {figures['printers']} printers, {figures['night_gb']:.2f} GB each")
-    for name, keep in (("without prune", "everything"), ("with prune", "kept")):
+    print(
+        f"{args.nights} nights of {figures['printers']} printers; "
+        f"{figures['night_gb']:.2f} GB of new files per night"
+    )
+    for name, keep in (("without pruning", "everything"), ("with pruning", "kept")):
         measures = figures[keep]
         print(
-            f"{name:<14} {measures['files_gb']:7.1f} GB, database {measures['database_mb']:.1f} MB and "
-            f"{measures['events']} events, upkeep {measures['upkeep_s_median']:.2f} s a night "
+            f"{name:<16} {measures['files_gb']:7.1f} GB, database {measures['database_mb']:.1f} MB and "
+            f"{measures['events']} events, backup and pruning {measures['upkeep_s_median']:.2f} s a night "
             f"(worst {measures['upkeep_s_worst']:.2f})"
         )
 

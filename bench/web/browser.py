@@ -104,7 +104,7 @@ def measure(printers: int, seconds: float) -> dict[str, Any]:
     """Serve the farm from a process of its own, and measure Home."""
     with start_server(printers) as server:
         result = asyncio.run(measure_home(server.port, server.keys[1], seconds, server.folder / "profile"))
-    return {"prints": server.prints, **result, "load": os.getloadavg()[0]}
+    return {"prints": server.print_count, **result, "load": os.getloadavg()[0]}
 
 
 def main() -> None:

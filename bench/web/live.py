@@ -44,12 +44,12 @@ _PRINTER_MODEL = "ultimaker2_plus"
 _WARM_UP_S = 3.0
 
 
-async def serve(folder: Path, printers: int, pipe: Connection) -> None:
+async def serve(folder: Path, printer_count: int, pipe: Connection) -> None:
     """Serve until a message ends the server; send the port and two keys, then the CPU seconds on request."""
     state = StateFolder(folder)
     state.make()
-    names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
-    fill_books(state.books, names, 2 * PLATES_PER_JOB + 2 * printers)
+    names = [f"um2-{number:03d}" for number in range(1, printer_count + 1)]
+    fill_books(state.books, names, 2 * PLATES_PER_JOB + 2 * printer_count)
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     web = {"listen": f"127.0.0.1:{port}"}
@@ -67,7 +67,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
         state,
         folder / "fleet.yaml",
         WorkerPool(state.work / "workers", 1, None, warm_up_planning),
-        refuse_shutdown,
+        ignore_shutdown,
     )
     server = NetworkServer(
         WebSection.model_validate(web), make_web_app(services, DryRuns(controller), ()), 200, NetworkState()
@@ -93,13 +93,13 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
     store.close()
 
 
-async def refuse_shutdown(now: bool) -> None:
-    """Refuse to shut down."""
+async def ignore_shutdown(now: bool) -> None:
+    """Ignore a request to shut down."""
 
 
-def run_server(folder: Path, printers: int, pipe: Connection) -> None:
+def run_server(folder: Path, printer_count: int, pipe: Connection) -> None:
     """Run the server's process."""
-    asyncio.run(serve(folder, printers, pipe))
+    asyncio.run(serve(folder, printer_count, pipe))
 
 
 class Server(NamedTuple):
@@ -109,7 +109,7 @@ class Server(NamedTuple):
     pipe: Connection
     port: int
     keys: list[str]
-    prints: int
+    print_count: int
 
     def read_cpu_s(self) -> float:
         """Return the CPU seconds of the process."""
@@ -118,12 +118,12 @@ class Server(NamedTuple):
 
 
 @contextmanager
-def start_server(printers: int) -> Iterator[Server]:
+def start_server(printer_count: int) -> Iterator[Server]:
     """Serve the farm from a process of its own, and end it afterwards."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe()
     with tempfile.TemporaryDirectory() as name:
-        process = context.Process(target=run_server, args=(Path(name), printers, sender))
+        process = context.Process(target=run_server, args=(Path(name), printer_count, sender))
         process.start()
         try:
             yield Server(Path(name), receiver, *receiver.recv())
@@ -132,10 +132,10 @@ def start_server(printers: int) -> Iterator[Server]:
             process.join()
 
 
-def receive_streams(port: int, keys: list[str], viewers: int, seconds: float) -> int:
+def receive_streams(port: int, keys: list[str], viewer_count: int, seconds: float) -> int:
     """Receive streams for some seconds; return the number of bytes."""
     received_bytes, selector = 0, selectors.DefaultSelector()
-    for number in range(viewers):
+    for number in range(viewer_count):
         client = socket.create_connection(("127.0.0.1", port))
         head = f"GET /live HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {keys[number % len(keys)]}\r\n\r\n"
         client.sendall(head.encode())
@@ -149,20 +149,20 @@ def receive_streams(port: int, keys: list[str], viewers: int, seconds: float) ->
     return received_bytes
 
 
-def measure(printers: int, viewers: int, seconds: float) -> dict[str, Any]:
+def measure(printer_count: int, viewer_count: int, seconds: float) -> dict[str, Any]:
     """Measure the CPU of the server, without viewers and with them."""
-    with start_server(printers) as server:
+    with start_server(printer_count) as server:
         time.sleep(_WARM_UP_S)
         start_cpu_s, start_s = server.read_cpu_s(), time.monotonic()
         time.sleep(seconds / 2)
         idle_core_share = (server.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)
         start_cpu_s, start_s = server.read_cpu_s(), time.monotonic()
-        received_bytes = receive_streams(server.port, server.keys, viewers, seconds)
+        received_bytes = receive_streams(server.port, server.keys, viewer_count, seconds)
         core_share = (server.read_cpu_s() - start_cpu_s) / (time.monotonic() - start_s)
     return {
-        "printers": printers, "prints": server.prints, "viewers": viewers, "core_share": core_share,
-        "core_share_without_viewers": idle_core_share,
-        "bytes_per_viewer_s": received_bytes / viewers / seconds,
+        "printers": printer_count, "prints": server.print_count, "viewers": viewer_count,
+        "core_share": core_share, "core_share_without_viewers": idle_core_share,
+        "bytes_per_viewer_s": received_bytes / viewer_count / seconds,
         "load": os.getloadavg()[0],
     }  # fmt: skip
 

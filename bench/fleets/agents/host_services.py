@@ -44,12 +44,12 @@ class HostGroups:
         Folder of all hosts.
     groups
         Hosts by name of their group.
-    has_network
+    uses_namespaces
         True if each group has a network namespace; False if all are on this computer's network.
     """
 
-    def __init__(self, folder: Path, groups: Mapping[str, Sequence[str]], has_network: bool) -> None:
-        self._network = _open_network(groups) if has_network else None
+    def __init__(self, folder: Path, groups: Mapping[str, Sequence[str]], uses_namespaces: bool) -> None:
+        self._network = _open_network(groups) if uses_namespaces else None
         self._processes: dict[str, subprocess.Popen[str]] = {}
         addresses: dict[str, tuple[str, int]] = {}
         for name, hosts in groups.items():
@@ -74,8 +74,8 @@ class HostGroups:
         """Value of FARM_SSH for the daemon."""
 
     @property
-    def has_network(self) -> bool:
-        """True if packets can be lost and delayed."""
+    def uses_namespaces(self) -> bool:
+        """True if each group has a network namespace, so that packets can be lost and delayed."""
         return self._network is not None
 
     def disconnect(self, *groups: str) -> None:

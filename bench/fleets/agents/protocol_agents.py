@@ -129,7 +129,7 @@ class ProtocolAgents:
         agent.server.push(agent.snapshot())
 
     def serve(self, seconds: float, condition: Callable[[], bool] = lambda: False) -> bool:
-        """Answer and report for some wall seconds, or until a condition holds; return whether it holds.
+        """Answer and report for a wall-clock time in s, or until a condition holds; return whether it holds.
 
         Like real agents, they report every second while they print, and every fifth second otherwise.
         """
