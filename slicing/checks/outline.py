@@ -138,10 +138,10 @@ def _find_differing_layers(
     difference_mm2 = np.abs(printed_rings.area_mm2 - model_rings.area_mm2)
     max_difference_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model_rings.length_mm
     moment_difference_mm3 = np.abs(printed_rings.moment_mm3 - model_rings.moment_mm3).max(axis=1)
-    reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
+    lever_mm = np.abs(corners[..., :2]).max() + TIP_MM  # maximum distance of a difference from an axis
     differing_layers = np.flatnonzero(
         (difference_mm2 > max_difference_mm2)
-        | (moment_difference_mm3 > max_difference_mm2 * reach_mm + TOLERANCE_MM * model_rings.area_mm2)
+        | (moment_difference_mm3 > max_difference_mm2 * lever_mm + TOLERANCE_MM * model_rings.area_mm2)
     )
     return differing_layers, difference_mm2[differing_layers]
 
@@ -153,7 +153,7 @@ def _check_areas(model_rings: Rings, printed_rings: Rings, walls: Walls, layout:
         raise SliceRejected(
             Rule.OUTLINE,
             f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
-            "mesh is broken; thicken them, scale it up, choose a finer nozzle, or repair it",
+            "mesh is broken; thicken the walls, scale the model up, use a smaller nozzle, or repair the mesh",
         )
     missing_mm2 = walls.compute_missing_areas_mm2(layout, len(model_rings.area_mm2))
     incomplete_layers = np.flatnonzero(missing_mm2 > MAX_LOST_MM2 + MAX_LOST_SHARE * model_rings.area_mm2)
@@ -289,7 +289,7 @@ def _join_pieces(
     for footprint in footprints:
         wall_pieces = [(layer, piece) for layer, piece in pieces if footprint.intersects(piece)]
         layers = [layer for layer, _ in wall_pieces]
-        box = footprint.bounds
+        x0_mm, y0_mm, x1_mm, y1_mm = footprint.bounds
         low_mm, high_mm = (
             layout.compute_top_mm(min(layers) - 1) if min(layers) else 0.0,
             layout.compute_top_mm(max(layers)),
@@ -299,6 +299,6 @@ def _join_pieces(
         )
         if high_mm - low_mm < TIP_MM or side_mm2 < MIN_WALL_MM2:
             continue
-        middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
-        walls.append(UnprintedWall(float(side_mm2), low_mm, high_mm, *middle))
+        middle_mm = ((x0_mm + x1_mm) / 2, (y0_mm + y1_mm) / 2)
+        walls.append(UnprintedWall(float(side_mm2), low_mm, high_mm, *middle_mm))
     return tuple(sorted(walls, key=lambda wall: -wall.area_mm2))

@@ -1,4 +1,8 @@
-"""Printed outer wall: closed rings, walls of a single line, and the area that they enclose."""
+"""Printed outer wall: closed rings, walls of a single line, and the area that they enclose.
+
+A ring is a closed line of a wall, or of a section of the model (`checks.section`). `hidden_walls` calls the
+moves of a wall's ring a loop.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from slicing.checks.toolpath import Toolpath
 from slicing.settings import EngineSettings
 
 TOLERANCE_MM = 0.15
-"""Tolerance of an outline: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
+"""Tolerance for points of an outline: the engine simplifies it (by 0.05 mm) and rounds sections of slopes."""
 _MAX_FILLING_DISTANCE_MM = 1.0  # maximum distance of a line from an area that it fills
 _MAX_GAPS = 8  # maximum number of gaps in a ring
 _EXACT_OUTLINE_SETTINGS = {
@@ -99,7 +103,7 @@ class Walls:
     run: npt.NDArray[np.intp]  # index of the unbroken line of a move
     is_closed: npt.NDArray[np.bool_]  # whether that line is a ring
     width_mm: Floats  # computed from the extruded filament
-    reach_mm: Floats  # from a ring's centre line to the model's outline; half the width of another line
+    reach_mm: Floats  # from a ring's centre line to the model's outline; for an open line, half its width
     other_lines: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
     inner_lines: Floats  # (k, 5) lines of the inner walls: start, end, layer
 

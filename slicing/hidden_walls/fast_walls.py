@@ -84,16 +84,16 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
             continue
         has_full_speed = path.feed_mm_min > 60.0 * wall.speed_mm_s - 1.0
         wall_moves = np.flatnonzero(is_line & path.is_feature(wall.feature) & has_full_speed)
-        ends_mm = points_mm[0][wall_moves], points_mm[1][wall_moves]
+        end_points_mm = points_mm[0][wall_moves], points_mm[1][wall_moves]
         for side in sides:
-            share = _find_fast_share(wall_moves, ends_mm, side, wall.depth_mm)
+            share = _find_fast_share(wall_moves, end_points_mm, side, wall.depth_mm)
             fast_moves.share[wall_moves] = np.maximum(fast_moves.share[wall_moves], share)
         fast_moves.feed_mm_min[wall_moves] = 60.0 * fast_mm_s
     return fast_moves
 
 
 def _find_fast_share(
-    wall_moves: Indices, ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
+    wall_moves: Indices, end_points_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
 ) -> Floats:
     """Compute the share (k,) of each move, from its start, that is printed faster along a side.
 
@@ -101,9 +101,9 @@ def _find_fast_share(
     `list_side_runs`.
     """
     share = np.zeros(len(wall_moves))
-    lengths_mm = np.hypot(*(ends_mm[1] - ends_mm[0]).T)
-    runs = list(list_side_runs(wall_moves, ends_mm, side, wall_depth_mm))
-    seams = find_hidden_seams(wall_moves, ends_mm, side, wall_depth_mm, runs)
+    lengths_mm = np.hypot(*(end_points_mm[1] - end_points_mm[0]).T)
+    runs = list(list_side_runs(wall_moves, end_points_mm, side, wall_depth_mm))
+    seams = find_hidden_seams(wall_moves, end_points_mm, side, wall_depth_mm, runs)
     for number, run in enumerate(runs):
         transition_mm = 0.0 if number in seams.runs_before else TRANSITION_MM
         to_end_mm = np.cumsum(lengths_mm[run][::-1])[::-1]  # from the start of each move

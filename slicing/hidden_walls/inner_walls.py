@@ -32,8 +32,8 @@ from slicing.settings import EngineSettings
 MIN_REMOVED_MM = 10.0
 """Minimum length that is removed from a wall."""
 _SAVED_TIME_FACTOR = 1.1
-"""Ratio of the time that removing a line saves to its length over its speed: the head also accelerates less
-often. It keeps layers from becoming shorter than the minimum layer time."""
+"""Ratio of the time that the removal of a line saves to its length divided by its speed, as the head also
+accelerates less often. With this factor, no layer becomes shorter than the minimum layer time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +143,8 @@ def _find_removal(
             saved_s = _SAVED_TIME_FACTOR * float((removed_mm * 60.0 / path.feed_mm_min[moves]).sum())
             if float(removed_mm.sum()) < MIN_REMOVED_MM or saved_s > spare_s.get(layer, 0.0):
                 continue
-            ends_mm = [starts_mm + share[:, None] * deltas_mm for share in (first, last)]
-            stretches = _list_stretches(layer, numbers, ends_mm, last > first, sides)
+            end_points_mm = [starts_mm + share[:, None] * deltas_mm for share in (first, last)]
+            stretches = _list_stretches(layer, numbers, end_points_mm, last > first, sides)
             if all(backing.supports(stretch) for stretch in stretches):
                 removal.first_share[moves], removal.last_share[moves] = first, last
                 removal.is_skipped[moves] = is_whole
@@ -156,7 +156,7 @@ def _find_removal(
 def _find_skin_mm(
     layer: int,
     side_numbers: npt.NDArray[np.int_],
-    ends_mm: tuple[Floats, Floats],
+    end_points_mm: tuple[Floats, Floats],
     sides: Sequence[HiddenSide],
     backing: Backing,
 ) -> Floats:
@@ -168,16 +168,16 @@ def _find_skin_mm(
         Number of the layer.
     side_numbers
         (k,) number of the side of each move.
-    ends_mm
+    end_points_mm
         Starts (k, 2) and ends (k, 2) of the moves.
     sides, backing
         Hidden sides of the part, and the skin beside each.
     """
-    begin_mm = np.cumsum(lengths_mm := np.hypot(*(ends_mm[1] - ends_mm[0]).T)) - lengths_mm
+    begin_mm = np.cumsum(lengths_mm := np.hypot(*(end_points_mm[1] - end_points_mm[0]).T)) - lengths_mm
     skin_mm = [np.zeros(0)]
     for number in np.unique(side_numbers):
         on_side = np.flatnonzero(side_numbers == number)
-        first_mm, last_mm = (sides[number].measure_positions_mm(points[on_side]) for points in ends_mm)
+        first_mm, last_mm = (sides[number].measure_positions_mm(points[on_side]) for points in end_points_mm)
         lows_mm, highs_mm = np.minimum(first_mm, last_mm), np.maximum(first_mm, last_mm)
         stretch = Stretch(layer, int(number), float(lows_mm.min()), float(highs_mm.max()))
         positions_mm = backing.skin[number].find_positions_mm(stretch, TRANSITION_MM)
@@ -219,17 +219,17 @@ def _clip_run(lengths_mm: Floats, skin_mm: Floats, margin_mm: float) -> tuple[Fl
 def _list_stretches(
     layer: int,
     side_numbers: npt.NDArray[np.int_],
-    ends_mm: Sequence[Floats],
+    end_points_mm: Sequence[Floats],
     is_removed: Bools,
     sides: Sequence[HiddenSide],
 ) -> list[Stretch]:
-    """List the stretches of a run, one for each successive side; `ends_mm` are those of the removed lines."""
+    """List the stretches of a run, one for each side in succession, from the ends of the removed lines."""
     stretches = []
     for moves in np.split(np.arange(len(side_numbers)), np.flatnonzero(np.diff(side_numbers)) + 1):
         moves = moves[is_removed[moves]]
         if len(moves) > 0:
             number = int(side_numbers[moves[0]])
-            points_mm = np.concatenate([points[moves] for points in ends_mm])
+            points_mm = np.concatenate([points[moves] for points in end_points_mm])
             positions_mm = sides[number].measure_positions_mm(points_mm)
             stretches.append(Stretch(layer, number, float(positions_mm.min()), float(positions_mm.max())))
     return stretches
@@ -248,9 +248,9 @@ def _list_replacement_segments(
         pieces = [(first, feed_mm_min, extrusion), (last, travel_mm_min, 0.0), (1.0, feed_mm_min, extrusion)]
         segments = []
         begin = 0.0
-        for end, speed_mm_min, per_mm in [] if removal.is_skipped[move] else pieces:
+        for end, speed_mm_min, extruded_mm_per_mm in [] if removal.is_skipped[move] else pieces:
             if end > begin:
                 x_mm, y_mm = start_mm + end * delta_mm
-                segments.append(Segment(float(x_mm), float(y_mm), speed_mm_min, per_mm))
+                segments.append(Segment(float(x_mm), float(y_mm), speed_mm_min, extruded_mm_per_mm))
             begin = end
         yield move, segments

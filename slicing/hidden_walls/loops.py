@@ -1,4 +1,7 @@
-"""Loops of the walls in a toolpath, and the hidden sides along which they lie."""
+"""Loops of the walls in a toolpath, and the hidden sides along which they lie.
+
+For notches and grooves of a side, see `hidden_walls.sides`; `checks.walls` calls the same loops rings.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,7 @@ def list_loops(path: Toolpath, wall_moves: Indices, points_mm: tuple[Floats, Flo
 
 
 def join_loops(loops: Sequence[Loop]) -> tuple[Indices, Indices]:
-    """Join the moves of loops: moves (k,), and numbers (k,) that are successive only within a loop."""
+    """Concatenate the moves (k,) of loops, and number them (k,) with a gap after each loop."""
     counts = [len(loop.moves) for loop in loops]
     moves = np.concatenate([loop.moves for loop in loops])
     return moves, np.arange(len(moves)) + np.repeat(np.arange(len(loops)), counts)
@@ -74,12 +77,12 @@ def find_sides(
         Depth of the wall along a side without notches.
     """
     moves, numbers = join_loops(loops)
-    ends_mm = points_mm[0][moves], points_mm[1][moves]
+    end_points_mm = points_mm[0][moves], points_mm[1][moves]
     side_numbers = np.full(len(points_mm[0]), -1)
     is_near = np.zeros((len(sides), len(points_mm[0])), np.bool_)
     for number, side in enumerate(sides):
-        is_near[number, moves] = find_notch_moves(ends_mm, side, wall_depth_mm)
-        for run in list_side_runs(numbers, ends_mm, side, wall_depth_mm):
+        is_near[number, moves] = find_notch_moves(end_points_mm, side, wall_depth_mm)
+        for run in list_side_runs(numbers, end_points_mm, side, wall_depth_mm):
             side_numbers[moves[run]] = number
     lengths_mm = np.hypot(*(points_mm[1] - points_mm[0]).T)
     for loop in loops:

@@ -1,4 +1,9 @@
-"""Hidden sides of a part, and the walls along them in a toolpath."""
+"""Hidden sides of a part, and the walls along them in a toolpath.
+
+A notch is any shallow recess of a side: a mark with a number, or a gutter for the seam
+(`decompose.connectors.gutters`). The groove of a key is deeper, so the side lists its grooves. The outer wall
+follows all of them.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +24,15 @@ TRANSITION_MM = 5.0
 """[assumed] Length at each end of a line along a hidden side that is printed like a visible wall, so that the
 pressure in the nozzle is normal when a visible wall begins."""
 MAX_NOTCH_DEPTH_MM = 0.5
-"""Maximum depth of a notch that counts as a part of the side: a mark or a gutter, but not a pin's hole.
+"""Maximum depth of a notch that counts as a part of the side: a mark or a gutter, but no hole for a pin.
 
 Grooves for keys are deeper; the side lists them."""
 MAX_NOTCH_LENGTH_MM = 6.0
 """Maximum length of the path through a notch; letters are 5 mm high. A longer path may lie along a visible
 wall."""
 _NOTCH_EXCESS_SHARE = 0.5
-"""Excess depth of a wall's line below the bottom of a notch, as a share of the wall's depth: 1 / sin(42 deg)
-- 1 in a gutter."""
+"""Excess depth of a wall's line below the bottom of a notch, as a share of the wall's depth: it is
+1 / sin(42 deg) - 1 in a gutter."""
 _LINE_TOLERANCE_MM = 0.05
 CLOSURE_TOLERANCE_MM = 0.02
 """Maximum distance between the ends of a closed loop."""
@@ -35,7 +40,7 @@ CLOSURE_TOLERANCE_MM = 0.02
 
 @dataclass(frozen=True, slots=True)
 class SideGroove:
-    """Groove for a key in a hidden side: its depth, and its limits along the side."""
+    """Groove for a key in a hidden side, deeper than a notch: its depth, and its limits along the side."""
 
     low_mm: float
     high_mm: float
@@ -128,7 +133,7 @@ def measure_spare_times_s(path: Toolpath, min_time_s: float) -> dict[int, float]
 
 
 def list_side_runs(
-    wall_moves: Indices, ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
+    wall_moves: Indices, end_points_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float
 ) -> Iterator[Indices]:
     """Yield runs of successive moves along a side, as indices of `wall_moves`.
 
@@ -138,21 +143,21 @@ def list_side_runs(
     ----------
     wall_moves
         (k,) numbers of the moves of a wall; moves with successive numbers are connected.
-    ends_mm
+    end_points_mm
         Starts (k, 2) and ends (k, 2) of the moves.
     side
         Hidden side.
     wall_depth_mm
         Depth of the wall along a side without notches.
     """
-    depths_mm = np.stack([side.measure_depths_mm(points) for points in ends_mm]) - wall_depth_mm
+    depths_mm = np.stack([side.measure_depths_mm(points) for points in end_points_mm]) - wall_depth_mm
     on_side = np.flatnonzero((np.abs(depths_mm) < _LINE_TOLERANCE_MM).all(axis=0))
     if len(on_side) == 0:
         return
-    in_groove = _find_groove_moves(ends_mm, side, wall_depth_mm)
-    is_near = in_groove | find_notch_moves(ends_mm, side, wall_depth_mm)
+    in_groove = _find_groove_moves(end_points_mm, side, wall_depth_mm)
+    is_near = in_groove | find_notch_moves(end_points_mm, side, wall_depth_mm)
     first, second = on_side[:-1], on_side[1:]
-    notch_lengths_mm = np.where(in_groove, 0.0, np.hypot(*(ends_mm[1] - ends_mm[0]).T))
+    notch_lengths_mm = np.where(in_groove, 0.0, np.hypot(*(end_points_mm[1] - end_points_mm[0]).T))
     ends_along_mm, interruptions = np.cumsum(notch_lengths_mm), np.cumsum(~is_near)
     notches_mm = ends_along_mm[second] - notch_lengths_mm[second] - ends_along_mm[first]
     is_joined = (np.diff(wall_moves[on_side]) == np.diff(on_side)) & (notches_mm < MAX_NOTCH_LENGTH_MM)
@@ -174,7 +179,7 @@ class HiddenSeams:
 
 def find_hidden_seams(
     wall_moves: Indices,
-    ends_mm: tuple[Floats, Floats],
+    end_points_mm: tuple[Floats, Floats],
     side: HiddenSide,
     wall_depth_mm: float,
     runs: Sequence[Indices],
@@ -183,13 +188,13 @@ def find_hidden_seams(
 
     Parameters
     ----------
-    wall_moves, ends_mm, side, wall_depth_mm
+    wall_moves, end_points_mm, side, wall_depth_mm
         As in `list_side_runs`.
     runs
         Runs of `list_side_runs`.
     """
-    is_near = _find_groove_moves(ends_mm, side, wall_depth_mm)
-    is_near |= find_notch_moves(ends_mm, side, wall_depth_mm)
+    is_near = _find_groove_moves(end_points_mm, side, wall_depth_mm)
+    is_near |= find_notch_moves(end_points_mm, side, wall_depth_mm)
     loop_starts = np.flatnonzero(np.diff(wall_moves, prepend=-2) != 1)
     loops = np.searchsorted(loop_starts, [run[0] for run in runs], side="right") - 1
     loop_ends = np.append(loop_starts, len(wall_moves))[loops + 1]
@@ -198,35 +203,35 @@ def find_hidden_seams(
         last = int(np.searchsorted(loops, loops[first], side="right")) - 1
         start, end = int(loop_starts[loops[first]]), int(loop_ends[first])
         notch = np.append(np.arange(start, runs[first][0]), np.arange(runs[last][-1] + 1, end))
-        lengths_mm = np.hypot(*(ends_mm[1][notch] - ends_mm[0][notch]).T)
-        is_closed = np.hypot(*(ends_mm[1][end - 1] - ends_mm[0][start])) < CLOSURE_TOLERANCE_MM
+        lengths_mm = np.hypot(*(end_points_mm[1][notch] - end_points_mm[0][notch]).T)
+        is_closed = np.hypot(*(end_points_mm[1][end - 1] - end_points_mm[0][start])) < CLOSURE_TOLERANCE_MM
         if is_closed and last > first and is_near[notch].all() and lengths_mm.sum() < MAX_NOTCH_LENGTH_MM:
             runs_before.add(last)
             notch_moves.append(notch)
     return HiddenSeams(frozenset(runs_before), np.concatenate([np.zeros(0, np.intp), *notch_moves]))
 
 
-def find_notch_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:
+def find_notch_moves(end_points_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:
     """Mark the moves (k,) along a side and in its notches; the parameters are those of `list_side_runs`."""
-    return _find_moves_between(ends_mm, side, wall_depth_mm, MAX_NOTCH_DEPTH_MM)
+    return _find_moves_between(end_points_mm, side, wall_depth_mm, MAX_NOTCH_DEPTH_MM)
 
 
-def _find_groove_moves(ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:
+def _find_groove_moves(end_points_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float) -> Bools:
     """Mark the moves (k,) around the grooves of a side; the parameters are those of `list_side_runs`."""
-    positions_mm = np.stack([side.measure_positions_mm(points) for points in ends_mm])
+    positions_mm = np.stack([side.measure_positions_mm(points) for points in end_points_mm])
     low_mm, high_mm = positions_mm.min(axis=0), positions_mm.max(axis=0)
     margin_mm = (1.0 + _NOTCH_EXCESS_SHARE) * wall_depth_mm
     in_groove = np.zeros(len(low_mm), np.bool_)
     for groove in side.grooves:
         is_beside = (low_mm > groove.low_mm - margin_mm) & (high_mm < groove.high_mm + margin_mm)
-        in_groove |= is_beside & _find_moves_between(ends_mm, side, wall_depth_mm, groove.depth_mm)
+        in_groove |= is_beside & _find_moves_between(end_points_mm, side, wall_depth_mm, groove.depth_mm)
     return in_groove
 
 
 def _find_moves_between(
-    ends_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float, notch_depth_mm: float
+    end_points_mm: tuple[Floats, Floats], side: HiddenSide, wall_depth_mm: float, notch_depth_mm: float
 ) -> Bools:
     """Mark the moves (k,) between the wall along a side and the wall in a notch of depth `notch_depth_mm`."""
-    depths_mm = np.stack([side.measure_depths_mm(points) for points in ends_mm]) - wall_depth_mm
+    depths_mm = np.stack([side.measure_depths_mm(points) for points in end_points_mm]) - wall_depth_mm
     deepest_mm = notch_depth_mm + _NOTCH_EXCESS_SHARE * wall_depth_mm
     return np.asarray(((depths_mm > -_LINE_TOLERANCE_MM) & (depths_mm < deepest_mm)).all(axis=0))

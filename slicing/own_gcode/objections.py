@@ -1,4 +1,4 @@
-"""Reasons to refuse a person's own G-code, and the moment at which each of them refuses the file."""
+"""Reasons to refuse a person's own G-code: at once, or only if the print goes on after the line."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Objections:
                 self._unconditional_reason = self._unconditional_reason or self._format_reason(reason)
 
     def add_except_at_end(self, reason: str, *, ends_print: bool = False) -> None:
-        """Refuse the file if something is printed after this line; an end script may contain it.
+        """Record a reason to refuse the file if something is printed after this line (not in an end script).
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class Objections:
         Raises
         ------
         GcodeRefused
-            If the last lines are neither a print nor an end script.
+            If there is a reason that no end script excuses, or if the file ends before the print does.
         """
         if self._unconditional_reason is not None:
             raise GcodeRefused(self._unconditional_reason)
