@@ -49,7 +49,7 @@ def advise_longest_side_mm(
     if max_scale is None:
         return None
     coarse_options = replace(options, granularity=COARSE_GRANULARITY)
-    low, high = 0.0, max_scale * 1.15  # a part may fit at an angle, which the tables do not consider
+    low, high = 0.0, max_scale * 1.15  # a part may fit at an angle, which the estimate does not consider
     scale = max_scale
     for _ in range(MAX_HALVINGS):
         if _has_result(model, scale, printers, coarse_options, cost, executor):
@@ -72,7 +72,7 @@ def advise_longest_side_mm(
 def _estimate_max_scale(
     model: Model, printers: Sequence[TargetPrinter], options: Options, cost: CostModel
 ) -> float | None:
-    """Estimate the largest scale below 1 at which a coarse grid needs no more parts than printers.
+    """Estimate the largest scale below 1 at which a model on a coarse grid needs no more parts than printers.
 
     The grid is not scaled; the printers' build volumes grow instead. Times have no influence on the fit.
     """
@@ -82,8 +82,10 @@ def _estimate_max_scale(
     # At this scale, the model is about as large as one part.
     scale = min(1.0, max(problem.max_part_sides_mm) / float(model.extents_mm.max()))
     for _ in range(MAX_HALVINGS):
-        boxes = problem.price_boxes(grid, [_scale_volume(p, 1.0 / scale) for p in problem.distinct_printers])
-        if Partitioner(boxes).solve(sys.float_info.max) <= len(printers):
+        box_tables = problem.price_boxes(
+            grid, [_scale_volume(p, 1.0 / scale) for p in problem.distinct_printers]
+        )
+        if Partitioner(box_tables).solve(sys.float_info.max) <= len(printers):
             low = scale
         else:
             high = scale

@@ -28,7 +28,8 @@ from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
 MAX_SUMS = 1e8
-"""Maximum number of sums in a solve for one time limit if printers are unequal: about a second of work."""
+"""Maximum number of ways to divide unequal printers between the sides of all cuts that a search with one time
+limit may compare: about a second of work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +92,7 @@ def decompose_for_goal(
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
-    printer_count = goal.choose_point(points).printers if points else len(printers)
+    printer_count = goal.choose_point(points).printer_count if points else len(printers)
     try:
         result = decompose_model(model, printers[:printer_count], options, cost, executor)
     except NoFit:
@@ -102,9 +103,10 @@ def decompose_for_goal(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Compute the makespan of the first 1, 2, ... printers from the tables.
+    """Compute the makespan of the first 1, 2, ... printers from the tables of a grid (`BoxTables`).
 
     Numbers of printers that are too small for any partition are omitted.
+
     Unequal printers are grouped in classes, on a coarser grid, because there are more ways to distribute
     parts among them. All printers of a class are given its mean speed.
 
@@ -132,8 +134,8 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
         replace(
             p,
             makespan_s=p.makespan_s
-            * _compute_mean_factor(printer_factors[: p.printers])
-            / _compute_mean_factor(class_factors[: p.printers]),
+            * _compute_mean_factor(printer_factors[: p.printer_count])
+            / _compute_mean_factor(class_factors[: p.printer_count]),
         )
         for p in points
     )

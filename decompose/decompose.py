@@ -47,7 +47,7 @@ def decompose_model(
     options
         Engine, grid and limits.
     cost
-        Print time of a part.
+        Cost model for print times.
     executor
         Threads for work that may run in parallel; None to run it serially.
 
@@ -157,7 +157,7 @@ def estimate_serial_s(
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh whose faces point outward.
     cost
-        Print time of a part.
+        Cost model for print times.
     fit_first_layer
         Whether the brim and the first layer's expansion are also chosen.
 

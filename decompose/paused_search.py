@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 from decompose.best import (
     Outcome,
+    PlannedAttempt,
     SearchState,
-    Trial,
     continue_rounds,
     end_rounds,
     make_attempt,
@@ -47,10 +47,10 @@ class PausedSearch:
     @property
     def spent_share(self) -> float:
         """Share of the budget that the attempts so far have spent."""
-        remaining_s = sum(trial.budget_s for trial in self.plan_round())
+        remaining_s = sum(planned_attempt.budget_s for planned_attempt in self.plan_round())
         return 1.0 - remaining_s / self.best_result.options.best.budget_s
 
-    def plan_round(self) -> tuple[Trial, ...]:
+    def plan_round(self) -> tuple[PlannedAttempt, ...]:
         """Plan the attempts of the next round."""
         return plan_next_round(self._problem, self._state)
 
@@ -80,12 +80,12 @@ class PausedSearch:
         reason
             Reason why it could not be made.
         """
-        trial = self.plan_round()[number]
+        planned_attempt = self.plan_round()[number]
         attempt = Attempt(
-            trial.engine,
-            trial.granularity,
-            trial.yaw_deg,
-            effort_s=trial.budget_s,
+            planned_attempt.engine,
+            planned_attempt.granularity,
+            planned_attempt.yaw_deg,
+            effort_s=planned_attempt.budget_s,
             finished=False,
             reason=reason,
         )

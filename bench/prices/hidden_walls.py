@@ -105,7 +105,7 @@ def measure_lost_mm(part: dict[str, Any], folder: Path, saved_s: float) -> float
     part_mesh = PartMesh(mesh.vertices.view(np.ndarray), mesh.faces.view(np.ndarray), is_hidden)
     ends_mm = sum_side_ends_mm(part_mesh, np.array((0.0, 0.0, 1.0)))
     cost = CostModel.from_settings(make_print_time_settings("glue"))
-    saved_mm2 = saved_s / (cost.hidden_side_share * cost.lateral_s_mm2)
+    saved_mm2 = saved_s / (cost.hidden_side_share * cost.lateral_s_per_mm2)
     return (float(mesh.area_faces[is_hidden].sum()) - saved_mm2) / ends_mm if ends_mm else math.nan
 
 

@@ -86,7 +86,7 @@ class Dataset:
             name: CostModel.from_settings(time_settings)
             for name, time_settings in time_settings_by_name.items()
         }
-        self.min_s = np.array([costs[row.settings].min_s_mm * row.height_mm for row in rows])
+        self.min_s = np.array([costs[row.settings].min_s_per_mm * row.height_mm for row in rows])
 
     def fit(self, rows: npt.NDArray[np.bool_]) -> dict[str, float]:
         """Fit the factors to some rows, by the mean absolute relative error."""

@@ -76,7 +76,7 @@ def main() -> None:
         )
         report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}
     report["peak_mb"] = read_peak_mb()
-    report["curve"] = [[point.printers, point.makespan_s] for point in points]
+    report["curve"] = [[point.printer_count, point.makespan_s] for point in points]
     if options.json:
         print(json.dumps(report))
         return

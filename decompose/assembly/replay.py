@@ -41,9 +41,13 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
     for group in assembly.locked_sets:
         bodies |= dict.fromkeys(group, frozenset(group))
     for n, step in enumerate(assembly.steps, 1):
-        for side in (step.moved_parts, step.fixed_parts):
-            if bodies[side[0]] != set(side):
-                yield f"step {n} takes {_name_parts(side)} as one body"
+        for verb, side in (("moves", step.moved_parts), ("holds", step.fixed_parts)):
+            body = bodies[side[0]]
+            if not body.issuperset(side):
+                yield f"step {n} {verb} {_name_parts(side)} together, but they are not joined yet"
+            elif body != set(side):
+                others = _name_parts(sorted(body.difference(side)))
+                yield f"step {n} {verb} {_name_parts(side)} without {others}, which are joined to them"
         joined_body = frozenset((*step.moved_parts, *step.fixed_parts))
         bodies |= dict.fromkeys(joined_body, joined_body)
     for joint in joints:

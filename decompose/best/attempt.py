@@ -18,8 +18,8 @@ EngineRunner = Callable[[Problem], Decomposition]
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
-    """A planned attempt: an engine, a grid and an angle.
+class PlannedAttempt:
+    """Engine, grid, angle and budget of an attempt that is to be made.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Outcome:
 def make_attempt(
     problem: Problem,
     run_engine: EngineRunner,
-    trial: Trial,
+    planned_attempt: PlannedAttempt,
     best_known_s: float,
     on_spent: Callable[[float], None] | None = None,
 ) -> Outcome:
@@ -59,17 +59,17 @@ def make_attempt(
     ----------
     problem, run_engine
         As in `find_best_result`.
-    trial
+    planned_attempt
         Engine, grid, angle and budget.
     best_known_s
         Makespan to beat.
     on_spent
         Function that is called with the spent effort in seconds, see `problem.Effort`.
     """
-    effort = Effort(trial.budget_s, on_spent=on_spent)
-    options = replace(problem.options, engine=trial.engine, granularity=trial.granularity)
-    trial_problem = replace(
-        rotate_about_z(problem, trial.yaw_deg),
+    effort = Effort(planned_attempt.budget_s, on_spent=on_spent)
+    options = replace(problem.options, engine=planned_attempt.engine, granularity=planned_attempt.granularity)
+    attempt_problem = replace(
+        rotate_about_z(problem, planned_attempt.yaw_deg),
         options=options,
         effort=effort,
         best_known_s=best_known_s,
@@ -79,16 +79,16 @@ def make_attempt(
     result: Decomposition | None = None
     failure: DecomposeError | None = None
     try:
-        result = replace(run_engine(trial_problem), yaw_deg=trial.yaw_deg)
+        result = replace(run_engine(attempt_problem), yaw_deg=planned_attempt.yaw_deg)
         makespan_s = result.makespan_s
     except (NoFit, GeometryError, ModelNotSolid) as error:
         failure = error
         is_out_of_budget = effort.is_cut_short and isinstance(error, NoFit)
         reason = "nothing was found before the budget was spent" if is_out_of_budget else str(error)
     attempt = Attempt(
-        trial.engine,
-        trial.granularity,
-        trial.yaw_deg,
+        planned_attempt.engine,
+        planned_attempt.granularity,
+        planned_attempt.yaw_deg,
         makespan_s,
         perf_counter() - started_s,
         effort.spent_s,

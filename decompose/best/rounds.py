@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from decompose.best.attempt import Outcome, Trial, rotate_about_z
+from decompose.best.attempt import Outcome, PlannedAttempt, rotate_about_z
 from decompose.errors import DecomposeError
 from decompose.grid import choose_cell_counts, count_cuts
 from decompose.options import Engine
@@ -88,7 +88,7 @@ class SearchState:
         return _make_sort_key(result) < _make_sort_key(self.best_result)
 
 
-def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
+def plan_next_round(problem: Problem, state: SearchState) -> tuple[PlannedAttempt, ...]:
     """Plan the attempts that follow those of a state; none at the end of the search.
 
     The first grid is tried alone. If it is coarser than the usual one because the budget is small, and gives
@@ -108,16 +108,22 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     budget_s, usual_granularity = problem.options.best.budget_s, problem.options.granularity
     first_granularity = choose_first_granularity(problem)
     if not state.attempts:
-        return (Trial(Engine.GUILLOTINE, first_granularity, budget_s=budget_s),)
+        return (PlannedAttempt(Engine.GUILLOTINE, first_granularity, budget_s=budget_s),)
     if not state.has_sound_result and first_granularity != usual_granularity and len(state.attempts) == 1:
-        return (Trial(Engine.GUILLOTINE, usual_granularity, budget_s=budget_s),)
-    trials = next(iter(_list_open_rounds(problem, state)), ())
+        return (PlannedAttempt(Engine.GUILLOTINE, usual_granularity, budget_s=budget_s),)
+    planned_attempts = next(iter(_list_open_rounds(problem, state)), ())
     remaining_s, first_s = compute_remaining_s(problem, state), state.attempts[0].effort_s
     is_budget_too_small = state.best_result is not None and remaining_s < MIN_START_SHARE * first_s
-    if not trials or remaining_s <= 0.0 or is_budget_too_small:
+    if not planned_attempts or remaining_s <= 0.0 or is_budget_too_small:
         return ()
-    count = len(trials) if first_s <= 0.0 else min(len(trials), max(1, int(remaining_s / first_s)))
-    return tuple(replace(trial, budget_s=remaining_s / count) for trial in trials[:count])
+    count = (
+        len(planned_attempts)
+        if first_s <= 0.0
+        else min(len(planned_attempts), max(1, int(remaining_s / first_s)))
+    )
+    return tuple(
+        replace(planned_attempt, budget_s=remaining_s / count) for planned_attempt in planned_attempts[:count]
+    )
 
 
 def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT_REASON) -> list[Attempt]:
@@ -131,9 +137,15 @@ def list_open_attempts(problem: Problem, state: SearchState, reason: str = SPENT
         Reason why the attempts have not been started.
     """
     return [
-        Attempt(trial.engine, trial.granularity, trial.yaw_deg, finished=False, reason=reason)
-        for trials in _list_open_rounds(problem, state)
-        for trial in trials
+        Attempt(
+            planned_attempt.engine,
+            planned_attempt.granularity,
+            planned_attempt.yaw_deg,
+            finished=False,
+            reason=reason,
+        )
+        for planned_attempts in _list_open_rounds(problem, state)
+        for planned_attempt in planned_attempts
     ]
 
 
@@ -160,12 +172,12 @@ def _has_restarted_on_usual_grid(problem: Problem, state: SearchState) -> bool:
     )
 
 
-def _list_open_rounds(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]]:
+def _list_open_rounds(problem: Problem, state: SearchState) -> list[tuple[PlannedAttempt, ...]]:
     """List the rounds that may follow the first grid if the budget is large enough, without made attempts."""
     usual_granularity = problem.options.granularity
-    rounds: list[tuple[Trial, ...]] = []
+    rounds: list[tuple[PlannedAttempt, ...]] = []
     if not state.has_sound_result:
-        rounds.append((Trial(Engine.PARALLELOBOX, usual_granularity),))
+        rounds.append((PlannedAttempt(Engine.PARALLELOBOX, usual_granularity),))
     if usual_granularity == "auto" and len(problem.printers) > 1:
         granularity = (
             usual_granularity
@@ -175,20 +187,27 @@ def _list_open_rounds(problem: Problem, state: SearchState) -> list[tuple[Trial,
         is_rotated = any(attempt.yaw_deg for attempt in state.attempts)
         if not is_rotated:
             rounds.append(_list_other_grids(problem, state, granularity))
-        rounds.append(tuple(Trial(Engine.GUILLOTINE, granularity, yaw_deg) for yaw_deg in OTHER_YAWS_DEG))
+        rounds.append(
+            tuple(PlannedAttempt(Engine.GUILLOTINE, granularity, yaw_deg) for yaw_deg in OTHER_YAWS_DEG)
+        )
         if state.yaw_deg:
             rounds.append(_list_other_grids(problem, state, granularity))
     made_attempts = {(attempt.engine, attempt.granularity, attempt.yaw_deg) for attempt in state.attempts}
     open_rounds = [
         tuple(
-            trial for trial in trials if (trial.engine, trial.granularity, trial.yaw_deg) not in made_attempts
+            planned_attempt
+            for planned_attempt in planned_attempts
+            if (planned_attempt.engine, planned_attempt.granularity, planned_attempt.yaw_deg)
+            not in made_attempts
         )
-        for trials in rounds
+        for planned_attempts in rounds
     ]
-    return [trials for trials in open_rounds if trials]
+    return [planned_attempts for planned_attempts in open_rounds if planned_attempts]
 
 
-def _list_other_grids(problem: Problem, state: SearchState, granularity: str | int) -> tuple[Trial, ...]:
+def _list_other_grids(
+    problem: Problem, state: SearchState, granularity: str | int
+) -> tuple[PlannedAttempt, ...]:
     """List attempts on similar grids at the best angle, each shape once; none if the possible gain is low."""
     if state.best_result is not None and state.best_result.compute_possible_gain(problem.printers) < MIN_GAIN:
         return ()
@@ -197,14 +216,14 @@ def _list_other_grids(problem: Problem, state: SearchState, granularity: str | i
     extents_mm = rotated_problem.model.extents_mm
     first_granularity = rotated_problem.choose_granularity(rotated_problem.model)
     shapes = {choose_cell_counts(extents_mm, first_granularity)}
-    trials = []
+    planned_attempts = []
     for ratio in OTHER_GRID_RATIOS:
         other_granularity = min(MAX_GRANULARITY, round(ratio * first_granularity))
         shape = choose_cell_counts(extents_mm, other_granularity)
         if shape not in shapes:
             shapes.add(shape)
-            trials.append(Trial(Engine.GUILLOTINE, other_granularity, state.yaw_deg))
-    return tuple(trials)
+            planned_attempts.append(PlannedAttempt(Engine.GUILLOTINE, other_granularity, state.yaw_deg))
+    return tuple(planned_attempts)
 
 
 def choose_first_granularity(problem: Problem) -> str | int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from decompose.best.attempt import EngineRunner, Outcome, Trial, make_attempt
+from decompose.best.attempt import EngineRunner, Outcome, PlannedAttempt, make_attempt
 from decompose.best.progress import report_progress
 from decompose.best.rounds import SPENT_REASON, SearchState, list_open_attempts, plan_next_round
 from decompose.problem import Problem
@@ -32,8 +32,8 @@ def find_best_result(problem: Problem, run_engine: EngineRunner) -> Decompositio
 def continue_rounds(problem: Problem, run_engine: EngineRunner, state: SearchState) -> Decomposition:
     """Run the rounds that follow those of a state, as `find_best_result` does.
 
-    With `BestOptions.pauses`, the search pauses before a round of several attempts once there is a sound
-    result, which then has `open_printers`.
+    With `BestOptions.pauses`, the search pauses before a round of several attempts once it has a result
+    without faults. That result is returned with the printers in `open_printers`.
 
     Parameters
     ----------
@@ -42,32 +42,41 @@ def continue_rounds(problem: Problem, run_engine: EngineRunner, state: SearchSta
     state
         Attempts and best result so far.
     """
-    while trials := plan_next_round(problem, state):
-        if problem.options.best.pauses and len(trials) > 1 and state.best_result and state.has_sound_result:
+    while planned_attempts := plan_next_round(problem, state):
+        if (
+            problem.options.best.pauses
+            and len(planned_attempts) > 1
+            and state.best_result
+            and state.has_sound_result
+        ):
             return replace(
                 state.best_result,
                 options=problem.options,
                 attempts=state.attempts,
                 open_printers=problem.printers,
             )
-        state = state.add_round(_run_round(problem, run_engine, state, trials))
+        state = state.add_round(_run_round(problem, run_engine, state, planned_attempts))
     return end_rounds(problem, state)
 
 
 def _run_round(
-    problem: Problem, run_engine: EngineRunner, state: SearchState, trials: tuple[Trial, ...]
+    problem: Problem,
+    run_engine: EngineRunner,
+    state: SearchState,
+    planned_attempts: tuple[PlannedAttempt, ...],
 ) -> list[Outcome]:
     """Run the attempts of a round one after the other, and report the spent share of the budget."""
     budget_s = problem.options.best.budget_s
-    spent_s = budget_s - sum(trial.budget_s for trial in trials)  # the trials share the remaining budget
+    # The attempts of the round share the remaining budget.
+    spent_s = budget_s - sum(planned_attempt.budget_s for planned_attempt in planned_attempts)
 
     def report_spent(attempt_s: float) -> None:
         if budget_s > 0.0:
             report_progress(min(1.0, (spent_s + attempt_s) / budget_s))
 
     outcomes = []
-    for trial in trials:
-        outcomes.append(make_attempt(problem, run_engine, trial, state.best_known_s, report_spent))
+    for planned_attempt in planned_attempts:
+        outcomes.append(make_attempt(problem, run_engine, planned_attempt, state.best_known_s, report_spent))
         spent_s += outcomes[-1].attempt.effort_s
     return outcomes
 

@@ -57,7 +57,7 @@ def sum_least_work_s(
     printers
         Printers, at most one box each, with their build volumes.
     cost
-        Print time of a part.
+        Cost model for print times.
     wall_mm
         Distance from the surface within which all solid must be in a box; inf if all solid must be.
 
@@ -70,12 +70,12 @@ def sum_least_work_s(
     volume_mm3 = float(
         np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0
     )
-    work_s = _compute_min_surface_price_s(triangles, cost) + cost.volume_s_mm3 * volume_mm3
+    work_s = _compute_min_surface_price_s(triangles, cost) + cost.volume_s_per_mm3 * volume_mm3
     grid = _build_grid(triangles)
     is_unneeded = _find_unneeded_cells(grid, wall_mm)
     for axis in range(3):
         solid_mm, hollow_mm, area_mm2 = _measure_rows(grid, is_unneeded, axis).T
-        work_s += float((area_mm2 * _price_cuts_s_mm2(solid_mm, hollow_mm, max_length_mm, cost)).sum())
+        work_s += float((area_mm2 * _price_cuts_s_per_mm2(solid_mm, hollow_mm, max_length_mm, cost)).sum())
     return work_s
 
 
@@ -91,7 +91,7 @@ def bound_shared_work_s(
     printers
         Printers, at most one box each, with their build volumes and speeds.
     cost
-        Print time of a part.
+        Cost model for print times.
     makespan_s
         Upper limit of the bound, such as the makespan of a known partition. It also limits the
         savings from rims, because partitions with a longer makespan are above the bound in any case.
@@ -103,7 +103,7 @@ def bound_shared_work_s(
     """
     time_factors = [printer.time_factor for printer in printers]
     highest_mm = max(box[2] for printer in printers for box in printer.boxes)
-    saved_s = cost.inset_s_mm * float(highest_mm)
+    saved_s = cost.inset_s_per_mm * float(highest_mm)
     saved_s += _compute_max_rim_savings_s(cost, makespan_s / min(time_factors))
     per_part_s = cost.fixed_s - saved_s
     per_part_s *= min(time_factors) if per_part_s > 0.0 else max(time_factors)
@@ -116,12 +116,14 @@ def _compute_min_surface_price_s(triangles: Floats, cost: CostModel) -> float:
     doubled_areas_mm2 = np.linalg.norm(cross, axis=1)
     cosines = np.abs(cross) / np.maximum(doubled_areas_mm2, np.finfo(float).tiny)[:, None]
     upright = np.sqrt(np.maximum(0.0, 1.0 - cosines * cosines))
-    skin = cost.skin_s_mm2 * cosines + cost.slope_s_mm2 * upright
-    prices_s_mm2 = cost.lateral_s_mm2 * upright + (cosines > cost.skin_cos) * skin
-    return float((prices_s_mm2.min(axis=1) * doubled_areas_mm2).sum() / 2.0)
+    skin = cost.skin_s_per_mm2 * cosines + cost.slope_s_per_mm2 * upright
+    prices_s_per_mm2 = cost.lateral_s_per_mm2 * upright + (cosines > cost.skin_cos) * skin
+    return float((prices_s_per_mm2.min(axis=1) * doubled_areas_mm2).sum() / 2.0)
 
 
-def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, max_length_mm: float, cost: CostModel) -> Floats:
+def _price_cuts_s_per_mm2(
+    solid_mm: Floats, hollow_mm: Floats, max_length_mm: float, cost: CostModel
+) -> Floats:
     """Compute the least extra cost of lines compared with a single box, in s per mm2 of their cross-section.
 
     Parameters
@@ -131,22 +133,26 @@ def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, max_length_mm: float,
     max_length_mm
         Maximum length of a box.
     cost
-        Print time of a part.
+        Cost model for print times.
     """
     hidden_share = max(cost.hidden_bed_share, cost.hidden_top_share)
-    upright_s_mm2 = (1.0 - MEAN_SIDE_SHARE * cost.hidden_side_share) * cost.lateral_s_mm2
-    face_s_mm2 = min(upright_s_mm2, (1.0 - hidden_share) * cost.skin_s_mm2)
+    upright_s_per_mm2 = (1.0 - MEAN_SIDE_SHARE * cost.hidden_side_share) * cost.lateral_s_per_mm2
+    face_s_per_mm2 = min(upright_s_per_mm2, (1.0 - hidden_share) * cost.skin_s_per_mm2)
     box_counts = np.maximum(2.0, np.ceil((solid_mm - hollow_mm) / max_length_mm - 1e-9))
-    cut_s = 2.0 * face_s_mm2 * (box_counts - 1.0) - cost.volume_s_mm3 * hollow_mm / 3.0
+    cut_s = 2.0 * face_s_per_mm2 * (box_counts - 1.0) - cost.volume_s_per_mm3 * hollow_mm / 3.0
     return np.asarray(np.where(solid_mm > max_length_mm, cut_s, np.minimum(0.0, cut_s)))
 
 
 def _compute_max_rim_savings_s(cost: CostModel, makespan_s: float) -> float:
     """Compute the maximum time that `compute_price_s` subtracts for the rims of skin within a makespan."""
-    if not cost.skin_s_mm2:
+    if not cost.skin_s_per_mm2:
         return 0.0
-    rim_s_mm, skin = cost.skin_rim_s_mm, cost.skin_s_mm2
-    return rim_s_mm * (rim_s_mm + math.sqrt(rim_s_mm * rim_s_mm + 4.0 * skin * makespan_s)) / (2.0 * skin)
+    rim_s_per_mm, skin = cost.skin_rim_s_per_mm, cost.skin_s_per_mm2
+    return (
+        rim_s_per_mm
+        * (rim_s_per_mm + math.sqrt(rim_s_per_mm * rim_s_per_mm + 4.0 * skin * makespan_s))
+        / (2.0 * skin)
+    )
 
 
 def _build_grid(triangles: Floats) -> Grid:

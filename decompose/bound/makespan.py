@@ -152,16 +152,21 @@ def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printer_count: i
     printer_count
         Maximum number of parts.
     cost
-        Print time of a part.
+        Cost model for print times.
 
     Returns
     -------
     float
         Seconds.
     """
-    slope_s_mm2 = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
-    surface_s = area_mm2 * min(slope_s_mm2, cost.skin_s_mm2)
-    # c S - r sqrt(S) is at least (1 - k) c S - r^2 / (4 k c), for any share k.
-    rim_s = cost.skin_rim_s_mm**2 / (4.0 * MAX_INSET_SHARE * cost.skin_s_mm2) if cost.skin_s_mm2 else 0.0
-    shared_s = (1.0 - MAX_INSET_SHARE) * surface_s + cost.volume_s_mm3 * volume_mm3
+    slope_s_per_mm2 = cost.lateral_s_per_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
+    surface_s = area_mm2 * min(slope_s_per_mm2, cost.skin_s_per_mm2)
+    # Skin of area S costs c S - r sqrt(S), with the price c of skin in s/mm2 and that of its rim, r, in s/mm.
+    # For any share k, this is at least (1 - k) c S - r^2 / (4 k c).
+    rim_s = (
+        cost.skin_rim_s_per_mm**2 / (4.0 * MAX_INSET_SHARE * cost.skin_s_per_mm2)
+        if cost.skin_s_per_mm2
+        else 0.0
+    )
+    shared_s = (1.0 - MAX_INSET_SHARE) * surface_s + cost.volume_s_per_mm3 * volume_mm3
     return cost.fixed_s + max(0.0, shared_s / printer_count - rim_s)

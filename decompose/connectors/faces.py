@@ -23,7 +23,7 @@ _SideKey = tuple[int, int]  # number of a part, and identity of one of its faces
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blank:
-    """A part without holes.
+    """A part before its holes are cut.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Blank:
     up_direction
         (3,) unit vector upwards from the bed in the part's pose, in the same frame.
     pin_fit_mm
-        Clearance of its holes: width across the flats minus the diameter of the pin.
+        Clearance of pins in its holes: width of a hole across its flats minus the diameter of the pin.
     right_direction
         (3,) unit vector along the X axis of the bed in the part's pose; None if it does not matter.
     """
@@ -46,7 +46,7 @@ class Blank:
     right_direction: Floats | None = None
 
     def flatten(self, points_mm: Floats) -> Floats:
-        """Compute the coordinates (n, 2) on the bed, from any origin, of points (n, 3)."""
+        """Compute the coordinates (n, 2) of points (n, 3) on the bed, relative to an arbitrary origin."""
         if self.right_direction is None:
             return points_mm @ choose_plane_axes(self.up_direction).T
         forwards = compute_cross_product(self.up_direction, self.right_direction)
@@ -112,25 +112,25 @@ def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Footprint:
-    """Range of the heights of a tool below a face, in mm, and its outlines there by the margin around it."""
+    """Heights of a tool below a face, from low to high, and its outlines by how far they are widened."""
 
     low_mm: float
     high_mm: float
     outlines: dict[float, shapely.Geometry]
 
-    def draw_outline(self, margin_mm: float) -> shapely.Geometry:
-        """Draw the outline with a margin."""
-        if margin_mm not in self.outlines:
-            self.outlines[margin_mm] = self.outlines[0.0].buffer(margin_mm)
-        return self.outlines[margin_mm]
+    def widen_outline(self, distance_mm: float) -> shapely.Geometry:
+        """Widen the outline by a distance on all sides; cached."""
+        if distance_mm not in self.outlines:
+            self.outlines[distance_mm] = self.outlines[0.0].buffer(distance_mm)
+        return self.outlines[distance_mm]
 
 
 @dataclass(slots=True)
 class Workpieces:
     """Parts, with the tools placed so far, and the remaining areas for other tools.
 
-    Areas are searched for a hundred times on each face, so those of earlier searches are kept, and only the
-    tools that were placed since then are subtracted from them.
+    Each face is queried about a hundred times, so areas are kept, and only the tools that were placed since
+    an earlier query are subtracted from them.
     """
 
     blanks: Sequence[Blank]
@@ -162,7 +162,7 @@ class Workpieces:
             self._free_areas = {key: a for key, a in self._free_areas.items() if key[0][0] != tool.part}
 
     def count_changes(self, part: int) -> int:
-        """Count the tools that a part got or lost: areas found at the same count are still true."""
+        """Count the tools added to or removed from a part: areas found at the same count are still valid."""
         return self._change_counts[part]
 
     def is_level(self, side: Side | Tool) -> bool:
@@ -184,22 +184,22 @@ class Workpieces:
         """
         return self.find_solid_area(side, depth_mm + RIM_MM)
 
-    def find_solid_area(self, side: Side, depth_mm: float, wall_mm: float = RIM_MM) -> shapely.Geometry:
+    def find_solid_area(self, side: Side, depth_mm: float, rim_mm: float = RIM_MM) -> shapely.Geometry:
         """Find the area of a face below which a part is solid to a depth, and free of other tools.
 
         Parameters
         ----------
         side, depth_mm
             Side of the face, and the depth including all rims.
-        wall_mm
+        rim_mm
             Distance that the tool will keep from the border of the area; from other tools it keeps `RIM_MM`.
         """
-        key = (_get_key(side), round(depth_mm, 3), wall_mm)
+        key = (_get_key(side), round(depth_mm, 3), rim_mm)
         count, area = self._free_areas.get(key) or (0, self._find_solid_area(side, depth_mm))
         footprints = self._list_footprints(side)
         for footprint in footprints[count:]:
-            if footprint.low_mm < depth_mm + RIM_MM - wall_mm and footprint.high_mm > -RIM_MM:
-                area = area - footprint.draw_outline(max(0.0, RIM_MM - wall_mm))
+            if footprint.low_mm < depth_mm + RIM_MM - rim_mm and footprint.high_mm > -RIM_MM:
+                area = area - footprint.widen_outline(max(0.0, RIM_MM - rim_mm))
         self._free_areas[key] = len(footprints), area
         return area
 
@@ -246,8 +246,8 @@ def _get_key(side: Side) -> _SideKey:
 def _build_slab(side: Side, depth_mm: float) -> Solid:
     """Build the slab below a face, down to a depth."""
     frame = np.vstack([side.face.axes, side.face.normal])
-    ends = side.face.offset_mm + side.sign * np.array([FILM_DEPTH_MM, depth_mm])
-    return Solid.prism(list_rings(side.face.outline), frame, float(ends.min()), float(ends.max()))
+    ends_mm = side.face.offset_mm + side.sign * np.array([FILM_DEPTH_MM, depth_mm])
+    return Solid.prism(list_rings(side.face.outline), frame, float(ends_mm.min()), float(ends_mm.max()))
 
 
 def erode_area(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:

@@ -20,7 +20,7 @@ from decompose.connectors.coverage import Site, find_far_glue, sample_glue, samp
 from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
 from decompose.connectors.keys import KeyMaker, KeyPlacer
 from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs, measure_distance_mm
-from decompose.connectors.spare_pins import find_spare_pins
+from decompose.connectors.redundant_pins import find_redundant_pins
 from decompose.connectors.tools import make_hole
 from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
 from decompose.pieces import Joint, list_polygons
@@ -105,9 +105,9 @@ def place_pins(
         pins += new_pins
         if not new_pins:
             unpinned_steps.append((number, "too small for a pin" if sites else NO_SQUARE_FACE_REASON))
-    spare_pins = find_spare_pins(workpieces, glue_points_by_step_mm, pins)
-    workpieces.remove_tools(hole for pin in spare_pins for hole in pin.holes)
-    return [pin for pin in pins if pin not in spare_pins], unpinned_steps
+    redundant_pins = find_redundant_pins(workpieces, glue_points_by_step_mm, pins)
+    workpieces.remove_tools(hole for pin in redundant_pins for hole in pin.holes)
+    return [pin for pin in pins if pin not in redundant_pins], unpinned_steps
 
 
 def _find_sites(

@@ -184,7 +184,7 @@ class Connectors:
 
 
 def measure_distance_mm(a: Pin, b: Pin) -> float:
-    """Measure the distance between two pins across the axis of the first one."""
+    """Measure the distance between two pins, perpendicular to the axis of the first one."""
     offset_mm = a.position_mm - b.position_mm
     return float(np.linalg.norm(offset_mm - (offset_mm @ a.axis) * a.axis))
 

@@ -77,7 +77,7 @@ def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
     Returns
     -------
     tuple
-        Distances in mm across the axis of the first pin.
+        Distances in mm perpendicular to the axis of the first pin.
     """
     pins_by_step: dict[int, list[Mapping[str, Any]]] = {}
     for pin in (report.get("connectors") or {}).get("pins", ()):

@@ -70,7 +70,7 @@ def make_hole(
     size_mm
         Width across the flats, and depth.
     elongation_mm
-        (3,) elongation across the axis, in both directions; 0 for a regular hexagon.
+        (3,) elongation perpendicular to the axis, in both directions; 0 for a regular hexagon.
 
     Returns
     -------

@@ -57,35 +57,35 @@ class CostModel:
     """
 
     fixed_s: float
-    volume_s_mm3: float
-    lateral_s_mm2: float
-    skin_s_mm2: float
-    slope_s_mm2: float
-    overhang_s_mm3: float
-    brim_s_mm2: float
-    min_s_mm: float  # minimum time of the layers in a mm of height
+    volume_s_per_mm3: float
+    lateral_s_per_mm2: float
+    skin_s_per_mm2: float
+    slope_s_per_mm2: float
+    overhang_s_per_mm3: float
+    brim_s_per_mm2: float
+    min_s_per_mm: float  # minimum time of the layers in a mm of height
     brim_mm: float  # width of the brim
     effective_support_angle_deg: float = 45.0  # see `PrintTimeSettings`; faces at a larger angle get support
     effective_small_overhang_deg: float = 0.0  # faces up to this angle get no support if their area is small
     small_overhang_mm2: float = 0.0  # area from which the faces between both angles get support
     skin_cos: float = 0.7  # faces with a larger |n| get skin
-    inset_s_mm: float = 0.0
-    skin_rim_s_mm: float = 0.0
-    support_s_mm3: float = 0.0
-    support_side_s_mm2: float = 0.0
-    tower_s_mm: float = 0.0
-    island_s_mm: float = 0.0
-    island_path_s_mm2: float = 0.0
-    hole_s_mm: float = 0.0
-    hole_path_s_mm2: float = 0.0
-    rim_s_mm: float = 0.0
-    rim_end_s_mm: float = 0.0
-    ring_s_mm2: float = 0.0
-    steep_top_s_mm2: float = 0.0
-    single_wall_s_mm2: float = 0.0
-    gap_s_mm2: float = 0.0
-    solid_wall_s_mm2: float = 0.0
-    overlap_s_mm3: float = 0.0
+    inset_s_per_mm: float = 0.0
+    skin_rim_s_per_mm: float = 0.0
+    support_s_per_mm3: float = 0.0
+    support_side_s_per_mm2: float = 0.0
+    tower_s_per_mm: float = 0.0
+    island_s_per_mm: float = 0.0
+    island_path_s_per_mm2: float = 0.0
+    hole_s_per_mm: float = 0.0
+    hole_path_s_per_mm2: float = 0.0
+    rim_s_per_mm: float = 0.0
+    rim_end_s_per_mm: float = 0.0
+    ring_s_per_mm2: float = 0.0
+    steep_top_s_per_mm2: float = 0.0
+    single_wall_s_per_mm2: float = 0.0
+    gap_s_per_mm2: float = 0.0
+    solid_wall_s_per_mm2: float = 0.0
+    overlap_s_per_mm3: float = 0.0
     line_width_mm: float = 0.0
     layer_height_mm: float = 1.0
     outer_walls_mm: float = 0.0  # width of the outer wall on both sides of a thin part
@@ -146,13 +146,13 @@ class CostModel:
         seconds = dict(zip(FEATURES, vector.tolist(), strict=True))
         return cls(
             fixed_s=settings.overhead_s,
-            volume_s_mm3=seconds["volume_mm3"],
-            lateral_s_mm2=max(0.0, seconds["lateral_mm2"]),
-            skin_s_mm2=max(0.0, seconds["skin_mm2"]),
-            slope_s_mm2=seconds["slope_mm2"],
-            overhang_s_mm3=seconds["column_mm3"],
-            brim_s_mm2=seconds["brim_mm2"],
-            min_s_mm=settings.min_layer_s / settings.layer_height_mm,
+            volume_s_per_mm3=seconds["volume_mm3"],
+            lateral_s_per_mm2=max(0.0, seconds["lateral_mm2"]),
+            skin_s_per_mm2=max(0.0, seconds["skin_mm2"]),
+            slope_s_per_mm2=seconds["slope_mm2"],
+            overhang_s_per_mm3=seconds["column_mm3"],
+            brim_s_per_mm2=seconds["brim_mm2"],
+            min_s_per_mm=settings.min_layer_s / settings.layer_height_mm,
             brim_mm=settings.brim_mm,
             effective_support_angle_deg=settings.effective_support_angle_deg,
             effective_small_overhang_deg=settings.effective_small_overhang_deg,
@@ -160,23 +160,23 @@ class CostModel:
             shrinkage=settings.shrinkage,
             fit_layer_mm=settings.fit_layer_mm,
             skin_cos=settings.skin_cos,
-            inset_s_mm=max(0.0, -seconds["height_mm"]),
-            skin_rim_s_mm=max(0.0, -seconds["skin_rim_mm"]),
-            support_s_mm3=seconds["support_mm3"],
-            support_side_s_mm2=seconds["support_side_mm2"],
-            tower_s_mm=seconds["towers_mm"],
-            island_s_mm=seconds["islands_mm"],
-            island_path_s_mm2=seconds["island_paths_mm2"],
-            hole_s_mm=seconds["holes_mm"],
-            hole_path_s_mm2=seconds["hole_paths_mm2"],
-            rim_s_mm=max(0.0, -seconds["rim_mm"]),
-            rim_end_s_mm=seconds["rim_ends_mm"],
-            ring_s_mm2=seconds["ring_mm2"],
-            steep_top_s_mm2=seconds["steep_top_mm2"],
-            single_wall_s_mm2=seconds["single_wall_mm2"],
-            gap_s_mm2=seconds["gap_mm2"],
-            solid_wall_s_mm2=seconds["solid_wall_mm2"],
-            overlap_s_mm3=seconds["overlap_mm3"],
+            inset_s_per_mm=max(0.0, -seconds["height_mm"]),
+            skin_rim_s_per_mm=max(0.0, -seconds["skin_rim_mm"]),
+            support_s_per_mm3=seconds["support_mm3"],
+            support_side_s_per_mm2=seconds["support_side_mm2"],
+            tower_s_per_mm=seconds["towers_mm"],
+            island_s_per_mm=seconds["islands_mm"],
+            island_path_s_per_mm2=seconds["island_paths_mm2"],
+            hole_s_per_mm=seconds["holes_mm"],
+            hole_path_s_per_mm2=seconds["hole_paths_mm2"],
+            rim_s_per_mm=max(0.0, -seconds["rim_mm"]),
+            rim_end_s_per_mm=seconds["rim_ends_mm"],
+            ring_s_per_mm2=seconds["ring_mm2"],
+            steep_top_s_per_mm2=seconds["steep_top_mm2"],
+            single_wall_s_per_mm2=seconds["single_wall_mm2"],
+            gap_s_per_mm2=seconds["gap_mm2"],
+            solid_wall_s_per_mm2=seconds["solid_wall_mm2"],
+            overlap_s_per_mm3=seconds["overlap_mm3"],
             line_width_mm=settings.line_width_mm,
             layer_height_mm=settings.layer_height_mm,
             outer_walls_mm=2.0 * settings.outer_line_width_mm,
@@ -187,7 +187,7 @@ class CostModel:
             hidden_top_share=settings.hidden_top_share,
             hidden_bed_mm=settings.saved_bed_layer_count * settings.layer_height_mm,
             hidden_top_mm=settings.saved_top_layer_count * settings.layer_height_mm,
-            hidden_side_share=_compute_saved_share(settings.hidden_wall_s_mm2, seconds["lateral_mm2"]),
+            hidden_side_share=_compute_saved_share(settings.hidden_wall_s_per_mm2, seconds["lateral_mm2"]),
         )
 
     def fit_layers(self, height_mm: float) -> CostModel:
@@ -215,8 +215,8 @@ class CostModel:
         support_mm3, side_mm2, towers_mm, islands_mm
             Values of `Columns`.
         """
-        support_s = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
-        return support_s + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
+        support_s = self.support_s_per_mm3 * support_mm3 + self.support_side_s_per_mm2 * side_mm2
+        return support_s + self.tower_s_per_mm * towers_mm + self.island_s_per_mm * islands_mm
 
     def price_paths_s(self, island_paths_mm2: float, holes_mm: float, hole_paths_mm2: float) -> float:
         """Price the travel to islands and holes.
@@ -226,8 +226,8 @@ class CostModel:
         island_paths_mm2, holes_mm, hole_paths_mm2
             Values of `Columns`.
         """
-        holes_s = self.hole_s_mm * holes_mm + self.hole_path_s_mm2 * hole_paths_mm2
-        return self.island_path_s_mm2 * island_paths_mm2 + holes_s
+        holes_s = self.hole_s_per_mm * holes_mm + self.hole_path_s_per_mm2 * hole_paths_mm2
+        return self.island_path_s_per_mm2 * island_paths_mm2 + holes_s
 
     def price_brim_s(self, brim_mm2: float, extents_mm: Floats) -> float:
         """Compute the extra price of a brim, compared with the rectangular one in `compute_price_s`.
@@ -241,7 +241,7 @@ class CostModel:
         """
         width_mm, depth_mm = extents_mm[:2]
         ring_mm2 = self.brim_mm * (2.0 * (width_mm + depth_mm) + math.pi * self.brim_mm)
-        return float(self.brim_s_mm2 * (brim_mm2 - ring_mm2))
+        return float(self.brim_s_per_mm2 * (brim_mm2 - ring_mm2))
 
     def price_contours_s(self, contours: Contours, skin_mm2: float) -> float:
         """Price the contours of a part; its rims replace the rim that `compute_price_s` assumes.
@@ -253,17 +253,19 @@ class CostModel:
         skin_mm2
             Area of its skin, one of its `ADDITIVE_FEATURES`.
         """
-        skin_s = self.skin_s_mm2 * skin_mm2
-        assumed_s = max(0.0, skin_s - self.skin_rim_s_mm * math.sqrt(max(0.0, skin_mm2)))
-        rims_s = max(0.0, skin_s - self.rim_s_mm * contours.rim_mm) - assumed_s
-        rings_s = self.ring_s_mm2 * contours.ring_mm2 + self.steep_top_s_mm2 * contours.steep_top_mm2
-        return rims_s + self.rim_end_s_mm * contours.rim_ends_mm + rings_s
+        skin_s = self.skin_s_per_mm2 * skin_mm2
+        assumed_s = max(0.0, skin_s - self.skin_rim_s_per_mm * math.sqrt(max(0.0, skin_mm2)))
+        rims_s = max(0.0, skin_s - self.rim_s_per_mm * contours.rim_mm) - assumed_s
+        rings_s = self.ring_s_per_mm2 * contours.ring_mm2 + self.steep_top_s_per_mm2 * contours.steep_top_mm2
+        return rims_s + self.rim_end_s_per_mm * contours.rim_ends_mm + rings_s
 
     def price_thin_walls_s(self, thin_walls: ThinWalls) -> float:
         """Compute the price of thin walls and sheets minus that of thick ones."""
-        walls_s = self.single_wall_s_mm2 * thin_walls.single_wall_mm2 + self.gap_s_mm2 * thin_walls.gap_mm2
-        walls_s += self.solid_wall_s_mm2 * thin_walls.solid_wall_mm2
-        return walls_s + self.overlap_s_mm3 * thin_walls.overlap_mm3
+        walls_s = (
+            self.single_wall_s_per_mm2 * thin_walls.single_wall_mm2 + self.gap_s_per_mm2 * thin_walls.gap_mm2
+        )
+        walls_s += self.solid_wall_s_per_mm2 * thin_walls.solid_wall_mm2
+        return walls_s + self.overlap_s_per_mm3 * thin_walls.overlap_mm3
 
     def price_insets_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
         """Compute the time that shorter inner walls save in all bodies of a layer but one.
@@ -280,9 +282,9 @@ class CostModel:
         bodies_mm
             `Columns.bodies_mm`, minus the holes, which count as negative bodies.
         """
-        max_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
-        body_s = min(self.inset_s_mm * height_mm, max_s)
-        return min(self.inset_s_mm * (height_mm + bodies_mm), max_s) - body_s
+        max_s = MAX_INSET_SHARE * self.lateral_s_per_mm2 * lateral_mm2
+        body_s = min(self.inset_s_per_mm * height_mm, max_s)
+        return min(self.inset_s_per_mm * (height_mm + bodies_mm), max_s) - body_s
 
     def price_side_ends_s(self, cut_side_mm2: float, ends_mm: float) -> float:
         """Price the walls at the ends of hidden sides, which `hidden_side_share` counts as saved.
@@ -294,8 +296,8 @@ class CostModel:
         ends_mm
             Height of their ends, from `sum_side_ends_mm`.
         """
-        saved_s_mm2 = self.hidden_side_share * self.lateral_s_mm2
-        return saved_s_mm2 * min(cut_side_mm2, SIDE_END_MM * ends_mm)
+        saved_s_per_mm2 = self.hidden_side_share * self.lateral_s_per_mm2
+        return saved_s_per_mm2 * min(cut_side_mm2, SIDE_END_MM * ends_mm)
 
     def build_prices(self) -> Prices:
         """Build the record of the coefficients for compiled code, with a float64 field for each."""
@@ -325,8 +327,12 @@ def _compute_saved_share(saved_s: float, price_s: float) -> float:
 
 
 _PRICE_NAMES = tuple(item.name for item in fields(CostModel) if item.name != "fit_layer_mm")
-_SKIN_PRICE_NAMES = frozenset(("skin_s_mm2", "skin_rim_s_mm", "rim_s_mm", "rim_end_s_mm", "brim_s_mm2"))
-_LAYER_PRICE_NAMES = tuple(name for name in _PRICE_NAMES if "_s_mm" in name and name not in _SKIN_PRICE_NAMES)
+_SKIN_PRICE_NAMES = frozenset(
+    ("skin_s_per_mm2", "skin_rim_s_per_mm", "rim_s_per_mm", "rim_end_s_per_mm", "brim_s_per_mm2")
+)
+_LAYER_PRICE_NAMES = tuple(
+    name for name in _PRICE_NAMES if "_s_per_mm" in name and name not in _SKIN_PRICE_NAMES
+)
 """Coefficients in proportion to the number of layers; a skin or a brim has a given number of layers."""
 _PRICES_DTYPE = np.dtype([(name, np.float64) for name in _PRICE_NAMES])
 
@@ -360,16 +366,16 @@ def compute_price_s(prices: Prices, additive_features: AdditiveFeatures, extents
     volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3 = additive_features
     width_mm, depth_mm, height_mm = extents_mm
     brim_mm2 = prices["brim_mm"] * (2.0 * (width_mm + depth_mm) + np.pi * prices["brim_mm"])
-    max_inset_s = MAX_INSET_SHARE * prices["lateral_s_mm2"] * lateral_mm2
-    inset_s = min(prices["inset_s_mm"] * height_mm, max_inset_s)
-    lines_s = prices["volume_s_mm3"] * volume_mm3 + prices["lateral_s_mm2"] * lateral_mm2 - inset_s
-    skin_s = prices["skin_s_mm2"] * skin_mm2 - prices["skin_rim_s_mm"] * np.sqrt(skin_mm2)
+    max_inset_s = MAX_INSET_SHARE * prices["lateral_s_per_mm2"] * lateral_mm2
+    inset_s = min(prices["inset_s_per_mm"] * height_mm, max_inset_s)
+    lines_s = prices["volume_s_per_mm3"] * volume_mm3 + prices["lateral_s_per_mm2"] * lateral_mm2 - inset_s
+    skin_s = prices["skin_s_per_mm2"] * skin_mm2 - prices["skin_rim_s_per_mm"] * np.sqrt(skin_mm2)
     seconds: float = (
         prices["fixed_s"]
-        + max(lines_s, prices["min_s_mm"] * height_mm)
+        + max(lines_s, prices["min_s_per_mm"] * height_mm)
         + max(0.0, skin_s)
-        + prices["slope_s_mm2"] * slope_mm2
-        + prices["overhang_s_mm3"] * column_mm3
-        + prices["brim_s_mm2"] * brim_mm2
+        + prices["slope_s_per_mm2"] * slope_mm2
+        + prices["overhang_s_per_mm3"] * column_mm3
+        + prices["brim_s_per_mm2"] * brim_mm2
     )
     return seconds

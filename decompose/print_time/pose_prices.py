@@ -181,11 +181,11 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
     height_mm = float(triangles[:, :, 2].max())
     slab_mm = height_mm / SLAB_COUNT
     lateral_mm2, section_mm2 = _sum_slabs(np.ascontiguousarray(triangles), height_mm)
-    walls_s = cost.lateral_s_mm2 * lateral_mm2
-    inset_s = np.minimum(cost.inset_s_mm * slab_mm, MAX_INSET_SHARE * walls_s)
-    lines_s = cost.volume_s_mm3 * slab_mm * section_mm2 + walls_s - inset_s
-    min_s = np.minimum(cost.min_s_mm * slab_mm, MAX_SLOWDOWN * lines_s)
-    covered_s = max(0.0, cost.min_s_mm * height_mm - float(lines_s.sum()))
+    walls_s = cost.lateral_s_per_mm2 * lateral_mm2
+    inset_s = np.minimum(cost.inset_s_per_mm * slab_mm, MAX_INSET_SHARE * walls_s)
+    lines_s = cost.volume_s_per_mm3 * slab_mm * section_mm2 + walls_s - inset_s
+    min_s = np.minimum(cost.min_s_per_mm * slab_mm, MAX_SLOWDOWN * lines_s)
+    covered_s = max(0.0, cost.min_s_per_mm * height_mm - float(lines_s.sum()))
     return max(0.0, float(np.maximum(0.0, min_s - lines_s).sum()) - covered_s)
 
 

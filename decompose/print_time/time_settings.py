@@ -158,14 +158,14 @@ class PrintTimeSettings:
         return outer_s + sum(depths_mm) / self.inner_wall_mm_s
 
     @property
-    def skin_s_mm2(self) -> float:
+    def skin_s_per_mm2(self) -> float:
         """Seconds per mm2 in all layers of a skin; one of the two skins lies on the bed."""
         layer_count = min(self.slow_layer_count, round(self.skin_layer_count))
         speed_step_mm_s = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layer_count, 1)
-        first_s_mm = sum(1.0 / (self.brim_mm_s + i * speed_step_mm_s) for i in range(layer_count))
-        bed_s_mm = first_s_mm - layer_count / self.skin_mm_s
-        lines_s_mm = self.skin_layer_count / self.skin_mm_s + bed_s_mm / 2.0
-        return lines_s_mm / self.skin_line_width_mm + self.roof_s_mm2 / 2.0
+        first_s_per_mm = sum(1.0 / (self.brim_mm_s + i * speed_step_mm_s) for i in range(layer_count))
+        bed_s_per_mm = first_s_per_mm - layer_count / self.skin_mm_s
+        lines_s_per_mm = self.skin_layer_count / self.skin_mm_s + bed_s_per_mm / 2.0
+        return lines_s_per_mm / self.skin_line_width_mm + self.roof_s_per_mm2 / 2.0
 
     @property
     def skin_stop_s(self) -> float:
@@ -173,29 +173,29 @@ class PrintTimeSettings:
         return min(self.skin_mm_s, MAX_STOP_MM_S) / self.acceleration_mm_s2
 
     @property
-    def skin_layer_s_mm2(self) -> float:
+    def skin_layer_s_per_mm2(self) -> float:
         """Seconds per mm2 of a layer of skin that is neither among the first ones nor a roof layer."""
         return 1.0 / (self.skin_mm_s * self.skin_line_width_mm)
 
     @property
-    def roof_s_mm2(self) -> float:
+    def roof_s_per_mm2(self) -> float:
         """Additional seconds per mm2 in all layers of a top, due to the lines of its roof layers."""
         layer_count = min(self.roof_layer_count, self.skin_layer_count)
-        return layer_count * (1.0 / (self.roof_mm_s * self.roof_line_width_mm) - self.skin_layer_s_mm2)
+        return layer_count * (1.0 / (self.roof_mm_s * self.roof_line_width_mm) - self.skin_layer_s_per_mm2)
 
     @property
-    def hidden_wall_s_mm2(self) -> float:
+    def hidden_wall_s_per_mm2(self) -> float:
         """Seconds saved by faster walls, per mm2 of a hidden upright side."""
-        outer_s_mm = _compute_gain_s_mm(self.outer_wall_mm_s, self.hidden_outer_wall_mm_s)
-        inner_s_mm = _compute_gain_s_mm(self.inner_wall_mm_s, self.hidden_inner_wall_mm_s)
-        walls_s_mm = outer_s_mm + (self.wall_count - 1) * inner_s_mm
-        return walls_s_mm / self.layer_height_mm if self.wall_count > 0 else 0.0
+        outer_s_per_mm = _compute_gain_s_per_mm(self.outer_wall_mm_s, self.hidden_outer_wall_mm_s)
+        inner_s_per_mm = _compute_gain_s_per_mm(self.inner_wall_mm_s, self.hidden_inner_wall_mm_s)
+        walls_s_per_mm = outer_s_per_mm + (self.wall_count - 1) * inner_s_per_mm
+        return walls_s_per_mm / self.layer_height_mm if self.wall_count > 0 else 0.0
 
     @property
     def hidden_bed_share(self) -> float:
         """Share of the time of a skin that is saved at a hidden face on the bed."""
         return (
-            self.saved_bed_layer_count * self.skin_layer_s_mm2 / self.skin_s_mm2
+            self.saved_bed_layer_count * self.skin_layer_s_per_mm2 / self.skin_s_per_mm2
             if self.skin_layer_count > 0.0
             else 0.0
         )
@@ -203,8 +203,8 @@ class PrintTimeSettings:
     @property
     def hidden_top_share(self) -> float:
         """Share of the time of a skin that is saved at hidden tops."""
-        saved_s_mm2 = self.saved_top_layer_count * self.skin_layer_s_mm2 + self.roof_s_mm2
-        return saved_s_mm2 / self.skin_s_mm2 if self.skin_layer_count > 0.0 else 0.0
+        saved_s_per_mm2 = self.saved_top_layer_count * self.skin_layer_s_per_mm2 + self.roof_s_per_mm2
+        return saved_s_per_mm2 / self.skin_s_per_mm2 if self.skin_layer_count > 0.0 else 0.0
 
     @property
     def sparse_lines_per_mm(self) -> float:
@@ -213,16 +213,16 @@ class PrintTimeSettings:
         return 1.0 / distance_mm if distance_mm > 0.0 else 0.0
 
     @property
-    def connection_s_mm2(self) -> float:
+    def connection_s_per_mm2(self) -> float:
         """Seconds for infill lines along the wall, per mm2 of wall; 0 if infill lines are not connected."""
         is_connected = self.is_infill_connected and self.sparse_lines_per_mm > 0.0
         return 1.0 / (self.layer_height_mm * self.infill_mm_s) if is_connected else 0.0
 
     @property
-    def infill_ends_s_mm2(self) -> float:
+    def infill_ends_s_per_mm2(self) -> float:
         """Seconds lost at the ends of infill lines, per mm2 of wall."""
         stop_s = self.infill_mm_s / self.acceleration_mm_s2
-        share = TURN_TIME_SHARE if self.connection_s_mm2 > 0.0 else 1.0
+        share = TURN_TIME_SHARE if self.connection_s_per_mm2 > 0.0 else 1.0
         return share * self.sparse_lines_per_mm * stop_s / self.layer_height_mm
 
     @property
@@ -283,27 +283,27 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         Float64 vectors in the order of `FEATURES`, before `FACTORS`, by the names of the terms.
     """
     s, layer_mm = settings, settings.layer_height_mm
-    inner_walls_s_mm = max(s.wall_count - 1, 0) / s.inner_wall_mm_s
-    walls_s_mm = (1.0 / s.outer_wall_mm_s if s.wall_count > 0 else 0.0) + inner_walls_s_mm
+    inner_walls_s_per_mm = max(s.wall_count - 1, 0) / s.inner_wall_mm_s
+    walls_s_per_mm = (1.0 / s.outer_wall_mm_s if s.wall_count > 0 else 0.0) + inner_walls_s_per_mm
     support_lines_per_mm = 1.0 / s.support_line_distance_mm if s.support_line_distance_mm > 0.0 else 0.0
-    infill_s_mm3 = s.sparse_lines_per_mm / (layer_mm * s.infill_mm_s)
+    infill_s_per_mm3 = s.sparse_lines_per_mm / (layer_mm * s.infill_mm_s)
     return {
         "infill": _build_vector(
-            volume_mm3=infill_s_mm3,
-            lateral_mm2=-infill_s_mm3 * s.wall_thickness_mm,
+            volume_mm3=infill_s_per_mm3,
+            lateral_mm2=-infill_s_per_mm3 * s.wall_thickness_mm,
             # One of the two skins is a top.
-            skin_mm2=-infill_s_mm3 * s.skin_layer_count * layer_mm
+            skin_mm2=-infill_s_per_mm3 * s.skin_layer_count * layer_mm
             + s.top_line_ratio / 2.0 / (layer_mm * s.infill_mm_s),
         ),
         "walls": _build_vector(
-            lateral_mm2=walls_s_mm / layer_mm, height_mm=-LOOP_SHORTENING * s.insets_s / layer_mm
+            lateral_mm2=walls_s_per_mm / layer_mm, height_mm=-LOOP_SHORTENING * s.insets_s / layer_mm
         ),
         "connections": _build_vector(
-            lateral_mm2=s.connection_s_mm2,
-            height_mm=-LOOP_SHORTENING * s.wall_thickness_mm * s.connection_s_mm2,
+            lateral_mm2=s.connection_s_per_mm2,
+            height_mm=-LOOP_SHORTENING * s.wall_thickness_mm * s.connection_s_per_mm2,
         ),
-        "skin": _build_vector(skin_mm2=s.skin_s_mm2),
-        "skin rim": _build_vector(skin_rim_mm=-s.skin_s_mm2 * s.wall_thickness_mm),
+        "skin": _build_vector(skin_mm2=s.skin_s_per_mm2),
+        "skin rim": _build_vector(skin_rim_mm=-s.skin_s_per_mm2 * s.wall_thickness_mm),
         "slope ends": _build_vector(slope_mm2=s.skin_stop_s / (layer_mm * s.skin_line_width_mm)),
         "columns": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
@@ -311,7 +311,7 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
             support_side_mm2=1.0 / (layer_mm * s.support_mm_s) if support_lines_per_mm else 0.0
         ),
         "brim": _build_vector(brim_mm2=1.0 / (s.outer_line_width_mm * s.brim_mm_s)),
-        "infill ends": _build_vector(lateral_mm2=s.infill_ends_s_mm2),
+        "infill ends": _build_vector(lateral_mm2=s.infill_ends_s_per_mm2),
         "travel": _build_vector(lateral_mm2=1.0 / (layer_mm * s.travel_mm_s)),
     } | _compute_pose_terms(settings)
 
@@ -331,24 +331,24 @@ def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "holes": _build_vector(
             holes_mm=HOLE_VISITS * stop_s / layer_mm, hole_paths_mm2=HOLE_VISITS / (layer_mm * s.travel_mm_s)
         ),
-        "rims": _build_vector(rim_mm=-s.skin_s_mm2 * s.wall_thickness_mm),
+        "rims": _build_vector(rim_mm=-s.skin_s_per_mm2 * s.wall_thickness_mm),
         # On average over all directions, a line ends once for every length of pi line widths of the rim.
         "rim ends": _build_vector(
             rim_ends_mm=s.skin_layer_count * s.skin_stop_s / (math.pi * s.skin_line_width_mm)
         ),
-        "rings": _build_vector(ring_mm2=s.connection_s_mm2 if s.infill_step_count else 0.0),
+        "rings": _build_vector(ring_mm2=s.connection_s_per_mm2 if s.infill_step_count else 0.0),
         "thin walls": _build_vector(
             single_wall_mm2=-max(s.wall_count - 1, 0) / s.inner_wall_mm_s / layer_mm,
             gap_mm2=0.5 / (layer_mm * s.skin_mm_s),
-            solid_wall_mm2=-FACTORS["connections"] * s.connection_s_mm2
-            - FACTORS["infill ends"] * s.infill_ends_s_mm2,
+            solid_wall_mm2=-FACTORS["connections"] * s.connection_s_per_mm2
+            - FACTORS["infill ends"] * s.infill_ends_s_per_mm2,
         ),
         "thin sheets": _build_vector(overlap_mm3=-1.0 / (layer_mm * s.skin_line_width_mm * s.skin_mm_s)),
         "steep tops": _build_vector(steep_top_mm2=s.top_line_ratio / (layer_mm * s.infill_mm_s)),
     }
 
 
-def _compute_gain_s_mm(speed_mm_s: float, fast_mm_s: float) -> float:
+def _compute_gain_s_per_mm(speed_mm_s: float, fast_mm_s: float) -> float:
     """Compute the seconds that a mm of line saves at a higher speed; 0 if the speed is not higher."""
     return 1.0 / speed_mm_s - 1.0 / fast_mm_s if fast_mm_s > speed_mm_s else 0.0
 

@@ -62,7 +62,7 @@ class Problem:
         Free printers, each for one piece at most; a printer that prints in several rounds appears once for
         each.
     cost
-        Print time of a part.
+        Cost model for print times.
     options
         Engine, grid and limits.
     executor

@@ -297,7 +297,7 @@ class Decomposition:
             "attempts": [asdict(attempt) for attempt in self.attempts],
             "parts": [p.as_dict() for p in self.parts],
             "coverage": asdict(self.coverage),
-            "curve": [asdict(point) for point in self.curve],
+            "curve": [{"printers": p.printer_count, "makespan_s": p.makespan_s} for p in self.curve],
             "joints": [self._describe_joint(number, joint) for number, joint in enumerate(self.joints)],
             "seam_mm": self.sum_seams_mm(),
             "thin_rims": self.describe_thin_rims(),

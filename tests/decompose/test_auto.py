@@ -29,7 +29,7 @@ def test_expensive_handling_uses_fewer_printers(
     fewest_result = auto.decompose_for_goal(model, fleet, COARSE_OPTIONS, cost, goal=auto.CountGoal(1e5, 1e5))
     assert [p.printer for p in fewest_result.parts] == [fleet[0].name]
     assert len(result.parts) > 1
-    assert [p.printers for p in result.curve] == list(range(1, len(fleet) + 1))
+    assert [p.printer_count for p in result.curve] == list(range(1, len(fleet) + 1))
     assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(result.curve))
 
 
@@ -49,7 +49,7 @@ def test_curve_considers_the_speed_of_printers(
 
 
 def test_curve_considers_the_build_volumes_of_printers(cost: CostModel) -> None:
-    """Use a model taller than two prints of the low printer: their common volume needs three parts."""
+    """Use a model that needs three parts of the low printer's size, but only two if one may be high."""
     low_printer, high_printer = (
         TargetPrinter("low", ((100.0,) * 3,)),
         TargetPrinter("high", ((100.0, 100.0, 160.0),)),
@@ -57,14 +57,14 @@ def test_curve_considers_the_build_volumes_of_printers(cost: CostModel) -> None:
     model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
     fine_options = replace(COARSE_OPTIONS, granularity=6)
     result = auto.decompose_for_goal(model, [low_printer, high_printer], fine_options, cost)
-    assert [point.printers for point in result.curve] == [2]
+    assert [point.printer_count for point in result.curve] == [2]
     assert {part.printer for part in result.parts} == {"low", "high"}
     low_printers = [replace(low_printer, name=str(i)) for i in range(3)]
     curves = [
         auto.decompose_for_goal(model, printers, fine_options, cost).curve
         for printers in ([*low_printers, high_printer], [high_printer, *low_printers])
     ]
-    assert [[point.printers for point in curve] for curve in curves] == [[3, 4], [2, 3, 4]]
+    assert [[point.printer_count for point in curve] for curve in curves] == [[3, 4], [2, 3, 4]]
     assert curves[1][0].makespan_s == result.curve[0].makespan_s
 
 

@@ -1,4 +1,5 @@
-"""Replanning of failed parts in real processes: they are sliced for another model, or cut for several."""
+"""Replanning of failed parts in real processes: they are sliced for another printer model, or cut for several
+printers."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from farms.real_farm import wait_for
 pytestmark = pytest.mark.system
 
 
-def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_path):
+def test_failed_part_is_resliced_for_another_printer_model_and_printed(make_farm, tmp_path):
     models = {"one": "ultimaker2_plus", "two": "ultimaker2"}
     farm = make_farm({name: (model, f"sim://{model}") for name, model in models.items()})
     farm.up()

@@ -228,7 +228,7 @@ class KeyMaker:
                 yield KeyPlace(site, site.moved_side.lift(middles[n]), direction)
 
     def _find_sliding_middles(self, site: Site, length_mm: float) -> Floats:
-        """Find the middles (n, 3) of keys along the direction of the step that leave sufficient walls."""
+        """Find the middles (n, 3) of keys along the direction of the step that leave a sufficient rim."""
         area = self._find_common_area(site)
         middles = site.moved_side.flatten(sample_points(site.moved_side, area, PLACE_PITCH_MM))
         half_mm = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved_side.flatten(self.direction)
@@ -278,7 +278,7 @@ class KeyMaker:
     def _find_bottom_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area for the bottom of a groove.
 
-        The sides of the groove taper, so the wall is checked at several depths.
+        The sides of the groove taper, so the rim is checked at several depths.
         """
         levels_mm = np.linspace(0.0, depth_mm + KEY_RIM_MM, DEPTH_SAMPLES)
         areas = []

@@ -125,13 +125,13 @@ def _split_piece(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
 
 def _cut_to_fit(piece: Piece, problem: Problem) -> list[Piece]:
     """Cut a piece on a grid until every block fits every printer."""
-    lo, hi = piece.solid.bounds_mm
-    counts = np.array(count_blocks(hi - lo, problem.distinct_printers))
+    low_mm, high_mm = piece.solid.bounds_mm
+    counts = np.array(count_blocks(high_mm - low_mm, problem.distinct_printers))
     if counts.max() == 1:
         return [piece]
     axis = int(counts.argmax())
     share = (counts[axis] // 2) / counts[axis]
-    at_mm = float(lo[axis] + share * (hi - lo)[axis])
+    at_mm = float(low_mm[axis] + share * (high_mm - low_mm)[axis])
     halves = _split_piece(piece, axis, find_clear_offset_mm(piece.solid, np.eye(3)[axis], at_mm))
     return [part for half in halves for part in _cut_to_fit(half, problem)] if len(halves) > 1 else [piece]
 

@@ -92,8 +92,8 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     uncut_part = method.price_model()
     if uncut_part.needed_printer_count > printer_count:
         raise NoFit(
-            f"the printers' build volumes need at least {uncut_part.needed_printer_count} parts, but there "
-            f"are {printer_count} printers",
+            f"the model needs at least {uncut_part.needed_printer_count} parts to fit the build volumes, but "
+            f"there are only {printer_count} printers",
             uncut_part.needed_printer_count,
         )
     parts = list(_find_best_leaves(method, uncut_part, printer_count, TREE_DEPTH)[printer_count][1])
@@ -133,8 +133,8 @@ def _join_leaves(first_leaves: list[Leaves], second_leaves: list[Leaves], printe
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
 
 
-def _cut_halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
-    """Cut a piece by a plane; return the pieces on both sides that are not empty."""
+def _split_piece(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
+    """Split a piece at a plane; return the sides that are not empty, connected or not."""
     planes = np.vstack([piece.planes, [*normal, at_mm]])
     sides = piece.solid.split_by_plane(normal, at_mm)
     return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
@@ -159,20 +159,20 @@ class _PublishedMethod(_Method):
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         """Yield the halves of cuts at random planes, the most symmetric first, unless a half is too small."""
         for mirror in self.draw_planes(part, MAX_DRAWN_PLANES):
-            halves = self.cut_in_halves(part, mirror)
+            halves = self.cut_in_half(part, mirror)
             if halves:
                 yield halves
 
-    def cut_in_halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
+    def cut_in_half(self, part: _Part, mirror: Mirror) -> list[_Part]:
         """Cut a part into two halves, connected or not; empty if one of them is too small."""
         halves = [
-            self.price_part(piece) for piece in _cut_halves(part.piece, mirror.normal, mirror.offset_mm)
+            self.price_part(piece) for piece in _split_piece(part.piece, mirror.normal, mirror.offset_mm)
         ]
         are_large = len(halves) == 2 and all(half.price >= MIN_HALF_SHARE * self.mean_mm3 for half in halves)
         return halves if are_large else []
 
     def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
-        """Cut the least symmetric parts in halves as long as printers remain."""
+        """Cut the least symmetric parts in half as long as printers remain."""
         has_cut = True
         while has_cut and len(parts) < len(self.problem.printers):
             has_cut = False
@@ -180,7 +180,7 @@ class _PublishedMethod(_Method):
             for mirror, part in sorted(planes, key=lambda pair: -pair[0].error_mm):
                 if len(parts) == len(self.problem.printers):
                     break
-                halves = self.cut_in_halves(part, mirror)
+                halves = self.cut_in_half(part, mirror)
                 if halves:
                     parts = [p for p in parts if p is not part] + halves
                     has_cut = True
@@ -218,7 +218,7 @@ class _CorrectedMethod(_Method):
     def split_at_plane(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """Yield the connected pieces on both sides of a plane near `at_mm`, unless a piece is too small."""
         at_mm = find_clear_offset_mm(piece.solid, normal, at_mm)
-        pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected_pieces(half)]
+        pieces = [p for half in _split_piece(piece, normal, at_mm) for p in split_connected_pieces(half)]
         min_mm3 = MIN_VOLUME_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):
             yield [self.price_part(fragment) for fragment in pieces]
@@ -233,15 +233,15 @@ class _CorrectedMethod(_Method):
         tuple
             Normal (3,) of the planes, and their positions along it in mm.
         """
-        lo, hi = solid.bounds_mm
-        counts = count_blocks(hi - lo, self.problem.distinct_printers)
-        axis = int(np.lexsort((hi - lo, counts))[-1])
+        low_mm, high_mm = solid.bounds_mm
+        counts = count_blocks(high_mm - low_mm, self.problem.distinct_printers)
+        axis = int(np.lexsort((high_mm - low_mm, counts))[-1])
         shares = (
             (counts[axis] // 2 + OFFSET_SHARES) / counts[axis]
             if counts[axis] > 1
             else (1.0 + OFFSET_SHARES) / 2.0
         )
-        return np.eye(3)[axis], (lo[axis] + shares * (hi - lo)[axis]).tolist()
+        return np.eye(3)[axis], (low_mm[axis] + shares * (high_mm - low_mm)[axis]).tolist()
 
     def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
         """Cut the costliest part as long as printers remain and no part becomes costlier."""

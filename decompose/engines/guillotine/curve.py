@@ -32,7 +32,7 @@ ASSEMBLY_S = 216.0
 class CurvePoint:
     """A number of printers, and the least makespan in seconds that a search found for it."""
 
-    printers: int
+    printer_count: int
     makespan_s: float
 
 
@@ -127,7 +127,9 @@ def find_least_total_time(
     clearing_s, assembly_s
         A person's time in seconds for each part: to clear its bed, and to glue it.
     """
-    return min(points, key=lambda p: (p.makespan_s + p.printers * (clearing_s + assembly_s), p.printers))
+    return min(
+        points, key=lambda p: (p.makespan_s + p.printer_count * (clearing_s + assembly_s), p.printer_count)
+    )
 
 
 def find_fewest_printers_in_time(
@@ -146,9 +148,9 @@ def find_fewest_printers_in_time(
     """
 
     def compute_end_s(point: CurvePoint) -> float:
-        return point.makespan_s + (handling_s * point.printers if point.printers > 1 else 0.0)
+        return point.makespan_s + (handling_s * point.printer_count if point.printer_count > 1 else 0.0)
 
     feasible_points = [point for point in points if compute_end_s(point) <= time_limit_s]
     if feasible_points:
-        return min(feasible_points, key=lambda point: point.printers)
-    return min(points, key=lambda point: (compute_end_s(point), point.printers))
+        return min(feasible_points, key=lambda point: point.printer_count)
+    return min(points, key=lambda point: (compute_end_s(point), point.printer_count))

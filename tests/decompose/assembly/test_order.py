@@ -210,3 +210,13 @@ def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[P
             levels.get(frozenset(side), 0) for side in (step.moved_parts, step.fixed_parts)
         )
         levels[frozenset((*step.moved_parts, *step.fixed_parts))] = step.level
+
+
+def test_replay_reports_steps_in_the_wrong_order():
+    pieces = make_boxes(*(((0, 0, z), (30, 30, z + 20)) for z in (0, 20, 40)))
+    steps = plan_and_check(pieces).steps
+    first_fault, second_fault = find_order_faults(
+        [piece.solid for piece in pieces], find_joints(pieces), Assembly(steps[::-1])
+    )[:2]
+    assert first_fault.startswith("step 1 ") and first_fault.endswith("together, but they are not joined yet")
+    assert second_fault.startswith("step 2 ") and second_fault.endswith("which are joined to them")

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.best import SearchState, Trial, find_best_result, make_attempt, plan_next_round
+from decompose.best import PlannedAttempt, SearchState, find_best_result, make_attempt, plan_next_round
 from decompose.best.rounds import OTHER_YAWS_DEG, compute_remaining_s
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
@@ -63,12 +63,12 @@ def make_problem(cost: CostModel, budget_s: float) -> Problem:
 def run_rounds(problem: Problem, engines: TableEngines, shuffle: Shuffle) -> list[SearchState]:
     """Run a search in which each round's attempts end in a given order; return the state after each round."""
     states = [SearchState()]
-    while trials := plan_next_round(problem, states[-1]):
+    while planned_attempts := plan_next_round(problem, states[-1]):
         outcomes = {
-            number: make_attempt(problem, engines, trials[number], states[-1].best_known_s)
-            for number in shuffle(list(range(len(trials))))
+            number: make_attempt(problem, engines, planned_attempts[number], states[-1].best_known_s)
+            for number in shuffle(list(range(len(planned_attempts))))
         }
-        states.append(states[-1].add_round([outcomes[number] for number in range(len(trials))]))
+        states.append(states[-1].add_round([outcomes[number] for number in range(len(planned_attempts))]))
     return states
 
 
@@ -109,13 +109,18 @@ def test_rounds_stay_within_the_budget_and_repeat_no_attempt(
     problem = make_problem(cost, budget_s)
     states = run_rounds(problem, TableEngines(result, seed), lambda numbers: numbers)
     for state in states[1:]:
-        trials = plan_next_round(problem, state)
-        efforts_s = {trial.budget_s for trial in trials}
+        planned_attempts = plan_next_round(problem, state)
+        efforts_s = {planned_attempt.budget_s for planned_attempt in planned_attempts}
         assert len(efforts_s) <= 1
-        is_repeated = trials and trials[0].granularity == "auto" and len(state.attempts) == 1
+        is_repeated = (
+            planned_attempts and planned_attempts[0].granularity == "auto" and len(state.attempts) == 1
+        )
         if not is_repeated:  # after a grid that was too coarse, the budget starts again
-            assert sum(trial.budget_s for trial in trials) <= compute_remaining_s(problem, state) + 1e-9
-        if len(trials) > 1:
+            assert (
+                sum(planned_attempt.budget_s for planned_attempt in planned_attempts)
+                <= compute_remaining_s(problem, state) + 1e-9
+            )
+        if len(planned_attempts) > 1:
             assert efforts_s.pop() >= state.attempts[0].effort_s
     attempts = [(a.engine, a.granularity, a.yaw_deg) for a in states[-1].attempts]
     assert len(set(attempts)) == len(attempts)
@@ -126,12 +131,15 @@ def test_round_is_as_large_as_the_budget_allows(cost: CostModel, result: Decompo
     best_result = replace(result, makespan_s=1000.0, sum_s=20_000.0)
     state = SearchState((Attempt(Engine.GUILLOTINE, "auto", 0.0, 1000.0, effort_s=10.0),), best_result)
 
-    def plan_round(budget_s: float) -> tuple[Trial, ...]:
+    def plan_round(budget_s: float) -> tuple[PlannedAttempt, ...]:
         return plan_next_round(make_problem(cost, budget_s), state)
 
     assert plan_round(14.0) == ()
-    assert plan_round(15.0) == (Trial(Engine.GUILLOTINE, "auto", OTHER_YAWS_DEG[0], 5.0),)
-    assert [(trial.yaw_deg, trial.budget_s) for trial in plan_round(35.0)] == [(45.0, 12.5), (15.0, 12.5)]
+    assert plan_round(15.0) == (PlannedAttempt(Engine.GUILLOTINE, "auto", OTHER_YAWS_DEG[0], 5.0),)
+    assert [(planned_attempt.yaw_deg, planned_attempt.budget_s) for planned_attempt in plan_round(35.0)] == [
+        (45.0, 12.5),
+        (15.0, 12.5),
+    ]
     assert [(t.yaw_deg, t.budget_s) for t in plan_round(110.0)] == [
         (yaw_deg, 20.0) for yaw_deg in OTHER_YAWS_DEG
     ]

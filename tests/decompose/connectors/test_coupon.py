@@ -28,14 +28,14 @@ def measure_width_mm(points: np.ndarray, direction: np.ndarray) -> float:
 
 
 def test_holes_on_top_and_in_front_get_wider_in_steps_of_the_fit(coupon: tuple[float, Coupon]) -> None:
-    pin_mm, coupon_result = coupon
+    diameter_mm, coupon_result = coupon
     count = len(coupon_result.fits_mm)
     for start_index in (0, count):
         widths_mm = [
             measure_width_mm(hole.points_mm, hole.inward_normal)
             for hole in coupon_result.holes[start_index : start_index + count]
         ]
-        assert widths_mm == pytest.approx([pin_mm + fit_mm for fit_mm in coupon_result.fits_mm])
+        assert widths_mm == pytest.approx([diameter_mm + fit_mm for fit_mm in coupon_result.fits_mm])
     gauges_mm = [
         float(np.ptp(hole.points_mm @ hole.inward_normal)) - 0.1 for hole in coupon_result.holes[2 * count :]
     ]
@@ -58,18 +58,18 @@ def test_each_number_stands_on_the_face_of_its_hole(coupon: tuple[float, Coupon]
 
 
 def test_gauges_have_the_lengths_of_all_pins_and_keys(coupon: tuple[float, Coupon]) -> None:
-    pin_mm, coupon_result = coupon
-    pins_mm = {2.0 * (depth_mm - END_GAP_MM) for depth_mm in choose_depths_mm(pin_mm)}
-    assert set(coupon_result.lengths_mm) == pins_mm | set(choose_key_lengths_mm(pin_mm))
-    if pin_mm == 2.85:
+    diameter_mm, coupon_result = coupon
+    pin_lengths_mm = {2.0 * (depth_mm - END_GAP_MM) for depth_mm in choose_depths_mm(diameter_mm)}
+    assert set(coupon_result.lengths_mm) == pin_lengths_mm | set(choose_key_lengths_mm(diameter_mm))
+    if diameter_mm == 2.85:
         assert coupon_result.lengths_mm == (11.0, 9.0, 5.0)
 
 
-def test_grooves_of_block_and_plate_hold_a_key_that_is_as_wide_as_their_fit(
+def test_grooves_of_block_and_plate_hold_a_key_of_the_pin_diameter_plus_their_fit(
     coupon: tuple[float, Coupon],
 ) -> None:
     """Move the plate onto the back of the block, and check that only a rod within the fit goes in."""
-    pin_mm, coupon_result = coupon
+    diameter_mm, coupon_result = coupon
     block, plate = sorted(coupon_result.solid.list_pieces(), key=lambda piece: -piece.volume_mm3)
     back_mm = block.bounds_mm[1][1]
     closed_plate = plate.translate(np.array([0.0, back_mm - plate.bounds_mm[0][1], 0.0]))
@@ -77,7 +77,7 @@ def test_grooves_of_block_and_plate_hold_a_key_that_is_as_wide_as_their_fit(
     for fit_mm, groove in zip(coupon_result.fits_mm, coupon_result.grooves[:count], strict=True):
         middle = groove.points_mm.mean(axis=0)
         for excess_mm, fits in ((-0.02, True), (0.1, False)):
-            circle = shapely.Point(middle[0], back_mm).buffer((pin_mm + fit_mm + excess_mm) / 2.0, 32)
+            circle = shapely.Point(middle[0], back_mm).buffer((diameter_mm + fit_mm + excess_mm) / 2.0, 32)
             ring = [np.asarray(circle.exterior.coords)[:-1]]
             rod = Solid.prism(ring, np.eye(3), float(middle[2]) - 1.0, float(middle[2]) + 1.0)
             overlap_mm3 = sum(rod.intersect(body).volume_mm3 for body in (block, closed_plate))

@@ -35,7 +35,7 @@ def test_areas_of_a_face_without_tools_follow_every_change():
     ]
 
     def measure_areas_mm2(workpieces):
-        return [workpieces.find_solid_area(side, 2.0, wall_mm).area for wall_mm in (RIM_MM, 0.8)]
+        return [workpieces.find_solid_area(side, 2.0, rim_mm).area for rim_mm in (RIM_MM, 0.8)]
 
     workpieces = Workpieces(blanks)
     placed = []

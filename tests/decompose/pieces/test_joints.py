@@ -31,7 +31,7 @@ def make_block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
 def cut_by_planes(
     solid: Solid, x: tuple[float, ...] = (), y: tuple[float, ...] = (), z: tuple[float, ...] = ()
 ) -> list[Piece]:
-    """Cut a solid by whole planes, and return the pieces."""
+    """Cut a solid by unbounded planes, and return the pieces."""
     spans = [list(pairwise([-LIMIT_MM, *sorted(cuts_mm), LIMIT_MM])) for cuts_mm in (x, y, z)]
     return [
         piece
@@ -205,7 +205,7 @@ def test_bodies_that_touch_nothing_are_not_loose() -> None:
 def test_partition_with_a_weak_joint_is_rejected(
     cost: CostModel, min_glue_mm2: float, held_mm2: float
 ) -> None:
-    """Use a model whose even cut is through the thin bar between the two blocks."""
+    """Use two blocks joined by a thin bar: a cut into halves of equal volume goes through the bar."""
     solid = Solid.union(
         [
             make_block((0, 0, 0), (120, 120, 120)),

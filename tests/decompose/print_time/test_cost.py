@@ -57,9 +57,9 @@ def test_price_of_a_cube_equals_a_manual_calculation() -> None:
 def test_needle_takes_the_minimum_time_of_its_layers() -> None:
     cost = CostModel.from_settings(PrintTimeSettings(min_layer_s=5.0))
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
-    unlimited_cost = replace(cost, min_s_mm=0.0)
+    unlimited_cost = replace(cost, min_s_per_mm=0.0)
     upright_rotation = POSE_ROTATIONS[4:5]
-    body_s = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
+    body_s = cost.volume_s_per_mm3 * 540.0 + cost.lateral_s_per_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
     delay_s = price_poses_s(*needle.arrays(), upright_rotation, cost) - price_poses_s(
         *needle.arrays(), upright_rotation, unlimited_cost
     )
@@ -82,8 +82,8 @@ def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
     settings = PrintTimeSettings(
         skin_layer_count=4.0, skin_line_width_mm=0.4, skin_mm_s=20.0, brim_mm_s=30.0, slow_layer_count=2
     )
-    bed_layers_s_mm, upper_layers_s_mm = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
-    assert settings.skin_s_mm2 == pytest.approx((bed_layers_s_mm + upper_layers_s_mm) / 2.0 / 0.4)
+    bed_layers_s_per_mm, upper_layers_s_per_mm = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
+    assert settings.skin_s_per_mm2 == pytest.approx((bed_layers_s_per_mm + upper_layers_s_per_mm) / 2.0 / 0.4)
 
 
 def test_uppermost_layer_of_a_top_has_its_own_lines_and_speed() -> None:
@@ -96,12 +96,14 @@ def test_uppermost_layer_of_a_top_has_its_own_lines_and_speed() -> None:
         roof_line_width_mm=0.4,
         roof_mm_s=25.0,
     )
-    assert settings.skin_s_mm2 == pytest.approx((4.0 / 20.0 + 3.0 / 20.0 + 1.0 / 10.0) / 2.0)
+    assert settings.skin_s_per_mm2 == pytest.approx((4.0 / 20.0 + 3.0 / 20.0 + 1.0 / 10.0) / 2.0)
     hidden_settings = replace(settings, saved_bed_layer_count=2.0, saved_top_layer_count=1.0)
-    assert hidden_settings.hidden_bed_share * settings.skin_s_mm2 == pytest.approx(2.0 / 20.0)
+    assert hidden_settings.hidden_bed_share * settings.skin_s_per_mm2 == pytest.approx(2.0 / 20.0)
     # A hidden top saves one layer and the roof.
-    assert hidden_settings.hidden_top_share * settings.skin_s_mm2 == pytest.approx(1.0 / 20.0 + 1.0 / 20.0)
-    assert settings.hidden_top_share * settings.skin_s_mm2 == pytest.approx(1.0 / 20.0)
+    assert hidden_settings.hidden_top_share * settings.skin_s_per_mm2 == pytest.approx(
+        1.0 / 20.0 + 1.0 / 20.0
+    )
+    assert settings.hidden_top_share * settings.skin_s_per_mm2 == pytest.approx(1.0 / 20.0)
     assert replace(settings, skin_layer_count=0.0).hidden_top_share == 0.0
 
 
@@ -131,7 +133,7 @@ def test_infill_gets_sparser_below_the_tops(steps, extra_mm):
 
 
 def test_walls_cover_the_rim_of_a_skin() -> None:
-    cost = make_cost(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
+    cost = make_cost(skin_s_per_mm2=1.0, skin_rim_s_per_mm=4.0)
     large_block, small_block = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
     upright_rotation = POSE_ROTATIONS[4:5]
     assert price_poses_s(*large_block.arrays(), upright_rotation, cost)[0] == pytest.approx(
@@ -141,7 +143,7 @@ def test_walls_cover_the_rim_of_a_skin() -> None:
 
 
 def test_only_overhangs_above_the_bed_need_support() -> None:
-    cost = make_cost(overhang_s_mm3=1.0)
+    cost = make_cost(overhang_s_per_mm3=1.0)
     table = Solid.union([Solid.box((0, 0, 0), (10, 10, 30)), Solid.box((0, 0, 30), (40, 10, 35))])
     times_s = price_axis_poses_s(*table.arrays(), cost)
     assert times_s[4] == pytest.approx(30.0 * 10.0 * 30.0)  # upright: 300 mm2, 30 mm above the bed
@@ -150,7 +152,7 @@ def test_only_overhangs_above_the_bed_need_support() -> None:
 
 
 def test_slopes_up_to_45_degrees_need_no_support() -> None:
-    cost = make_cost(overhang_s_mm3=1.0)
+    cost = make_cost(overhang_s_per_mm3=1.0)
     assert price_axis_poses_s(*make_wedge(9.9).arrays(), cost)[4] == 0.0
     assert price_axis_poses_s(*make_wedge(10.1).arrays(), cost)[4] == pytest.approx(
         5.0 * 10.1 * 5.0, rel=0.01
@@ -159,7 +161,7 @@ def test_slopes_up_to_45_degrees_need_no_support() -> None:
 
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     settings = PrintTimeSettings(layer_height_mm=0.2, skin_layer_count=4.0, wall_count=2, line_width_mm=0.35)
-    cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=settings.skin_cos)
+    cost = replace(make_cost(slope_s_per_mm2=1.0), skin_cos=settings.skin_cos)
     # At this slope (height over width), a step of 4 layers is exactly as wide as the walls.
     max_slope = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)
     for run_mm, has_skin in ((10.0 / max_slope - 0.1, False), (10.0 / max_slope + 0.1, True)):
@@ -204,9 +206,9 @@ def test_changed_setting_scales_its_time_term(change: dict[str, float], term: st
 
 def test_brim_time_follows_from_line_width_and_speed() -> None:
     slow_settings = PrintTimeSettings(outer_line_width_mm=0.5, brim_mm_s=10.0)
-    assert CostModel.from_settings(slow_settings, dict.fromkeys(FACTORS, 1.0)).brim_s_mm2 == pytest.approx(
-        0.2
-    )
+    assert CostModel.from_settings(
+        slow_settings, dict.fromkeys(FACTORS, 1.0)
+    ).brim_s_per_mm2 == pytest.approx(0.2)
 
 
 def test_every_term_has_a_factor() -> None:
@@ -296,11 +298,11 @@ def test_inner_walls_of_each_body_are_shorter() -> None:
     lateral_mm2, height_mm = 4.0 * 4.0 * 30.0 * 50.0, 50.0
     assert cost.price_insets_s(lateral_mm2, height_mm, 0.0) == 0.0
     assert cost.price_insets_s(lateral_mm2, height_mm, 3.0 * height_mm) == pytest.approx(
-        3.0 * cost.inset_s_mm * height_mm
+        3.0 * cost.inset_s_per_mm * height_mm
     )
-    max_saving_s = 0.1 * cost.lateral_s_mm2 * lateral_mm2
+    max_saving_s = 0.1 * cost.lateral_s_per_mm2 * lateral_mm2
     assert cost.price_insets_s(lateral_mm2, height_mm, 1e6) == pytest.approx(
-        max_saving_s - cost.inset_s_mm * height_mm
+        max_saving_s - cost.inset_s_per_mm * height_mm
     )
 
 

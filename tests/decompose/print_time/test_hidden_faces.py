@@ -61,7 +61,7 @@ def test_cut_faces_on_the_bed_and_on_top_are_hidden(planes, rotation, is_bed_hid
     assert not plain_pose.bed_face_hidden
     assert not plain_pose.tops_hidden
     # Each layer saves the skin on 1200 mm2, except for the rim under the walls, less the infill in its place.
-    layer_s = 1200.0 * COST.skin_s_mm2 / 4.0
+    layer_s = 1200.0 * COST.skin_s_per_mm2 / 4.0
     assert plain_pose.price_s - pose.price_s == pytest.approx(
         (2.0 * is_bed_hidden + 1.0 * are_tops_hidden) * layer_s, rel=0.1
     )

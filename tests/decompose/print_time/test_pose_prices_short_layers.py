@@ -49,9 +49,9 @@ def test_short_layers_of_a_tip_are_slowed_down() -> None:
     heights_mm = np.arange(layer_mm / 2.0, height_mm, layer_mm)
     sides_mm = side_mm + (top_mm - side_mm) * heights_mm / height_mm
     lines_s = layer_mm * (
-        COST.volume_s_mm3 * sides_mm**2
-        + 4.0 * sides_mm * COST.lateral_s_mm2
-        - np.minimum(COST.inset_s_mm, 0.1 * 4.0 * sides_mm * COST.lateral_s_mm2)
+        COST.volume_s_per_mm3 * sides_mm**2
+        + 4.0 * sides_mm * COST.lateral_s_per_mm2
+        - np.minimum(COST.inset_s_per_mm, 0.1 * 4.0 * sides_mm * COST.lateral_s_per_mm2)
     )
     min_s = np.minimum(PrintTimeSettings().min_layer_s, 4.0 * lines_s)
     expected_s = np.maximum(0.0, min_s - lines_s).sum()

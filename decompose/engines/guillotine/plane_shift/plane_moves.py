@@ -22,7 +22,8 @@ from decompose.problem import Problem
 
 MAX_CELL_BOXES = 20_000_000  # maximum number of fine cells times boxes when a partition is checked
 MIN_GAIN_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
-NOISE_MM = 2.0  # shorter moves hardly correct slopes, because supports, and with them times, change in jumps
+# Moves much shorter than this barely change the slopes: support volume, and so print time, changes in steps.
+NOISE_MM = 2.0
 
 
 def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
@@ -54,9 +55,10 @@ def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
     for _ in range(2):
         for i, j, axis in touching_boxes:
             other_axes = [a for a in range(3) if a != axis]
-            lo = np.maximum(boxes[i, other_axes], boxes[j, other_axes])
+            low = np.maximum(boxes[i, other_axes], boxes[j, other_axes])
             if (
-                np.minimum(boxes[i, [a + 3 for a in other_axes]], boxes[j, [a + 3 for a in other_axes]]) <= lo
+                np.minimum(boxes[i, [a + 3 for a in other_axes]], boxes[j, [a + 3 for a in other_axes]])
+                <= low
             ).any():
                 continue
             for box, other in ((i, j), (j, i)):
@@ -112,12 +114,14 @@ def group_faces(boxes_mm: Floats) -> Ints:
     """
     count = len(boxes_mm)
     groups = DisjointSets(count * 6)
-    lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
-    overlap_mm = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])  # (n, n, 3)
+    low_mm, high_mm = boxes_mm[:, 0], boxes_mm[:, 1]
+    overlap_mm = np.minimum(high_mm[:, None], high_mm[None]) - np.maximum(
+        low_mm[:, None], low_mm[None]
+    )  # (n, n, 3)
     is_shared = np.zeros(count * 6, dtype=np.bool_)
     for axis in range(3):
         other_axes = [i for i in range(3) if i != axis]
-        is_touching = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_PLANE_MM
+        is_touching = np.abs(high_mm[:, None, axis] - low_mm[None, :, axis]) < SAME_PLANE_MM
         for i, j in np.argwhere(is_touching & (overlap_mm[:, :, other_axes] > SAME_PLANE_MM).all(axis=2)):
             groups.join(_number_face(i, 1, axis), _number_face(j, 0, axis))
             is_shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True

@@ -138,7 +138,9 @@ def test_model_larger_than_the_build_volume_is_cut(rough_ball: Model, cost: Cost
 def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"4 of the 4 parts that symmetry makes for 4 printers fit none"):
         decompose_model(rough_ball, make_printers(4), FAITHFUL_OPTIONS, cost)
-    with pytest.raises(NoFit, match="need at least 8 parts, but there are 4 printers") as error:
+    with pytest.raises(
+        NoFit, match="needs at least 8 parts to fit the build volumes, but there are only 4 printers"
+    ) as error:
         decompose_model(rough_ball, make_printers(4), OPTIONS, cost)
     assert error.value.needed_printer_count == 8
 

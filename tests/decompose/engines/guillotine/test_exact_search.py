@@ -39,7 +39,7 @@ def compute_work_s(search: ExactSearch, boxes: list[Box]) -> float:
     return float(sum(search.tables.seconds[index_box(box, search.tables.shape)] for box in boxes))
 
 
-def test_looser_partitions_are_complete_without_more_work(
+def test_partitions_within_looser_limits_are_complete_without_more_work(
     search_result: tuple[ExactSearch, list[Box]],
 ) -> None:
     search, best_partition = search_result
@@ -61,7 +61,7 @@ def test_looser_partitions_are_complete_without_more_work(
 
 
 def test_earliest_end_after_plane_shifts_is_chosen(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Expect the second of the looser partitions."""
+    """Expect the second of the partitions within a looser limit."""
     ends_s: dict[int, float] = {}
     results: list[tuple[Piece, ...]] = []
 

@@ -11,13 +11,13 @@ from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 
 PRINTER = TargetPrinter("cube", ((60.0, 60.0, 60.0),))
-PRINTERS = 12
+PRINTER_COUNT = 12
 
 
 def compute_makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
     grid = build_grid(triangles, 6, GridRules(0.0, True, cost.overhang_cos, cost.skin_cos))
     solver = Partitioner(price_boxes(grid, [PRINTER], cost))
-    result = solver.find_min_makespan_s(PRINTERS, 0.0, tolerance_s=0.01)
+    result = solver.find_min_makespan_s(PRINTER_COUNT, 0.0, tolerance_s=0.01)
     assert result is not None
     return result
 

@@ -60,7 +60,7 @@ def test_message_without_cascadio_names_the_package(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(("code", "expected_text"), [(-11, "crashed on it"), (0, "cannot read it")])
-def test_crash_of_opencascade_is_reported_in_a_sentence(
+def test_crash_of_opencascade_is_reported_with_a_one_line_message(
     monkeypatch: pytest.MonkeyPatch, code: int, expected_text: str
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())

@@ -97,7 +97,7 @@ def test_mirrored_object_is_not_inside_out() -> None:
 
 
 def test_objects_of_other_parts_keep_their_own_numbers() -> None:
-    """Read objects of separate parts, which slicers number from the same start."""
+    """Read objects from two model files in the package, as each of them numbers its objects from 1."""
     small_box = write_mesh_xml(trimesh.creation.box((2, 2, 2)))
     components = write_components_xml(
         f'p:path="/{OTHER_MODEL}" objectid="1" transform="1 0 0 0 1 0 0 0 1 50 0 0"'
@@ -275,7 +275,7 @@ def test_overlong_tag_and_too_many_tags_are_refused(monkeypatch: pytest.MonkeyPa
         ("http://schemas.microsoft.com/3dmanufacturing/core", "http://elsewhere"),
     ],
 )
-def test_broken_model_is_refused_in_a_sentence(old_text: str, new_text: str) -> None:
+def test_broken_model_is_refused_with_a_one_line_message(old_text: str, new_text: str) -> None:
     model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])
     assert old_text in model
     read_refusal(pack_3mf(model.replace(old_text, new_text, 1)))
@@ -289,7 +289,7 @@ def test_more_triangles_than_memory_allows_are_refused_while_they_are_read() -> 
 
 @given(st.data())
 @settings(max_examples=150, deadline=None)
-def test_flipped_bytes_are_refused_in_a_sentence(data: st.DataObject) -> None:
+def test_flipped_bytes_are_refused_with_a_one_line_message(data: st.DataObject) -> None:
     package = pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']))
     index = data.draw(st.integers(0, len(package) - 1))
     broken_package = bytearray(package)

@@ -1,4 +1,4 @@
-"""Pins that are left out because enough glue is near the others."""
+"""Redundant pins: left out because enough glue is near the others."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from decompose.connectors import Blank, Pin, Tool
 from decompose.connectors.faces import Workpieces
-from decompose.connectors.spare_pins import find_spare_pins
+from decompose.connectors.redundant_pins import find_redundant_pins
 from decompose.geometry import Solid
 
 UP_AXIS, NORMAL = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
@@ -39,29 +39,29 @@ def make_glue(*spans_mm):
 PAIR = [make_key(0, 0.0, 9.0), make_key(0, 50.0, 5.0)]
 
 
-def test_key_that_reaches_little_glue_is_spare():
-    spare_key = make_key(0, 100.0, 5.0)
+def test_key_that_reaches_little_glue_is_redundant():
+    redundant_key = make_key(0, 100.0, 5.0)
     glue_mm = [make_glue((-60.0, 114.0))]
-    assert find_spare_pins(WORKPIECES, glue_mm, [*PAIR, spare_key]) == [spare_key]
-    assert find_spare_pins(WORKPIECES, [make_glue((-60.0, 150.0))], [*PAIR, spare_key]) == []
+    assert find_redundant_pins(WORKPIECES, glue_mm, [*PAIR, redundant_key]) == [redundant_key]
+    assert find_redundant_pins(WORKPIECES, [make_glue((-60.0, 150.0))], [*PAIR, redundant_key]) == []
 
 
-def test_keys_of_a_pair_are_never_spare():
-    assert find_spare_pins(WORKPIECES, [make_glue((0.0, 20.0))], PAIR) == []
+def test_keys_of_a_pair_are_never_redundant():
+    assert find_redundant_pins(WORKPIECES, [make_glue((0.0, 20.0))], PAIR) == []
     # Two keys of equal length are no pair.
-    assert find_spare_pins(WORKPIECES, [make_glue((0.0, 20.0))], [PAIR[0], PAIR[0]]) == []
+    assert find_redundant_pins(WORKPIECES, [make_glue((0.0, 20.0))], [PAIR[0], PAIR[0]]) == []
 
 
 def test_keys_on_level_faces_are_left_out_first():
     """Check two keys that reach the same amount of glue, only one of which can be left out."""
     keys = [make_key(0, -50.0, 5.0), make_key(0, 100.0, 5.0, is_level=True)]
     glue_mm = [make_glue((-66.0, 118.0), (-20.0, 66.0))]
-    assert find_spare_pins(WORKPIECES, glue_mm, [*PAIR, *keys]) == [keys[1]]
+    assert find_redundant_pins(WORKPIECES, glue_mm, [*PAIR, *keys]) == [keys[1]]
 
 
-@pytest.mark.parametrize(("high_mm", "is_spare"), [(140.0, False), (118.0, True)])
-def test_each_step_keeps_most_of_its_glue_near_pins(high_mm, is_spare):
+@pytest.mark.parametrize(("high_mm", "is_redundant"), [(140.0, False), (118.0, True)])
+def test_each_step_keeps_most_of_its_glue_near_pins(high_mm, is_redundant):
     """Check a small step beside a large one, whose glue is all near its pair."""
     pins = [make_key(1, 0.0, 9.0), make_key(1, 50.0, 5.0), *PAIR, make_key(0, 100.0, 5.0)]
     glue_mm = [make_glue((50.0, high_mm)), make_glue(*[(-60.0, 110.0)] * 20)]
-    assert (find_spare_pins(WORKPIECES, glue_mm, pins) == [pins[-1]]) == is_spare
+    assert (find_redundant_pins(WORKPIECES, glue_mm, pins) == [pins[-1]]) == is_redundant

@@ -1,7 +1,7 @@
-"""Pins that can be left out because enough of the glue of all steps together is near other pins.
+"""Redundant pins, which can be left out because enough of the glue of all steps together is near other pins.
 
-Each step gets pins until its own glue is near them. Some reach only a corner of a face, but take as long to
-print as others.
+Each step gets pins until its own glue is near them. Some reach only a corner of a face, but their holes take
+as long to print as others.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ MIN_STEP_SHARE = 0.8  # the same for each step
 LEVEL_COST = 4.0  # print time of a groove on a level face, as a multiple of that on an upright face
 
 
-def find_spare_pins(
+def find_redundant_pins(
     workpieces: Workpieces, glue_points_mm: Sequence[Floats], pins: Sequence[Pin]
 ) -> list[Pin]:
-    """Find the pins that can be left out, first those that reach little glue for their print time.
+    """Find the pins that can be left out, first those with little glue for the print time of their holes.
 
-    Print time counts more in parts with many pins, because the job ends with the slowest part. The pair of a
-    step is never among them.
+    Print time counts more in parts with many pins, because the job ends with the slowest part. The first two
+    pins of a step, which fix its alignment, always stay.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def find_spare_pins(
     ]
     pairs = find_pairs(pins)
     total = sum(map(len, glue_points_mm))
-    spare_pins: list[Pin] = []
+    redundant_pins: list[Pin] = []
     while True:
         counts = [_count_reached(rows) for rows in reached]
         best: tuple[float, int, int] | None = None
@@ -65,10 +65,10 @@ def find_spare_pins(
                     candidate = (lost / cost, step, row)
                     best = candidate if best is None else min(best, candidate)
         if best is None:
-            return spare_pins
+            return redundant_pins
         _, step, row = best
         n = numbers[step].pop(row)
-        spare_pins.append(pins[n])
+        redundant_pins.append(pins[n])
         loads[[hole.part for hole in pins[n].holes]] -= costs[n]
         reached[step] = np.delete(reached[step], row, axis=0)
 
