@@ -194,6 +194,7 @@ def slice_parts(
                 tops_hidden=part["tops_hidden"],
                 hidden_sides=part["hidden_sides"],
                 hidden_grooves=part["hidden_grooves"],
+                hidden_recesses=part["hidden_recesses"],
             ),
         )  # fmt: skip
         try:

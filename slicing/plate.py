@@ -30,8 +30,10 @@ from slicing.checks import (
 from slicing.engine import EngineLimits, EngineOutput, ProgressCallback, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.hidden_walls import (
+    HiddenRecess,
     HiddenSide,
     remove_inner_walls,
+    remove_recess_skins,
     reorder_infill,
     reorder_inner_walls,
     reorder_outlines,
@@ -68,6 +70,8 @@ class PlateRequest:
         Folder that keeps results by content; None to cache nothing.
     hidden_sides
         Upright sides of the model that are hidden once the parts are glued.
+    hidden_recesses
+        Recesses in its level faces that are hidden as well.
     """
 
     stl: Path
@@ -78,6 +82,7 @@ class PlateRequest:
     timeout_s: float = 1800.0
     cache: Path | None = None
     hidden_sides: tuple[HiddenSide, ...] = ()
+    hidden_recesses: tuple[HiddenRecess, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +130,12 @@ def slice_plate(request: PlateRequest, progress: ProgressCallback | None = None)
         if abs(lowest_mm) > _BED_TOLERANCE_MM:
             raise SliceRejected(Rule.HEIGHT, f"the model starts at Z {lowest_mm:.2f} mm; put it on the bed")
         entry = StoredSlice.locate(
-            request.cache, request.engine, request.settings, model, request.hidden_sides
+            request.cache,
+            request.engine,
+            request.settings,
+            model,
+            request.hidden_sides,
+            request.hidden_recesses,
         )
         stored_slice = entry.read()
         sliced = stored_slice or _slice_with_retries(request, corners, progress)
@@ -258,13 +268,14 @@ def _change_hidden_walls(gcode: bytes, toolpath: Toolpath, request: PlateRequest
     """Change the walls along hidden sides (`slicing.hidden_walls`); return the G-code and its moves."""
     sides, settings = request.hidden_sides, request.settings
     changes = (
+        partial(remove_recess_skins, recesses=request.hidden_recesses, settings=settings),
         partial(remove_inner_walls, sides=sides, settings=settings),
         partial(reorder_inner_walls, settings=settings),
         partial(reorder_outlines, settings=settings),
         partial(reorder_infill, settings=settings),
         partial(speed_up_hidden_walls, sides=sides, settings=settings),
     )
-    for change in changes if sides else ():
+    for change in changes if sides or request.hidden_recesses else ():
         new_gcode = change(gcode, toolpath)
         if new_gcode is not gcode:
             gcode, toolpath = new_gcode, read_toolpath(new_gcode)

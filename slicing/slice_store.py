@@ -14,7 +14,7 @@ from typing import Any
 
 from slicing.checks import FeatureTimes, GcodeFacts, UnprintedWall
 from slicing.engine import read_engine_version
-from slicing.hidden_walls import HiddenSide
+from slicing.hidden_walls import HiddenRecess, HiddenSide
 from slicing.settings import EngineSettings
 
 _FORMAT = "farm-slice-15"
@@ -46,14 +46,16 @@ class StoredSlice:
         settings: EngineSettings,
         model: bytes,
         hidden_sides: Sequence[HiddenSide] = (),
+        hidden_recesses: Sequence[HiddenRecess] = (),
     ) -> StoredSlice:
         """Find the entry of a model (an STL's bytes) for these settings; it is empty without a cache."""
         if cache is None:
             return cls(None, "")
+        hidden_faces = [asdict(face) for face in (*hidden_sides, *hidden_recesses)]
         walls: list[Any] = (
-            [settings.hidden_wall_ratio, settings.has_single_hidden_walls] if hidden_sides else []
+            [settings.hidden_wall_ratio, settings.has_single_hidden_walls] if hidden_faces else []
         )
-        walls += [asdict(side) for side in hidden_sides]
+        walls += hidden_faces
         settings_text = json.dumps([settings.global_, settings.extruder, walls], sort_keys=True)
         digest = hashlib.sha256(model)
         for text in (settings_text, read_engine_version(engine), _FORMAT):

@@ -24,7 +24,7 @@ from decompose.geometry import Solid, write_stl
 from decompose.results import Part
 from drivers.printers import SLICING_PROFILES
 from farm.model import PartPrintOptions
-from farm.planning.parts.slice_part import place_hidden_sides
+from farm.planning.parts.slice_part import place_hidden_recesses, place_hidden_sides
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.checks import read_toolpath, read_wall_layout
 from slicing.checks.toolpath import Toolpath
@@ -152,7 +152,11 @@ def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
     to_bed = np.diag([*scale, 1.0])
     to_bed[:3, 3] = shift
     options = PartPrintOptions.model_validate(
-        {"hidden_sides": part.hidden_sides.tolist(), "hidden_grooves": part.hidden_grooves.tolist()}
+        {
+            "hidden_sides": part.hidden_sides.tolist(),
+            "hidden_grooves": part.hidden_grooves.tolist(),
+            "hidden_recesses": part.hidden_recesses.tolist(),
+        }
     )
     stl, output = folder / "part.stl", folder / "part.gcode"
     write_stl(stl, (placed_mm + shift)[faces].astype(np.float32))
@@ -164,6 +168,7 @@ def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
             engine=find_engine(),
             bed=ENDLESS_BED,
             hidden_sides=place_hidden_sides(options, to_bed),
+            hidden_recesses=place_hidden_recesses(options, to_bed),
         )
     )
     path, layout = read_toolpath(output.read_bytes()), read_wall_layout(settings)

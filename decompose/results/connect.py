@@ -12,7 +12,7 @@ from decompose.geometry import Solid
 from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import ConnectorFault, DrilledParts
 from decompose.results.decomposition import Decomposition
-from decompose.results.hidden_sides import list_hidden_grooves
+from decompose.results.hidden_sides import list_hidden_grooves, list_hidden_recesses
 
 
 def connect_parts(decomposition: Decomposition) -> Decomposition:
@@ -54,6 +54,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
     cut_parts = {tool.part for tool in connectors.tools}
     key_grooves = [tool for pin in connectors.pins if pin.key_direction is not None for tool in pin.holes]
+    recesses = [mark.grooves for mark in connectors.marks] + [(groove,) for groove in key_grooves]
     return replace(
         decomposition,
         connectors=connectors,
@@ -63,6 +64,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
                 drilled_solid=solid,
                 price_s=part.price_s + price_connectors(connectors, i, blanks[i].up_direction),
                 hidden_grooves=list_hidden_grooves(part, [tool for tool in key_grooves if tool.part == i]),
+                hidden_recesses=list_hidden_recesses(part, [r for r in recesses if r[0].part == i]),
             )
             if i in cut_parts
             else part

@@ -58,6 +58,8 @@ class Part:
         an outward normal.
     hidden_grooves
         (g, 4) grooves for keys in these sides: see `list_hidden_grooves`.
+    hidden_recesses
+        (r, 6) marks and grooves for keys in level faces: see `list_hidden_recesses`.
     stands
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
@@ -79,6 +81,7 @@ class Part:
     planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     hidden_sides: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     hidden_grooves: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    hidden_recesses: Floats = field(default_factory=lambda: np.zeros((0, 6)))
     stands: bool = True
     small_foot_mm2: float | None = None
     drilled_solid: Solid | None = None
@@ -151,6 +154,7 @@ class Part:
             "tops_hidden": self.tops_hidden,
             "hidden_sides": self.hidden_sides.tolist(),
             "hidden_grooves": self.hidden_grooves.tolist(),
+            "hidden_recesses": self.hidden_recesses.tolist(),
             "stands": self.stands,
             "small_foot_mm2": self.small_foot_mm2,
         }

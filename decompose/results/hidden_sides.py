@@ -92,6 +92,35 @@ def list_hidden_grooves(part: Part, tools: Sequence[Tool]) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
+def list_hidden_recesses(part: Part, recesses: Sequence[Sequence[Tool]]) -> Floats:
+    """List the recesses in level faces of a part, each of which several tools cut.
+
+    Parameters
+    ----------
+    part
+        The part.
+    recesses
+        Tools of each recess, in the frame of the parts.
+
+    Returns
+    -------
+    ndarray
+        (k, 6) in printing pose: the box min_x, min_y, max_x, max_y of a recess, and the heights of its face
+        and of its bottom, in mm.
+    """
+    rows = []
+    for tools in recesses:
+        rise = float(part.rotation[2] @ tools[0].inward_normal)
+        if abs(rise) < MIN_NORMAL_COS:
+            continue
+        points_mm = np.concatenate([tool.points_mm for tool in tools]) - part.to_model[:3, 3]
+        points_mm = points_mm @ part.to_model[:3, :3]
+        low_mm, high_mm = points_mm.min(axis=0), points_mm.max(axis=0)
+        face_mm = tools[0].face_offset_mm * rise - float(part.to_model[:3, 3] @ part.rotation[2])
+        rows.append((*low_mm[:2], *high_mm[:2], face_mm, high_mm[2] if rise > 0.0 else low_mm[2]))
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
 class _Surface:
     """Surface of the model, with its flat faces on planes, which are found once for each plane."""
 

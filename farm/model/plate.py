@@ -42,6 +42,9 @@ class PartPrintOptions(Entity):
     hidden_grooves
         Grooves for keys in these sides: the number of the side, the positions along it between which the
         groove lies (along (-ny, nx)), and its depth, in mm.
+    hidden_recesses
+        Boxes of the marks and grooves in level faces that gluing hides: min_x, min_y, max_x, max_y, and the
+        heights of the face and of the bottom, in mm.
     stands
         True if the part is expected to stay upright while it is printed.
     """
@@ -52,6 +55,7 @@ class PartPrintOptions(Entity):
     tops_hidden: bool = False
     hidden_sides: tuple[tuple[float, float, float], ...] = ()
     hidden_grooves: tuple[tuple[int, float, float, float], ...] = ()
+    hidden_recesses: tuple[tuple[float, float, float, float, float, float], ...] = ()
     stands: bool = True
 
 

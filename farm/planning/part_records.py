@@ -73,6 +73,10 @@ class DecomposedPart:
                     (int(side), float(low), float(high), float(depth))
                     for side, low, high, depth in part.hidden_grooves
                 ),
+                hidden_recesses=tuple(
+                    (float(x0), float(y0), float(x1), float(y1), float(face), float(bottom))
+                    for x0, y0, x1, y1, face, bottom in part.hidden_recesses
+                ),
                 stands=part.stands,
             ),
             glue_rank=glue_rank,

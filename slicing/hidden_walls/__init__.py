@@ -9,15 +9,18 @@ from __future__ import annotations
 from slicing.hidden_walls.fast_walls import speed_up_hidden_walls
 from slicing.hidden_walls.inner_walls import remove_inner_walls, removes_inner_walls
 from slicing.hidden_walls.line_order import reorder_infill, reorder_outlines
+from slicing.hidden_walls.recess_skins import HiddenRecess, remove_recess_skins
 from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, TRANSITION_MM, HiddenSide, SideGroove
 from slicing.hidden_walls.wall_order import reorder_inner_walls
 
 __all__ = [
     "MAX_NOTCH_DEPTH_MM",
     "TRANSITION_MM",
+    "HiddenRecess",
     "HiddenSide",
     "SideGroove",
     "remove_inner_walls",
+    "remove_recess_skins",
     "removes_inner_walls",
     "reorder_infill",
     "reorder_inner_walls",

@@ -15,7 +15,7 @@ from farm.model import PartPrintOptions
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
 from slicing.errors import OutsideBed
-from slicing.hidden_walls import HiddenSide, SideGroove
+from slicing.hidden_walls import HiddenRecess, HiddenSide, SideGroove
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import SMALL_OVERHANG_MM2, EngineSettings, PartSettings, resolve_settings
 
@@ -55,6 +55,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
             bed=bed,
             cache=task.cache,
             hidden_sides=place_hidden_sides(task.print_options, to_bed),
+            hidden_recesses=place_hidden_recesses(task.print_options, to_bed),
         )
         mesh.export(request.stl)
         try:
@@ -68,7 +69,8 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         mesh.apply_translation((*shift_mm, 0.0))
         mesh.export(request.stl)
         sides = tuple(side.move(shift_mm) for side in request.hidden_sides)
-        return slice_plate(replace(request, hidden_sides=sides), progress)
+        recesses = tuple(recess.move(shift_mm) for recess in request.hidden_recesses)
+        return slice_plate(replace(request, hidden_sides=sides, hidden_recesses=recesses), progress)
 
 
 def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSettings:
@@ -135,6 +137,18 @@ def place_hidden_sides(options: PartPrintOptions, to_bed: npt.NDArray[np.float64
         side = HiddenSide((unit_x, unit_y), scale * offset_mm, grooves)
         sides.append(side.move((float(shift_mm[0]), float(shift_mm[1]))))
     return tuple(sides)
+
+
+def place_hidden_recesses(
+    options: PartPrintOptions, to_bed: npt.NDArray[np.float64]
+) -> tuple[HiddenRecess, ...]:
+    """Place the hidden recesses of a part by the (4, 4) transform of its mesh, as in `place_hidden_sides`."""
+    recesses = []
+    for low_x, low_y, high_x, high_y, face_z, bottom_z in options.hidden_recesses:
+        corners = trimesh.transform_points([(low_x, low_y, face_z), (high_x, high_y, bottom_z)], to_bed)
+        (min_x, min_y), (max_x, max_y) = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+        recesses.append(HiddenRecess(*map(float, (min_x, min_y, max_x, max_y, *corners[:, 2]))))
+    return tuple(recesses)
 
 
 def _build_transform(

@@ -16,7 +16,7 @@ from decompose.pieces import cut_box
 from decompose.print_time import POSE_ROTATIONS, CostModel, PrintTimeSettings
 from decompose.printers import TargetPrinter
 from decompose.results import Part
-from decompose.results.hidden_sides import add_hidden_sides, list_hidden_grooves
+from decompose.results.hidden_sides import add_hidden_sides, list_hidden_grooves, list_hidden_recesses
 
 BAR = Solid.box((0.0, 0.0, 0.0), (60.0, 40.0, 20.0))
 LEFT_BOX, RIGHT_BOX = ((-1.0, -1.0, -1.0), (25.0, 41.0, 21.0)), ((25.0, -1.0, -1.0), (61.0, 41.0, 21.0))
@@ -65,6 +65,31 @@ def test_grooves_lie_along_their_side_in_printing_pose(angle_deg):
     assert (number, depth_mm) == (0.0, pytest.approx(2.0))
     assert (low_mm, high_mm) == pytest.approx((5.0 - 20.0, 8.0 - 20.0))
     assert list_hidden_grooves(right_part, [tool]).shape == (0, 4)
+
+
+@pytest.mark.parametrize("is_on_bed", [True, False], ids=["bed face", "top face"])
+def test_recesses_of_level_faces_are_boxes_in_printing_pose(is_on_bed):
+    """Cut two strokes of a mark, 0.4 mm deep, into the face at x = 25, which is level in the pose."""
+    inward_normal = np.array([-1.0, 0.0, 0.0])
+    up = inward_normal if is_on_bed else -inward_normal
+    rotation = np.stack([[0.0, 1.0, 0.0], np.cross(up, [0.0, 1.0, 0.0]), up])
+    part, _ = make_parts(BAR, LEFT_BOX, RIGHT_BOX, rotation=rotation)
+    strokes = [
+        Tool(
+            0,
+            np.array([[x, y, z] for x in (24.6, 25.1) for y in ys for z in (2.0, 6.0)]),
+            inward_normal,
+            -25.0,
+        )
+        for ys in ((5.0, 6.0), (8.0, 9.0))
+    ]
+    upright = replace(strokes[0], inward_normal=np.array([0.0, 1.0, 0.0]))
+    ((min_x, min_y, max_x, max_y, face_z, bottom_z),) = list_hidden_recesses(part, [strokes, [upright]])
+    corners_mm = (np.array([[25.0, 5.0, 2.0], [24.6, 9.0, 6.0]]) - part.to_model[:3, 3]) @ rotation.T
+    assert (min_x, max_x) == pytest.approx(sorted(corners_mm[:, 0]))
+    assert (min_y, max_y) == pytest.approx(sorted(corners_mm[:, 1]))
+    assert (face_z, bottom_z) == pytest.approx(corners_mm[:, 2])
+    assert (bottom_z > face_z) == is_on_bed
 
 
 def test_side_that_continues_a_visible_face_is_visible():

@@ -10,15 +10,15 @@ import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from slicing.checks import read_toolpath
-from slicing.hidden_walls import HiddenSide, reorder_infill, reorder_outlines
-from slicing.plate import slice_plate
-from tests.support.printers.printed_lines import (
+from printers.printed_lines import (
     assert_same_lines,
     list_printed_lines,
     list_travel,
     measure_travel_mm,
 )
+from slicing.checks import read_toolpath
+from slicing.hidden_walls import HiddenSide, reorder_infill, reorder_outlines
+from slicing.plate import slice_plate
 
 OUTLINE = shapely.box(0.0, 0.0, 100.0, 40.0)
 NEAR_HOLE, FAR_HOLE = (shapely.box(x, 15.0, x + 10.0, 25.0) for x in (5.0, 85.0))

@@ -10,15 +10,15 @@ import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from slicing.checks import read_toolpath
-from slicing.hidden_walls import HiddenSide, reorder_inner_walls
-from slicing.plate import slice_plate
-from tests.support.printers.printed_lines import (
+from printers.printed_lines import (
     assert_same_lines,
     list_printed_lines,
     list_travel,
     measure_travel_mm,
 )
+from slicing.checks import read_toolpath
+from slicing.hidden_walls import HiddenSide, reorder_inner_walls
+from slicing.plate import slice_plate
 
 RING = [(40, 0), (40, 40), (0, 40), (0, 0), (40, 0)]  # counter-clockwise from the seam
 ANGLE = [(60, 15), (15, 15), (15, 60), (0, 60), (0, 0), (60, 0), (60, 15)]  # two arms, seam at the end of one

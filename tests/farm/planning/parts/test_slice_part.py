@@ -12,7 +12,7 @@ from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
-from farm.planning.parts.slice_part import place_hidden_sides, slice_part
+from farm.planning.parts.slice_part import place_hidden_recesses, place_hidden_sides, slice_part
 from farm.planning.printer_settings import find_usable_volumes, list_max_part_sizes_mm
 from printers.slicing_printers import PRINTERS
 from slicing.hidden_walls import TRANSITION_MM
@@ -169,6 +169,19 @@ def test_grooves_of_hidden_sides_are_placed_with_the_part(angle_deg):
     limits_mm = groove.low_mm, groove.high_mm
     assert side.measure_positions_mm(corners_mm) == pytest.approx(limits_mm)
     assert groove.depth_mm == pytest.approx(2.0 * 1.002)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 90.0])
+def test_hidden_recesses_are_placed_with_the_part(angle_deg):
+    options = PartPrintOptions(hidden_recesses=((1.0, 2.0, 8.0, 6.0, 0.0, 0.5),))
+    to_bed = trimesh.transformations.rotation_matrix(np.radians(angle_deg), (0.0, 0.0, 1.0))
+    to_bed[:3, :3] *= 1.002
+    to_bed[:3, 3] = (-30.0, 12.0, 0.1)
+    (recess,) = place_hidden_recesses(options, to_bed)
+    corners_mm = trimesh.transform_points([(1.0, 2.0, 0.0), (8.0, 6.0, 0.5)], to_bed)
+    assert (recess.min_x_mm, recess.max_x_mm) == pytest.approx(sorted(corners_mm[:, 0]))
+    assert (recess.min_y_mm, recess.max_y_mm) == pytest.approx(sorted(corners_mm[:, 1]))
+    assert (recess.face_z_mm, recess.bottom_z_mm) == pytest.approx((0.1, 0.1 + 0.5 * 1.002))
 
 
 def test_hidden_faces_are_printed_with_fewer_solid_layers(make_task):
