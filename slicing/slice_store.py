@@ -51,7 +51,7 @@ class StoredSlice:
         """Find the entry of a model (an STL's bytes) for these settings; it is empty without a cache."""
         if cache is None:
             return cls(None, "")
-        hidden_faces = [asdict(face) for face in (*hidden_sides, *hidden_recesses)]
+        hidden_faces = [*map(asdict, hidden_sides), *map(asdict, hidden_recesses)]
         walls: list[Any] = (
             [settings.hidden_wall_ratio, settings.has_single_hidden_walls] if hidden_faces else []
         )

@@ -1,7 +1,8 @@
-"""Walls along the hidden sides of a part: upright cut faces, which are invisible once parts are glued.
+"""Changes of CuraEngine's G-code for parts that are glued, whose cut faces are invisible afterwards.
 
-CuraEngine prints all walls of a part alike, so its G-code is changed: inner walls are removed, the
-remaining pieces are printed in another order, and the remaining walls are printed faster.
+CuraEngine prints all faces of a part alike. Along hidden upright sides, inner walls are removed and the
+others printed faster; skin that closes hidden marks and grooves is left out; and the lines of each layer are
+printed in the order with the least travel.
 """
 
 from __future__ import annotations
