@@ -28,8 +28,9 @@ from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
 MAX_SUMS = 1e8
-"""Maximum number of ways to divide unequal printers between the sides of all cuts that a search with one time
-limit may compare: about a second of work."""
+"""Maximum work for each time limit of the curve, about a second: the number of boxes in the tables times the
+number of ways to divide printers between the two sides of a cut. Classes of printers are merged until there
+are so few ways."""
 
 
 @dataclass(frozen=True, slots=True)

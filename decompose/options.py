@@ -136,7 +136,7 @@ class Options:
     faithful
         Whether a published method runs as its authors describe it, with their prices and settings.
     fit_first_layer
-        Whether the brim and the first-layer expansion of each part are chosen.
+        Whether the widths of the brim and of the first-layer expansion are chosen for each part.
     prove
         Whether the lower bound is proven by linear programming, which takes some seconds; otherwise the bound
         is looser.

@@ -26,7 +26,7 @@ class AgentTooOld(AgentError):
 
 
 class TooLate(AgentError):
-    """A start was delivered after its latest time."""
+    """A request to start a print arrived after the latest time at which it may start."""
 
 
 class JournalError(AgentError):

@@ -224,7 +224,7 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: ProgressCallba
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
         min_extrusion_c=min_extrusion_c,
     )
-    output.check_parking(facts, settings.printer.code.park_retraction_mm)
+    output.check_end_retraction(facts, settings.printer.code.park_retraction_mm)
     unprinted_walls: tuple[UnprintedWall, ...] = ()
     if layout is not None:
         # The outer walls stay as the engine has printed them; its inner walls are checked as well.

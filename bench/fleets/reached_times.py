@@ -25,7 +25,7 @@ from farm.state.printer_speed import (
     MAX_PRINTS,
     Timing,
     fit_feature_factors,
-    shows_speed,
+    is_learnable,
     update_time_factor,
 )
 from farm.state.storage import Store
@@ -58,7 +58,7 @@ def list_rows(books: Books) -> Iterator[Row]:
             if attempt.started_s is None or attempt.ended_s is None:
                 continue
             actual_s = attempt.ended_s - attempt.started_s - plate.overhead_s
-            if not shows_speed(plate.sliced_s, actual_s, attempt.starved_s):
+            if not is_learnable(plate.sliced_s, actual_s, attempt.starved_s):
                 continue
             ratios.append(actual_s / plate.sliced_s)
             factors_before.append(factor)

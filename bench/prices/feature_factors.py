@@ -33,7 +33,7 @@ from farm.state.printer_speed import (
     MIN_PRINTS,
     Timing,
     fit_feature_factors,
-    shows_speed,
+    is_learnable,
     update_time_factor,
 )
 from slicing.checks import Toolpath, read_toolpath
@@ -91,7 +91,7 @@ class Errors:
     """Means over parts and splits of |actual / expected - 1|, and means over splits of the worst part."""
 
     firmware: str
-    none: float
+    no_factor: float
     one_factor: float
     by_feature: float
     worst_one_factor: float
@@ -157,7 +157,7 @@ def learn_factors(parts: Sequence[PartTimes], actual_times_s: Sequence[float]) -
     factor, timings = 1.0, []
     for part, actual_s in zip(parts, actual_times_s, strict=True):
         factor = update_time_factor(factor, part.sliced_s, actual_s)
-        if shows_speed(part.sliced_s, actual_s):
+        if is_learnable(part.sliced_s, actual_s):
             timings.append(Timing(part.shares, actual_s / part.sliced_s))
     return TimeFactors(factor, fit_feature_factors(timings))
 
@@ -204,7 +204,9 @@ def main() -> None:
     args.cache.mkdir(parents=True, exist_ok=True)
     seeds = [int(seed) for seed in args.seeds.split(",")]
     parts = [
-        part for part in list_parts(seeds, args.side, args.cache) if shows_speed(part.sliced_s, part.sliced_s)
+        part
+        for part in list_parts(seeds, args.side, args.cache)
+        if is_learnable(part.sliced_s, part.sliced_s)
     ]
     rows = [compute_errors(parts, firmware, args.splits) for firmware in FIRMWARES]
     rows.append(compute_errors(parts, "both", args.splits, pauses=3))
@@ -214,7 +216,7 @@ def main() -> None:
     print(f"{len(parts)} parts, {MIN_PRINTS} for training, {args.splits} splits; in parentheses: worst part")
     for row in rows:
         print(
-            f"{row.firmware:26} no factor {row.none:6.2%}, one factor {row.one_factor:6.2%}"
+            f"{row.firmware:26} no factor {row.no_factor:6.2%}, one factor {row.one_factor:6.2%}"
             f" ({row.worst_one_factor:6.2%}), by feature {row.by_feature:6.2%} ({row.worst_by_feature:6.2%})"
         )
 

@@ -58,7 +58,7 @@ KINDS = {
 }
 REST_TERMS = ("slope ends", "infill ends", "travel", *SUPPORT_TERMS)
 ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit, and lower limit of an error in the weights
-COLUMN_TERM = "columns"  # term of the search's tables, in place of the terms of supports
+COLUMN_TERM = "support to bed"  # term of the search's tables, in place of the terms of supports
 
 
 class Dataset:

@@ -32,8 +32,9 @@ def find_best_result(problem: Problem, run_engine: EngineRunner) -> Decompositio
 def continue_rounds(problem: Problem, run_engine: EngineRunner, state: SearchState) -> Decomposition:
     """Run the rounds that follow those of a state, as `find_best_result` does.
 
-    With `BestOptions.pauses`, the search pauses before a round of several attempts once it has a result
-    without faults. That result is returned with the printers in `open_printers`.
+    With `BestOptions.pauses`, the function returns early: once it has a result without faults, it returns
+    that result before the next round of several attempts, which the caller can run elsewhere. Its
+    `open_printers` are then the printers for which the search continues.
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ MAX_HOLE_SIN = math.sin(math.radians(40.0))
 MAX_GROOVE_SIN = math.sin(math.radians(47.5))
 GROOVE_DEPTH_MM = 0.6  # depth of a groove, and half its width: its sides slope by 45 degrees
 
-# Roof and tip of a hole as multiples of its inner radius, the least material first. The roof runs along the
-# hole and points upwards; the tip rises from its end.
+# Roof and tip of a hole as multiples of its inner radius, in ascending order of removed volume. The roof runs
+# along the hole and points upwards; the tip rises from its end.
 _CEILINGS = (
     (0.0, 0.0),
     (1.9, 0.0),

@@ -268,10 +268,10 @@ class CostModel:
         return walls_s + self.overlap_s_per_mm3 * thin_walls.overlap_mm3
 
     def price_insets_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
-        """Compute the time that shorter inner walls save in all bodies of a layer but one.
+        """Compute the time that shorter inner walls save in all islands of a layer but one.
 
-        `compute_price_s` counts a single body. Inner walls around a hole are longer, so a hole counts as a
-        negative body.
+        `compute_price_s` counts a single island. Inner walls around a hole are longer, so a hole counts as a
+        negative island.
 
         Parameters
         ----------
@@ -280,7 +280,7 @@ class CostModel:
         height_mm
             Height of the part.
         bodies_mm
-            `Columns.bodies_mm`, minus the holes, which count as negative bodies.
+            `Columns.bodies_mm`, minus the holes, which count as negative islands.
         """
         max_s = MAX_INSET_SHARE * self.lateral_s_per_mm2 * lateral_mm2
         body_s = min(self.inset_s_per_mm * height_mm, max_s)

@@ -33,9 +33,10 @@ FEATURES = (
     *("single_wall_mm2", "gap_mm2", "solid_wall_mm2", "overlap_mm3"),
 )
 """All features. Those that do not add up are the height, the square root of `skin_mm2`, and the area of the
-brim around the part's rectangle. If a part is measured in a pose, these are added: sums over its columns
-(`columns`), with its support in place of `column_mm3`; its contours (`contours`), with their rims in place of
-the square root of `skin_mm2`; its thin walls and sheets (`thin_walls`)."""
+brim around the part's rectangle. If a part is measured in a pose, these are added: sums over its upright
+columns (module `columns`), with its support in place of `column_mm3`; its contours (module `contours`), with
+their rims in place of the square root of `skin_mm2`, and the length of all rims, at which lines of skin end
+(`rim_ends_mm`); its thin walls and sheets (module `thin_walls`)."""
 
 
 FACTORS: Mapping[str, float] = {
@@ -45,7 +46,7 @@ FACTORS: Mapping[str, float] = {
     "skin": 1.005,
     "skin rim": 6.1,
     "slope ends": 2.0,
-    "columns": 1.26,
+    "support to bed": 1.26,
     "support": 0.986,
     "support sides": 0.538,
     "islands": 0.67,
@@ -63,9 +64,9 @@ FACTORS: Mapping[str, float] = {
 }
 """Factors of the seconds of each term of `compute_time_terms`, the same for all settings.
 
-``columns`` replaces all of `SUPPORT_TERMS` if only tables are available. The factors of travel, of supports
-and of the terms that need a pose were fitted to the features of sliced parts (`bench/prices/features.py`),
-the others to five settings (`bench/prices/model.py`).
+If only tables are available, ``support to bed``, of `column_mm3`, replaces all of `SUPPORT_TERMS`. The
+factors of travel, of supports and of the terms that need a pose were fitted to the features of sliced parts
+(`bench/prices/features.py`), the others to five settings (`bench/prices/model.py`).
 """
 
 
@@ -80,9 +81,9 @@ LOOP_SHORTENING = 8.0
 
 
 OUTLINE_MARGIN_MM = 0.004
-"""Margin of a layer's maximum overhang without support. Outlines are rounded, and a single line of support
-grows to the whole face. Without the margin, a face at exactly the support angle would be priced without
-support."""
+"""Length by which prices reduce a layer's maximum overhang without support. The slicer rounds outlines, so a
+face at exactly the support angle exceeds that overhang in some layers, and the support that begins there
+grows to the whole face. Without this margin, such a face would be priced without support."""
 
 
 HOLE_VISITS = 4.0
@@ -227,7 +228,10 @@ class PrintTimeSettings:
 
     @property
     def top_line_ratio(self) -> float:
-        """Additional infill lines below a top, as length times depth, per area of the top."""
+        """Additional infill below a top, where the density doubles at each step toward the top.
+
+        It is the length of the additional lines per area of the top, integrated over the depth.
+        """
         return (
             self.infill_step_mm
             * self.sparse_lines_per_mm
@@ -305,7 +309,7 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "skin": _build_vector(skin_mm2=s.skin_s_per_mm2),
         "skin rim": _build_vector(skin_rim_mm=-s.skin_s_per_mm2 * s.wall_thickness_mm),
         "slope ends": _build_vector(slope_mm2=s.skin_stop_s / (layer_mm * s.skin_line_width_mm)),
-        "columns": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
+        "support to bed": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support sides": _build_vector(
             support_side_mm2=1.0 / (layer_mm * s.support_mm_s) if support_lines_per_mm else 0.0

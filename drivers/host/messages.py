@@ -26,7 +26,7 @@ class _Message(BaseModel):
 class HostTask(StrEnum):
     """Task of `farm host`, in its first line."""
 
-    CARRY = "carry"  # run the agents, and carry their sockets
+    CARRY = "carry"  # run the agents, and relay connections to their sockets over this one
     STOP = "stop"  # emergency stop
 
 
@@ -70,7 +70,7 @@ class HostRequest(_Message):
 class HostMessage(_Message):
     """Message of the daemon on an open connection."""
 
-    do: Literal["ping", "agents", "update", "halt"]
+    do: Literal["ping", "agents", "update", "halt"]  # halt: stop the update of the agents
     starts: tuple[StartFile, ...] = ()  # of `agents`: the agents that this host runs from now on
 
     def encode(self) -> bytes:

@@ -65,8 +65,8 @@ class HostService:
         self._report_interval_s = 1.0
         self._version, self._installation = read_version(), Installation.from_this_process()
         self._update = AgentsUpdate(self._installation, self._on_update)
-        for start, kept_installation in paths.read_agents().values():
-            self._add_agent(start, kept_installation)
+        for start_file, kept_installation in paths.read_agents().values():
+            self._add_agent(start_file, kept_installation)
 
     async def run(self) -> None:
         """Serve until there has been neither an agent nor a daemon for `_UNUSED_TIMEOUT_S`."""
@@ -100,18 +100,18 @@ class HostService:
             self._daemon_writer.transport.abort()
         rotate_log(self._paths.log_file)
 
-    def _set_agents(self, starts: tuple[StartFile, ...]) -> None:
+    def _set_agents(self, start_files: tuple[StartFile, ...]) -> None:
         """Run these agents from now on; end all others when they are idle."""
-        for start in starts:
-            if start.printer in self._supervisors:
-                supervisor = self._supervisors[start.printer]
-                supervisor.start, supervisor.is_wanted = start, True
+        for start_file in start_files:
+            if start_file.printer in self._supervisors:
+                supervisor = self._supervisors[start_file.printer]
+                supervisor.start, supervisor.is_wanted = start_file, True
             else:
                 try:
-                    self._add_agent(start, None)
+                    self._add_agent(start_file, None)
                 except AgentError as error:
-                    log.error("%s has no agent: %s", start.printer, error)
-        names = {start.printer for start in starts}
+                    log.error("%s has no agent: %s", start_file.printer, error)
+        names = {start_file.printer for start_file in start_files}
         for supervisor in self._supervisors.values():
             if supervisor.printer not in names and supervisor.is_wanted:
                 supervisor.is_wanted = False
@@ -119,10 +119,10 @@ class HostService:
         self._store_agents()
         self._check_agents()
 
-    def _add_agent(self, start: StartFile, kept_installation: Installation | None) -> None:
-        folder = self._paths.find_agent_folder(start.printer)
-        self._supervisors[start.printer] = AgentSupervisor(
-            start, folder, kept_installation, self._change_event.set
+    def _add_agent(self, start_file: StartFile, kept_installation: Installation | None) -> None:
+        folder = self._paths.find_agent_folder(start_file.printer)
+        self._supervisors[start_file.printer] = AgentSupervisor(
+            start_file, folder, kept_installation, self._change_event.set
         )
 
     async def _retire_agent(self, supervisor: AgentSupervisor) -> None:

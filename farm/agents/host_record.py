@@ -97,9 +97,17 @@ class HostRecord:
             return f"agents that have to start again: {names} ({waiting_agents[0].reason or 'soon'})"
         return self.state.update.reason
 
-    def find_change(self, now_s: float, scale: float) -> HostChange | None:
-        """Return the change that has not been reported; None if there is none."""
-        limit_s = scale * (FIRST_LOSS_DELAY_S if self.state is None else LOSS_DELAY_S)
+    def find_change(self, now_s: float, time_scale: float) -> HostChange | None:
+        """Return the change that has not been reported; None if there is none.
+
+        Parameters
+        ----------
+        now_s
+            Time on the farm's clock.
+        time_scale
+            Seconds of the farm's clock in a wall second, in which the delays are given.
+        """
+        limit_s = time_scale * (FIRST_LOSS_DELAY_S if self.state is None else LOSS_DELAY_S)
         is_lost = self.disconnected_s is not None and now_s - self.disconnected_s >= limit_s
         if is_lost and not self.is_loss_reported:
             return HostChange.LOST

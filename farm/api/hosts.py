@@ -1,4 +1,4 @@
-"""Hosts with printers, as `farm hosts` shows them."""
+"""Other computers that run agents, as `farm hosts` shows them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class HostPortView(View):
 
 
 class HostView(View):
-    """Host whose printers share one connection."""
+    """Computer that runs agents, with its connection to the daemon."""
 
     host: str
     connected: str | None  # time at which the connection was made; null while disconnected
@@ -41,7 +41,7 @@ class HostView(View):
 
 
 class HostList(View):
-    """All hosts whose printers share one connection."""
+    """All other computers that run agents."""
 
     model_config = ConfigDict(populate_by_name=True)
     schema_: int = Field(default=SCHEMA, alias="schema")

@@ -46,8 +46,8 @@ COMMANDS = {
         CommandEntry(
             "key",
             "keys.key",
-            "Add, list, revoke, grant and deny the keys by which other hosts reach the farm (`web` in "
-            "fleet.yaml).",
+            "Add, list and revoke the keys with which programs and people on other computers use the farm; "
+            "grant or deny a program's request for one (`web` in fleet.yaml).",
         ),
         CommandEntry(
             "web",
@@ -90,7 +90,7 @@ COMMANDS = {
         CommandEntry(
             "reprint",
             "operate.reprint",
-            "Print a part again, even if it was printed, cancelled or failed too often.",
+            "Print a part again, even if it was printed or cancelled, or failed too often.",
         ),
         CommandEntry(
             "assembled",
@@ -138,7 +138,8 @@ COMMANDS = {
         CommandEntry(
             "hosts",
             "status.hosts",
-            "Show the hosts whose printers share one connection; update their agents (--update).",
+            "Show the other computers that run agents, with the connection of each to the daemon; update "
+            "their agents (--update).",
         ),
         CommandEntry(
             "estop",

@@ -29,15 +29,15 @@ class Notice:
 def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Collection[str]) -> list[Notice]:
     """List the notices to send now, oldest first.
 
-    The notice about a lost printer is delayed, because further losses would make it part of an outage, which
-    has a single notice.
+    All notices but urgent ones are delayed by the outage window, because further losses in this time may make
+    an event part of an outage, which has a single notice.
 
     Parameters
     ----------
     books
         The books.
     now_s, since_s
-        Farm time in seconds since the epoch, and the time of the oldest events with notices.
+        Farm time in seconds since the epoch, and the time before which events cause no notices.
     sent_keys
         Keys of the notices already sent.
     """
@@ -98,12 +98,17 @@ def _list_loss_notices(books: Books) -> Iterator[Notice]:
     for outage in books.outages.values():
         text = f"{' '.join(outage.printers)} were lost at the same time; nothing starts before `farm resume`"
         yield Notice(f"outage {outage.id}", outage.at_s, text)
-    print_losses = {(p.printer, p.ended_s) for p in books.prints.values() if p.state is PrintState.FAILED}
+    # A loss that ended a print has the notice of the failed print.
+    failed_print_ends = {
+        (attempt.printer, attempt.ended_s)
+        for attempt in books.prints.values()
+        if attempt.state is PrintState.FAILED
+    }
     for printer in books.printers.values():
         name, disconnected_at_s = printer.name, printer.disconnected_at_s
         if (
             disconnected_at_s is None
-            or (name, disconnected_at_s) in print_losses
+            or (name, disconnected_at_s) in failed_print_ends
             or _is_in_outage(books, name, disconnected_at_s)
         ):
             continue

@@ -66,7 +66,8 @@ from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload
 _GZIP_LEVEL = 5
 _FILE_TYPES = ("text/plain", "model/*", "application/octet-stream", "application/vnd.ms-pki.stl")
 _UNCOMPRESSED_TYPES = (*DEFAULT_EXCLUDED_CONTENT_TYPES, *_FILE_TYPES)
-"""Media types that are sent uncompressed, because G-code and models may be large, and need a length."""
+"""Media types that are sent uncompressed: compressing large G-code and models takes too long, and their
+responses need a Content-Length."""
 _HEADERS = {
     "content-security-policy": "default-src 'none'; style-src 'self'; script-src 'self'; "
     "img-src 'self'; connect-src 'self'; form-action 'self'; frame-ancestors 'none'; base-uri 'none'",

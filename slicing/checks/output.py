@@ -16,7 +16,7 @@ import numpy.typing as npt
 from slicing.checks.toolpath import NO_LAYER, Toolpath
 from slicing.errors import OutsideBed, Rule, SliceRejected
 
-PARK_TOLERANCE_MM = 0.1
+END_RETRACTION_TOLERANCE_MM = 0.1
 MAX_MISSING_TOP_MM = 1.0
 """Maximum height that may be missing if the outline is not compared."""
 BED_TOLERANCE_MM = 0.2
@@ -41,7 +41,7 @@ class GcodeFacts:
     moved_before_homing: bool
     extruded_cold: bool
     heaters_off: bool
-    park_retraction_mm: float  # distance by which the filament is retracted at the end
+    park_retraction_mm: float  # length of the end retraction of the filament
 
 
 def gather_facts(toolpath: Toolpath, min_extrusion_c: float) -> GcodeFacts:
@@ -220,17 +220,17 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
             raise SliceRejected(rule, detail)
 
 
-def check_parking(facts: GcodeFacts, park_retraction_mm: float) -> None:
-    """Raise SliceRejected unless the filament is parked at the end, as the next print expects.
+def check_end_retraction(facts: GcodeFacts, park_retraction_mm: float) -> None:
+    """Raise SliceRejected unless the filament is retracted at the end as the next print expects.
 
     Parameters
     ----------
     facts
         Facts of the file.
     park_retraction_mm
-        Distance by which the filament has to be retracted.
+        Required length of the end retraction.
     """
-    if abs(facts.park_retraction_mm - park_retraction_mm) > PARK_TOLERANCE_MM:
+    if abs(facts.park_retraction_mm - park_retraction_mm) > END_RETRACTION_TOLERANCE_MM:
         raise SliceRejected(
             Rule.PARKING,
             f"the filament is retracted {facts.park_retraction_mm:.2f} mm at the end instead of "
@@ -250,7 +250,7 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
     bed
         Rectangles of the bed.
     max_excess_mm
-        Height by which the last layer, which is printed whole, may exceed the bed's height.
+        Height by which the last layer, which is printed whole, may exceed the build height.
     """
     low_mm = (facts.min_mm[0] - centre_mm[0], facts.min_mm[1] - centre_mm[1])
     high_mm = (facts.max_mm[0] - centre_mm[0], facts.max_mm[1] - centre_mm[1])

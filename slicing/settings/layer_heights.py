@@ -18,8 +18,9 @@ layer may change."""
 MIN_EXACT_LAYERS = 12
 MAX_CHANGE = 0.04  # maximum change of a layer, as a share of its height
 MAX_FIRST_LAYER_CHANGE = 0.25
-"""Maximum change of the first layer, as a share of its height. More than `MAX_CHANGE` is for parts of so few
-layers that these do not reach the height. It levels out the bed anyway."""
+"""Maximum change of the first layer, as a share of its height. A change above `MAX_CHANGE` is only for parts
+with so few layers that changes up to `MAX_CHANGE` do not give them their height. It does little harm, because
+an uneven bed changes the thickness of the first layer anyway."""
 _SAMPLED_HEIGHTS_MM = tuple(20.0 + 1.37 * i for i in range(100))  # heights of usual parts
 _DIGITS_MM = 7  # decimal places of a layer height, so that thousands of layers have no error
 

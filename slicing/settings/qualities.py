@@ -26,7 +26,7 @@ _CURA_WALL_SPEED, _CURA_SKIN_SPEED, _CURA_ROOF_SPEED, _CURA_SKIN_ORDER = (
 )
 # Fewer and wider lines with the same plastic, at most 1.1 times as wide as the nozzle. The flow is that of
 # the infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of
-# 0.4 mm), and 4 % more in the highest layers that are fitted to a part.
+# 0.4 mm), and 4 % more in the thickest layers to which heights are fitted.
 _MAX_FLOW_MM3_S = 5.5
 MAX_FAST_FLOW_MM3_S = 8.5  # [assumed] maximum flow of lines that are made faster, with a large nozzle
 DEPENDENT_SPEEDS: Mapping[str, frozenset[str]] = {

@@ -1,4 +1,4 @@
-"""Placer of keys: it chooses among the places of a step, and distributes keys over its glue."""
+"""Placer of keys: it chooses among the places of an assembly step, and spreads keys over its glued area."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_TRIED_PLACES = 20  # maximum number of places that are tried, the best first
 
 @dataclass(slots=True)
 class KeyPlacer:
-    """Placer of keys of one diameter for a step, which adds their grooves to the tools of the workpieces.
+    """Placer of keys of one diameter for an assembly step; it adds their grooves to the workpieces' tools.
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class KeyPlacer:
     pins
         Pins and keys of the step so far; new keys are added.
     used_distances_mm, min_difference_mm
-        Distance between the two pins or keys of each other step, and the minimum by which a new distance has
-        to differ from them.
+        Distances between the two pins or keys of each of the other steps, and the minimum by which a new
+        distance has to differ from them.
     """
 
     maker: KeyMaker
@@ -89,7 +89,7 @@ class KeyPlacer:
         self._place_key(order[self._differs_from_used_distances(separations_mm[order])].tolist())
 
     def place_further_keys(self) -> None:
-        """Place short keys that reach as much as possible of the glue that is far from all pins and keys."""
+        """Place short keys that reach as much as possible of the glued area far from all pins and keys."""
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
@@ -101,7 +101,7 @@ class KeyPlacer:
                 )
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
-        """Place short keys on faces that slide, where they reach as much far glue as possible."""
+        """Place short keys on faces that slide, where they reach as much far glued area as possible."""
         count = -1
         while len(self.pins) > count:
             count = len(self.pins)
@@ -113,15 +113,15 @@ class KeyPlacer:
             )
             places = self._list_free_places(places)
             if places:
-                numbers = sort_places_by_gain(
+                indices = sort_places_by_gain(
                     _list_middles(places), far_glue_points_mm, self._weigh_places(places)
                 )
-                self._add_printable_key([places[number] for number in numbers])
+                self._add_printable_key([places[index] for index in indices])
 
-    def _place_key(self, numbers: Sequence[int]) -> None:
-        """Place a short key at the first printable place with one of these numbers."""
+    def _place_key(self, indices: Sequence[int]) -> None:
+        """Place a short key at the first printable place with one of these indices."""
         places = self._list_places(SHORT_KEY_MM)
-        self._add_printable_key([places[number] for number in numbers[:MAX_TRIED_PLACES]])
+        self._add_printable_key([places[index] for index in indices[:MAX_TRIED_PLACES]])
 
     def _add_printable_key(self, places: Sequence[KeyPlace]) -> None:
         """Place a short key at the first of some places where its grooves print without support."""
@@ -148,7 +148,7 @@ class KeyPlacer:
             return list(places)
         distances_mm = cdist(_list_middles(places), [pin.position_mm for pin in self.pins])
         is_free = (distances_mm > MIN_SEPARATION_MM).all(axis=1)
-        return [places[number] for number in np.flatnonzero(is_free).tolist()]
+        return [places[index] for index in np.flatnonzero(is_free).tolist()]
 
     def _weigh_places(self, places: Sequence[KeyPlace]) -> Floats:
         """Compute the weights (n,) of places by their print time, with lower ones for level faces."""
@@ -162,7 +162,7 @@ class KeyPlacer:
     def _differs_from_used_distances(self, separations_mm: Floats) -> Bools:
         """Check for each distance whether it differs enough from `used_distances_mm`."""
         used_mm = np.concatenate([[-np.inf], np.sort(self.used_distances_mm), [np.inf]])
-        above = np.searchsorted(used_mm, separations_mm).clip(1)  # index of the least used distance above
+        above = np.searchsorted(used_mm, separations_mm).clip(1)  # index of the next larger used distance
         gaps_mm = np.minimum(separations_mm - used_mm[above - 1], used_mm[above] - separations_mm)
         return np.asarray(gaps_mm > self.min_difference_mm)
 
@@ -177,11 +177,11 @@ class KeyPlacer:
 
 
 def _find_largest(values: Floats, count: int) -> list[int]:
-    """Find the numbers of the largest values (n,), sorted as by a stable sort of all."""
+    """Find the indices of the largest values (n,), sorted as by a stable sort of all."""
     least = np.partition(values, -count)[-count] if count < len(values) else -np.inf
     candidates = np.flatnonzero(values >= least)
     order = np.argsort(-values[candidates], kind="stable")
-    return [int(number) for number in candidates[order[:count]]]
+    return [int(index) for index in candidates[order[:count]]]
 
 
 def _list_middles(places: Sequence[KeyPlace]) -> Floats:

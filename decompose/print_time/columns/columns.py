@@ -27,15 +27,16 @@ class Columns:
     support_mm3
         Volume below faces that overhang too far, down to the bed or to the part.
     support_side_mm2
-        Upright sides of this support, counted along the columns' grid, and of the strips under edges that
-        begin in mid-air and whose faces need no support.
+        Area of the upright sides of this support, counted along the columns' grid, plus that of the narrow
+        strips of support under edges that begin in mid-air, where the faces at the edge need no support.
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
     islands_mm
         Number of islands of the part or its support minus one, summed over the layers and multiplied by the
         layer height, because the nozzle travels to each island.
     bodies_mm
-        The same sum for the bodies of the part, also minus one, because inner walls are shorter in each body.
+        The same sum for the islands of the part alone, without its support, also minus one. Inner walls are
+        shorter in each of these islands.
     holes_mm
         The same sum for all holes of the part.
     island_paths_mm2, hole_paths_mm2

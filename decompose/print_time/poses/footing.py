@@ -17,7 +17,7 @@ MAX_SHARP_DEG = 120.0  # maximum angle of a sharp corner
 MAX_ROUNDING_MM = 1.0  # maximum size of a chamfer or a rounding that counts as one corner
 
 # [assumed] Limits that decide the width of a brim.
-MAX_STEADY_RATIO = 3.0  # maximum ratio of a part's height to `Footing.wall_mm` without a brim
+MAX_STEADY_RATIO = 3.0  # maximum ratio of a part's height to `hydraulic_diameter_mm` without a brim
 SUFFICIENT_CONTACT_MM2 = 400.0  # contact area from which adhesion needs no brim
 # Lengths of a base from which its corners lift, and from which they need the widest brim.
 WARP_LENGTHS_MM = (60.0, 120.0)
@@ -25,10 +25,10 @@ REFERENCE_SHRINKAGE = 0.007
 """Shrinkage (of ABS) to which `WARP_LENGTHS_MM` applies: a corner lifts by shrinkage times length squared."""
 MIN_BRIM_MM = 2.0  # a narrower brim is omitted
 
-# [assumed] Width that the squeezed first layer adds to each side, and minimum width of walls whose expansion
-# compensates for it.
+# [assumed] Width that the squeezed first layer adds to each side, and minimum hydraulic diameter of first
+# layers whose expansion compensates for it.
 ELEPHANT_FOOT_MM = 0.2
-MIN_WALL_MM = 2.0
+MIN_HYDRAULIC_DIAMETER_MM = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,9 @@ class Footing:
 
     Attributes
     ----------
-    contact_mm2, wall_mm
-        Area of the first layer, and the width of its walls: four times the area over the outline's length.
+    contact_mm2, hydraulic_diameter_mm
+        Area of the first layer, and its hydraulic diameter: four times the area over the outline's length. It
+        is the diameter of a disc, and twice the width of a long wall.
     length_mm, sharp_corner_count
         Greatest extent of the convex outline of the first layer, and the number of its corners under
         `MAX_SHARP_DEG`.
@@ -49,7 +50,7 @@ class Footing:
     """
 
     contact_mm2: float
-    wall_mm: float
+    hydraulic_diameter_mm: float
     length_mm: float
     sharp_corner_count: int
     width_mm: float
@@ -82,7 +83,7 @@ class Footing:
         half_planes = find_half_planes(outline)
         return cls(
             contact_mm2=contact_mm2,
-            wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
+            hydraulic_diameter_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
             length_mm=float(pdist(rim).max(initial=0.0)),
             sharp_corner_count=int((bend_deg > 180.0 - MAX_SHARP_DEG).sum()),
             width_mm=float(np.ptp(outline @ half_planes[:, :2].T, axis=0).min()) if len(outline) else 0.0,
@@ -115,7 +116,7 @@ class Footing:
         shrinkage
             Share of its length by which the material shrinks.
         """
-        lever_mm = (height_mm / MAX_STEADY_RATIO - self.wall_mm) / 2.0
+        lever_mm = (height_mm / MAX_STEADY_RATIO - self.hydraulic_diameter_mm) / 2.0
         contact_mm = max_brim_mm * (1.0 - self.contact_mm2 / SUFFICIENT_CONTACT_MM2)
         length_ratio = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
         first_mm, full_mm = (length_ratio * length_mm for length_mm in WARP_LENGTHS_MM)
@@ -126,7 +127,8 @@ class Footing:
 
     def choose_expansion_mm(self, is_joined: bool) -> float:
         """Choose the horizontal expansion of the first layer so that it does not protrude from a joint."""
-        return -ELEPHANT_FOOT_MM if is_joined and self.wall_mm >= MIN_WALL_MM else 0.0
+        is_wide = self.hydraulic_diameter_mm >= MIN_HYDRAULIC_DIAMETER_MM
+        return -ELEPHANT_FOOT_MM if is_joined and is_wide else 0.0
 
 
 @jit

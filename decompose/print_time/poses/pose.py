@@ -32,7 +32,7 @@ MIN_TOUCHED_MM2 = 1.0  # minimum area of a cut face that support touches; a smal
 # of the weight that is not above its footing. Support is made to be peeled off, so it holds less. The outer
 # half of a brim is too thin to hold.
 MIN_CONTACT_MM2 = 4.0  # minimum area of the first layer
-MIN_FOOT_MM = 0.8  # minimum `Footing.wall_mm`: an edge narrower than a line is not printed
+MIN_FOOT_MM = 0.8  # minimum `Footing.hydraulic_diameter_mm`: an edge narrower than a line is not printed
 ADHESION_N_MM2 = 0.05  # adhesion of the first layer to the bed
 SUPPORTED_CONTACT_SHARE = 0.1  # adhesion of the area that supports carry, as a share of that of the part
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
@@ -93,7 +93,7 @@ class Pose:
     def stands(self) -> bool:
         """True if the part stays in place while it is printed, given its footing and its brim."""
         footing = self.footing
-        has_contact = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
+        has_contact = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.hydraulic_diameter_mm >= MIN_FOOT_MM
         return has_contact and self.tilt_ratio <= 1.0 and self.margin_mm >= -self.footing_extension_mm
 
     @property

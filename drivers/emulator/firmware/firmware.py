@@ -103,7 +103,8 @@ class EmulatedFirmware(Listener):
             and self._running_command is None
             and not machine.waiting_moves
         ):
-            # It is unknown when the bytes arrived during the last wait: assume the earliest time.
+            # The bytes may have arrived before the dead-man timer expired: assume that they did, because it
+            # is unknown when they arrived during the last wait.
             machine.last_command_at_s = max(
                 machine.last_command_at_s, now_s - machine.dead_man_timeout_s + 1e-3
             )

@@ -55,7 +55,8 @@ def key(
     expires: Annotated[str | None, typer.Option(help="Time until it expires: 90d, 4w or 1y.")] = None,
     json: Json = False,
 ) -> None:
-    """Add, list, revoke, grant and deny the keys by which other hosts reach the farm (`web` in fleet.yaml).
+    """Add, list and revoke the keys with which programs and people on other computers use the farm; grant or
+    deny a program's request for one (`web` in fleet.yaml).
 
     Sessions of browsers (`farm web`) are listed too, and `revoke` ends them by their id. A new key is printed
     only once, on stdout; the farm stores only its hash. Only operators may use this command.

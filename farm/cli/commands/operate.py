@@ -139,7 +139,7 @@ def reprint(
     ],
     why: ReasonOption = "",
 ) -> None:
-    """Print a part again, even if it was printed, cancelled or failed too often."""
+    """Print a part again, even if it was printed or cancelled, or failed too often."""
     path = f"/jobs/{job}/parts/{part.rpartition('/')[2]}/reprint"
     name = connect(paths).send_command(path, why)
     print(f"part {name} will be printed again")

@@ -222,7 +222,9 @@ def hosts(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Show the hosts whose printers share one connection; update their agents (--update)."""
+    """Show the other computers that run agents, with the connection of each to the daemon; update their
+    agents (--update).
+    """
     client = connect(paths)
     if update:
         updated_hosts = client.update_hosts()

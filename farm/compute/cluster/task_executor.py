@@ -59,7 +59,8 @@ class TaskExecutor:
         contents
             Files that were sent with the task, by their hash.
         on_live_file
-            Called when a live file of the task changes, with its path on the submitting computer.
+            Called with the path of a live file on the submitting computer and its new content, whenever it
+            changes. Live files are output files that others read while the task runs, such as its progress.
         """
         difference = self.installation.describe_difference(task.installation)
         if difference is not None:

@@ -65,7 +65,8 @@ class DecomposeRequest:
     interior, engine, score
         Names of `Interior`, `Engine` and `Score`.
     attempt_count
-        Number of attempts of the engine `parallelobox` for each number of seeds.
+        Number of attempts of the engine `parallelobox` for each number of seeds, the start cells from which
+        parts grow.
     is_faithful
         True to follow the engine's paper exactly.
     budget_s

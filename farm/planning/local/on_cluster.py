@@ -36,7 +36,7 @@ class Cluster:
 class _LocalPool:
     """Pool that runs work in this process, after the cluster has been abandoned."""
 
-    start_step = None
+    start_step = None  # text of the current step while workers start: this process is always ready
     has_idle_worker = True
 
     def __init__(self, on_notice: Callable[[str], None]) -> None:

@@ -11,8 +11,10 @@ from farm.compute import DRAWING_LIMIT, PoolShare
 from farm.planning.plan import DecomposedJob, DecomposeTask
 from farm.planning.tasks import draw_job_parts, draw_overview, draw_step_range
 
-MAX_RANGES = 4  # maximum number of ranges: each computes the views of all earlier steps again
-MIN_STEPS = 5  # minimum number of steps of a range, on average
+MAX_RANGES = 4
+"""Maximum number of ranges of assembly steps, one for a worker. Each worker computes the views of all steps
+before its range, so more ranges would save little time."""
+MIN_STEPS = 5  # minimum number of assembly steps of a range, on average
 
 
 class Drawings:

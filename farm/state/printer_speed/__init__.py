@@ -14,7 +14,7 @@ from farm.state.printer_speed.time_factor import (
     MAX_TIME_FACTOR,
     MIN_LEARNED_S,
     MIN_TIME_FACTOR,
-    shows_speed,
+    is_learnable,
     update_time_factor,
 )
 
@@ -29,8 +29,8 @@ __all__ = [
     "MIN_TIME_FACTOR",
     "Timing",
     "fit_feature_factors",
+    "is_learnable",
     "learn_speed",
     "list_timings",
-    "shows_speed",
     "update_time_factor",
 ]

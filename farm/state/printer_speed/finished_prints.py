@@ -9,7 +9,7 @@ from itertools import islice
 from farm.model import FeatureFactors, Plate, Print, Printer, PrintState
 from farm.state.books import Books, replace_fields
 from farm.state.printer_speed.feature_factors import MAX_PRINTS, MIN_PRINTS, Timing, fit_feature_factors
-from farm.state.printer_speed.time_factor import shows_speed, update_time_factor
+from farm.state.printer_speed.time_factor import is_learnable, update_time_factor
 
 _MAX_CANDIDATES = 4 * MAX_PRINTS
 """Number of latest prints that are searched for prints which show the speed."""
@@ -74,7 +74,7 @@ def _make_timing(books: Books, attempt: Print) -> Timing | None:
     shares = plate.feature_shares
     if shares is None or actual_s is None:
         return None
-    if not shows_speed(plate.sliced_s, actual_s, attempt.starved_s):
+    if not is_learnable(plate.sliced_s, actual_s, attempt.starved_s):
         return None
     return Timing(shares, actual_s / plate.sliced_s)
 

@@ -13,10 +13,10 @@ _MAX_DIFFERENCE = 0.1  # maximum difference of a print's ratio from the factor; 
 _LATEST_WEIGHT = 0.25  # weight of the latest print in the mean
 
 
-def shows_speed(sliced_s: float, actual_s: float, starved_s: float = 0.0) -> bool:
-    """Return whether a print's time shows the speed of its printer; see `update_time_factor`.
+def is_learnable(sliced_s: float, actual_s: float, starved_s: float = 0.0) -> bool:
+    """Return whether a factor can be learned from a print's time; see `update_time_factor`.
 
-    A time of less than half or more than twice the sliced time does not: the print was paused, or the
+    A time of less than half or more than twice the sliced time is not learned: the print was paused, or the
     clock was set.
     """
     if sliced_s < MIN_LEARNED_S or actual_s <= 0.0 or starved_s > MAX_STARVED_SHARE * actual_s:
@@ -42,9 +42,9 @@ def update_time_factor(factor: float, sliced_s: float, actual_s: float, starved_
     -------
     float
         New factor, between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`; `factor`
-        itself if the print does not show the speed.
+        itself if nothing can be learned from the print.
     """
-    if not shows_speed(sliced_s, actual_s, starved_s):
+    if not is_learnable(sliced_s, actual_s, starved_s):
         return factor
     difference = min(_MAX_DIFFERENCE, max(-_MAX_DIFFERENCE, actual_s / sliced_s - factor))
     return min(MAX_TIME_FACTOR, max(MIN_TIME_FACTOR, factor + _LATEST_WEIGHT * difference))

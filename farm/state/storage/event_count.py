@@ -36,7 +36,7 @@ class EventCount:
             os.pwrite(self._descriptor, b"%020d" % count, 0)
 
     def remove(self) -> None:
-        """Delete the file of books that were moved away. Raises OSError."""
+        """Delete the file with the count, after the database was moved away. Raises OSError."""
         self._path.unlink(missing_ok=True)
 
     def close(self) -> None:

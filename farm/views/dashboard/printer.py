@@ -52,8 +52,8 @@ class PrinterPage:
         Tasks for people at the printer.
     chart
         Temperatures of the last hours; None if none were reported since the daemon started.
-    prints, faults, upkeep
-        The last prints, faults, and events about the upkeep, newest first.
+    prints, faults, printer_events
+        The last prints, faults, and events about the printer itself, such as a new reel, newest first.
     """
 
     now: str
@@ -64,14 +64,14 @@ class PrinterPage:
     figures: Figures
     prints: list[api.PrintRow]
     faults: list[FaultView]
-    upkeep: list[api.EventView]
+    printer_events: list[api.EventView]
 
 
 def describe_printer_page(
     context: ViewContext,
     name: str,
     readings: Sequence[Temperatures],
-    upkeep: Sequence[EventRow],
+    printer_events: Sequence[EventRow],
     hold: Hold | None,
     kept_for: str | None = None,
 ) -> PrinterPage:
@@ -85,8 +85,8 @@ def describe_printer_page(
         The printer.
     readings
         Its temperatures, oldest first.
-    upkeep
-        Events about its upkeep, newest first.
+    printer_events
+        Events about the printer itself, such as a new reel, newest first.
     hold, kept_for
         See `describe_printer`.
 
@@ -110,7 +110,7 @@ def describe_printer_page(
         figures=sum_figures(name, prints, context.books.plates),
         prints=list(reversed(list_prints(context, None, name, None, _MAX_PRINTS))),
         faults=_list_faults(context, prints),
-        upkeep=[describe_event(context.books, context.fleet.zone, row) for row in upkeep],
+        printer_events=[describe_event(context.books, context.fleet.zone, row) for row in printer_events],
     )
 
 

@@ -173,7 +173,7 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     [
         ({"infill_line_distance_mm": 14.0}, "infill", 0.5),
         ({"infill_line_distance_mm": 14.0}, "infill ends", 0.5),
-        ({"support_line_distance_mm": 2 * 2.333}, "columns", 0.5),
+        ({"support_line_distance_mm": 2 * 2.333}, "support to bed", 0.5),
         ({"support_line_distance_mm": 2 * 2.333}, "support", 0.5),
         ({"support_line_distance_mm": 2 * 2.333}, "support sides", 1.0),
         ({"layer_height_mm": 0.125}, "infill", 2.0),

@@ -72,12 +72,12 @@ def test_face_at_exactly_the_support_angle_is_supported(layer_mm: float, angle_d
     assert (
         math.sin(math.radians(angle_deg - 1.6)) < cost.overhang_cos < math.sin(math.radians(angle_deg - 0.15))
     )
-    steep_pose, flatter_pose = (
+    pose_at_angle, steeper_pose = (
         measure_pose(wedge.vertices, wedge.faces, np.zeros(len(wedge.faces), np.bool_), np.eye(3), cost)
         for wedge in (make_leaning_block(angle_deg), make_leaning_block(angle_deg - 3.0))
     )
-    assert steep_pose.support_mm3 > 1000.0
-    assert flatter_pose.support_mm3 == 0.0
+    assert pose_at_angle.support_mm3 > 1000.0
+    assert steeper_pose.support_mm3 == 0.0
 
 
 def make_leaning_block(angle_deg: float) -> trimesh.Trimesh:

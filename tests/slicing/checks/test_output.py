@@ -7,9 +7,9 @@ import pytest
 from slicing.checks import read_toolpath
 from slicing.checks.output import (
     check_bed,
+    check_end_retraction,
     check_facts,
     check_log,
-    check_parking,
     count_removed_layers,
     gather_facts,
     replace_header,
@@ -59,7 +59,7 @@ def check_gcode(gcode, *, height_mm=0.4, removed_mm=0.0, is_top_checked=True, be
         min_extrusion_c=170.0,
     )
     check_bed(facts, (111.5, 111.5), bed, 0.14)
-    check_parking(facts, 20.0)
+    check_end_retraction(facts, 20.0)
     return facts
 
 

@@ -54,7 +54,7 @@ def test_file_without_resets_is_unchanged(limits):
 
 
 def test_layers_with_a_reset_take_as_long_as_their_neighbours(make_request):
-    """Slice a block whose layers are equal in pairs, and which needs more than 30 cm3 of filament."""
+    """Slice a block of more than 30 cm3 of filament; every layer is equal to the second one below it."""
     request = make_request(trimesh.creation.box((70, 70, 40)))
     settings = request.settings
     run = run_engine(

@@ -53,7 +53,9 @@ PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 MAX_JUMP = 0.005  # maximum error of a linear time, as a share of the makespan; more is a jump of the time
 MAX_REDUCTIONS = 12  # maximum number of times that the steps of one solution are reduced
-MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
+MAX_SOLUTIONS = 4
+"""Maximum number of solutions of a step. In each one, more planes are stopped by a face of the model parallel
+to the plane."""
 SAFE_SHARES = (0.5, 0.25, 0.1)  # shares of a move that are tried if a face cannot make all of it
 MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a part, for slopes and after moves
 
@@ -76,7 +78,8 @@ def shift_planes(
     -------
     list[Piece]
         As many pieces as before, none slower than the slowest one before; the same pieces if there is no
-        gain. Solid in a box stays in some box, or in none if it need not be printed (`grid.needed_cells`).
+        gain. All solid that must be printed remains covered by a box; the rest may be left out
+        (`grid.needed_cells`).
     """
     grown_boxes = fill_out_boxes(list(box_pieces), grid.cells == Cell.EXTERNAL)
     boxes_mm = np.array([grid.find_bounds_mm(box) for box in grown_boxes])
@@ -154,7 +157,8 @@ class _PlaneShift:
         ]
         self.groups = group_faces(self.start_boxes_mm)
         self.is_free = find_free_directions(self.start_boxes_mm, self.groups, self.cells, TRIAL_MM)
-        # Least and greatest coordinate of each group, beyond which a part would break or take too long.
+        # Least and greatest coordinate of each group, beyond which a part would be split into other pieces,
+        # no longer fit in its pose, or take too long.
         self.limits_mm = np.full((len(self.is_free), 2), (-math.inf, math.inf))
         self.axes = np.zeros(len(self.is_free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
@@ -229,8 +233,9 @@ class _PlaneShift:
         numbers: Sequence[int],
         common_share: float,
     ) -> bool:
-        """Limit faces whose moves make parts break, exceed a build volume, or take too long.
+        """Limit faces after whose moves parts are too slow.
 
+        Such parts are split into other pieces, no longer fit in their poses, or take too long.
         When supports begin to touch a cut face, or the brim becomes too narrow, another pose becomes the best
         one, and it may be much slower. When a face begins to overhang too far, the part gets a support.
 
@@ -263,7 +268,10 @@ class _PlaneShift:
     def _find_safe_shares(
         self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float
     ) -> dict[Face, float]:
-        """Find the shares of their moves that slow faces can make alone, 0 if not even the least one."""
+        """Find the share of its move that each slow face can make while all other faces stay.
+
+        It is the largest of `SAFE_SHARES` after which the face is no longer slow; 0 if there is none.
+        """
         slow_faces = self._find_slow_faces(i, part, faces, move_mm, max_s)
         safe_shares = dict.fromkeys(slow_faces, 0.0)
         for share in SAFE_SHARES:
@@ -275,7 +283,10 @@ class _PlaneShift:
     def _find_slow_faces(
         self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float
     ) -> list[Face]:
-        """Find the faces that break a part, or make it take `max_s` or longer, even if they move alone."""
+        """Find the faces after whose moves, each made alone, a part is too slow.
+
+        Such a part is split into other pieces, no longer fits in its pose, or takes `max_s` or longer.
+        """
         self.cutter.record_effort([i] * len(faces))
         boxes_mm = [part.box_mm.copy() for _ in faces]
         for box_mm, face in zip(boxes_mm, faces, strict=True):

@@ -28,7 +28,7 @@ def measure_box(width_mm: float, depth_mm: float, height_mm: float) -> Footing:
 def test_footing_of_a_block_is_its_base() -> None:
     result = measure_box(30, 20, 10)
     assert result.contact_mm2 == pytest.approx(600.0)
-    assert result.wall_mm == pytest.approx(4 * 600 / 100)
+    assert result.hydraulic_diameter_mm == pytest.approx(4 * 600 / 100)
     assert (result.width_mm, result.length_mm) == pytest.approx((20.0, math.hypot(30, 20)))
     assert result.sharp_corner_count == 4
     assert result.measure_margin_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx(3.0)
@@ -47,7 +47,7 @@ def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
     legs = [Solid.box((x, y, 0), (x + 5, y + 5, 40)) for x in (0, 55) for y in (0, 35)]
     result = measure_footing(Solid.union([*legs, Solid.box((0, 0, 40), (60, 40, 45))]))
     assert result.contact_mm2 == pytest.approx(100.0)
-    assert result.wall_mm == pytest.approx(5.0)
+    assert result.hydraulic_diameter_mm == pytest.approx(5.0)
     assert result.width_mm == pytest.approx(40.0)
     assert result.choose_brim_width_mm(45.0, 5.0, 8.0) == pytest.approx(6.0)
 

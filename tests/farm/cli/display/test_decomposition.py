@@ -51,10 +51,11 @@ def test_summary_lists_the_pins_to_cut_and_parts_that_were_not_drilled() -> None
 
 def test_summary_of_a_good_result_has_five_lines() -> None:
     assert summarise_decomposition(make_report(), 4, Path("out")) == [
-        "3 parts: 1h00 on 4 printers, 2h30 on a single large one; efficiency E 0.75",
-        "By guillotine: at most 8% above the lower bound for cuts along its grid",
+        "3 parts: 1h00 on 4 printers; uncut on a large one: 2h30 in the best pose, 3h00 as in the file "
+        "(efficiency E 0.75)",
+        "By guillotine: at most 8% above the least makespan with cuts along its grid",
         "2 joints; the smallest, p01 to p02, has 120 mm2 of glue area and is 8.0 mm wide",
-        "2 steps of assembly, about 31 min; 812 mm of seam outside",
+        "2 steps of assembly, about 31 min; 812 mm of joint lines on the outside",
         "In out: p01.stl to p03.stl, assembly.png, assembly.glb, decomposition.json, instructions.html",
     ]
 
@@ -97,5 +98,5 @@ def test_one_part_has_no_joint() -> None:
         Path("out"),
     )
     assert [line.split()[0] for line in lines] == ["1", "By", "In"]
-    assert lines[0].startswith("1 part: 1h00 on 1 printer, ")
+    assert lines[0].startswith("1 part: 1h00 on 1 printer; ")
     assert lines[2] == "In out: p01.stl, assembly.png, assembly.glb, decomposition.json, instructions.html"
