@@ -88,7 +88,7 @@ class Services:
     cluster
         The cluster that computes plans; None if the daemon's host computes them.
     hosts
-        Hosts whose printers share one connection; None for a farm without agents.
+        Other computers that run agents, and their connections; None for a farm without agents.
     shut_down
         Function that shuts the farm down; given True, it stops all prints first.
     prune
