@@ -6,7 +6,7 @@ than the recess itself. Walls close a groove, which tapers, and the solid layers
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from slicing.hidden_walls.rewriting import Segment, replace_moves
 from slicing.hidden_walls.sides import (
     Bools,
     Indices,
-    find_bed_points,
     find_level_lines,
     measure_spare_times_s,
 )
@@ -29,6 +28,10 @@ MARGIN_MM = 2.5
 """Distance from a recess within which its patch of skin ends: two walls, and the expansion of the skin."""
 _Z_TOLERANCE_MM = 0.01
 _LINE_REACH_MM = 0.4  # distance from the centre of a line of skin that the next line may have
+_EDGE_DEPTH_MM = 0.3  # depth of a patch's edge behind the centre line of the outer wall beside it
+_RIM_MM = 0.6  # maximum distance from a recess to that depth behind the wall around it
+_GAP_TOLERANCE_MM = 0.1  # half the maximum width of a gap in another layer that needs no skin
+_MIN_GAP_MM2 = 0.05  # minimum area of a gap that needs skin, without that width at its edges
 _SAVED_TIME_FACTOR = 1.2
 """Ratio of the time that removing a patch saves to its length over its speed: the head also accelerates less
 often. It keeps layers from becoming shorter than the minimum layer time."""
@@ -45,6 +48,11 @@ class HiddenRecess:
     face_z_mm: float
     bottom_z_mm: float
 
+    @property
+    def opens_upwards(self) -> bool:
+        """True if it opens upwards, false if it opens towards the bed."""
+        return self.bottom_z_mm < self.face_z_mm
+
     def move(self, shift_mm: tuple[float, float]) -> HiddenRecess:
         """Move the recess by X and Y in mm."""
         x_mm, y_mm = shift_mm
@@ -56,15 +64,15 @@ class HiddenRecess:
             max_y_mm=self.max_y_mm + y_mm,
         )
 
-    def build_patch_area(self) -> shapely.Polygon:
-        """Build the area that its patches of skin do not exceed."""
+    def build_area(self, margin_mm: float) -> shapely.Polygon:
+        """Build the area of its box and of a margin around it."""
         box = shapely.box(self.min_x_mm, self.min_y_mm, self.max_x_mm, self.max_y_mm)
-        return box.buffer(MARGIN_MM, join_style="mitre")
+        return box.buffer(margin_mm, join_style="mitre")
 
     def find_patch_heights_mm(self, settings: EngineSettings) -> tuple[float, float]:
         """Find the heights between which its patches are printed, without the solid layers of its face."""
         layer_mm, values = settings.layer_height_mm, settings.extruder
-        if self.bottom_z_mm > self.face_z_mm:  # open towards the bed
+        if not self.opens_upwards:
             first_mm = settings.layer_height_0_mm + (int(values["initial_bottom_layers"]) - 1) * layer_mm
             return self.face_z_mm + first_mm, self.bottom_z_mm + (settings.bottom_layers + 1) * layer_mm
         top_mm = int(values["top_layers"]) * layer_mm
@@ -76,7 +84,8 @@ def remove_recess_skins(
 ) -> bytes:
     """Remove the patches of skin that close hidden recesses, if `removes_inner_walls`.
 
-    Patches that extend beyond the surroundings of a recess close something else as well, and stay.
+    Patches that extend beyond the surroundings of a recess, or close a gap in another layer that is no recess,
+    close something else as well, and stay.
 
     Parameters
     ----------
@@ -124,23 +133,56 @@ def _list_patches(
     skin_moves = np.flatnonzero(find_level_lines(path) & path.is_feature("SKIN") & (path.layer > 0))
     z_mm = path.end[skin_moves, 2]
     limits_mm = [recess.find_patch_heights_mm(settings) for recess in recesses]
-    starts_mm, ends_mm = find_bed_points(path, settings)
+    bed_mm = [float(settings.global_[f"machine_{axis}"]) for axis in ("width", "depth")]
+    placed_recesses = [recess.move((bed_mm[0] / 2.0, bed_mm[1] / 2.0)) for recess in recesses]
+    outer_walls, last_layer = OuterWalls(path), int(path.layer.max())
+    solid_count = max(settings.bottom_layers, int(settings.extruder["top_layers"]))
     for layer in np.unique(path.layer[skin_moves]).tolist():
         in_layer = path.layer[skin_moves] == layer
         layer_z_mm = float(z_mm[in_layer][0])
-        areas = [
-            recess.build_patch_area()
-            for recess, (low_mm, high_mm) in zip(recesses, limits_mm, strict=True)
+        near_recesses = [
+            recess
+            for recess, (low_mm, high_mm) in zip(placed_recesses, limits_mm, strict=True)
             if low_mm + _Z_TOLERANCE_MM < layer_z_mm < high_mm + _Z_TOLERANCE_MM
         ]
-        if not areas:
+        if not near_recesses:
             continue
-        area, moves = shapely.union_all(areas), skin_moves[in_layer]
-        lines = shapely.linestrings(np.stack([starts_mm[moves], ends_mm[moves]], axis=1))
+        area, moves = shapely.union_all([r.build_area(MARGIN_MM) for r in near_recesses]), skin_moves[in_layer]
+        lower_area, upper_area = (
+            shapely.union_all([r.build_area(_RIM_MM) for r in near_recesses if r.opens_upwards == opens_upwards])
+            for opens_upwards in (False, True)
+        )
+        lower_layers = range(max(0, layer - solid_count), layer)
+        upper_layers = range(layer + 1, min(last_layer, layer + solid_count) + 1)
+        lines = shapely.linestrings(np.stack([path.start[moves, :2], path.end[moves, :2]], axis=1))
         skin = shapely.union_all(shapely.buffer(lines, _LINE_REACH_MM))
         for polygon in getattr(skin, "geoms", [skin]):
-            if area.covers(polygon.buffer(-_LINE_REACH_MM / 2.0)):
+            patch = polygon.buffer(-_LINE_REACH_MM / 2.0)
+            if (
+                area.covers(patch)
+                and not _has_gaps(patch, lower_layers, outer_walls, lower_area)
+                and not _has_gaps(patch, upper_layers, outer_walls, upper_area)
+            ):
                 yield moves[shapely.intersects(polygon, lines)]
+
+
+def _has_gaps(
+    patch: shapely.Geometry, layers: Iterable[int], outer_walls: OuterWalls, recess_area: shapely.Geometry
+) -> bool:
+    """Check whether layers of a part have gaps at a patch, other than holes within an area of recesses."""
+    for layer in layers:
+        area = outer_walls.build_travel_area(layer)
+        polygons = shapely.get_parts(area)
+        holes = [
+            shapely.Polygon(ring)
+            for polygon in polygons[shapely.intersects(polygons, patch)]
+            for ring in polygon.interiors
+        ]
+        recesses = [hole for hole in holes if recess_area.covers(hole)]
+        filled_area = shapely.union_all([area, *recesses]).buffer(-_EDGE_DEPTH_MM)
+        if patch.difference(filled_area).buffer(-_GAP_TOLERANCE_MM).area > _MIN_GAP_MM2:
+            return True
+    return False
 
 
 def _list_segments(path: Toolpath, is_removed: Bools, settings: EngineSettings) -> dict[int, list[Segment]]:

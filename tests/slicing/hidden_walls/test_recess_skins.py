@@ -1,6 +1,7 @@
 """Skin at hidden recesses: patches that close only recesses are left out, and all else stays."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -24,11 +25,15 @@ def make_block(opens_upwards):
     """Make a block with the strokes of a mark in its top or in its bed face."""
     block = trimesh.creation.box((60.0, 50.0, HEIGHT_MM))
     block.apply_translation((0.0, 0.0, HEIGHT_MM / 2.0))
-    z_mm = HEIGHT_MM if opens_upwards else 0.0
+    return cut_strokes(block, HEIGHT_MM if opens_upwards else 0.0)
+
+
+def cut_strokes(mesh, face_z_mm):
+    """Cut the strokes of a mark into a level face of a mesh."""
     for x_mm, length_mm in STROKES_MM:
         groove = trimesh.creation.box((2.0 * DEPTH_MM, length_mm, 2.0 * DEPTH_MM))
-        block = block.difference(groove.apply_translation((x_mm, 0.0, z_mm)), engine="manifold")
-    return block
+        mesh = mesh.difference(groove.apply_translation((x_mm, 0.0, face_z_mm)), engine="manifold")
+    return mesh
 
 
 def list_skin(path, settings):
@@ -94,3 +99,20 @@ def test_patches_stay_where_inner_walls_stay(slice_block):
     block = make_block(opens_upwards=False)
     old_skin = slice_block(block, has_single_hidden_walls=False)[2]
     assert set(slice_block(block, RECESS, has_single_hidden_walls=False)[2]) == set(old_skin) > {2, 3, 4}
+
+
+def test_patch_that_closes_a_visible_slope_as_well_stays(slice_block):
+    flat_cone = [(x, y, z) for x, y, z in product((-1.0, 1.0), (-1.0, 1.0), (0.0, 1.6))]
+    sizes_mm = np.array([(9.2, 6.2) if z == 0.0 else (5.2, 2.2) for _, _, z in flat_cone])
+    corners_mm = np.array(flat_cone) * np.column_stack([sizes_mm, np.ones(8)])
+    foot = cut_strokes(trimesh.convex.convex_hull(corners_mm), 0.0).apply_translation((0.0, -30.0, 0.0))
+    part = trimesh.util.concatenate([make_block(opens_upwards=False), foot])
+    part.apply_translation((0.0, 6.0, 0.0))
+    recesses = [RECESS.move((0.0, y_mm)) for y_mm in (6.0, -24.0)]
+    old_skin, new_skin = slice_block(part)[2], slice_block(part, *recesses)[2]
+    for layer in range(2, 6):
+        old_mm, new_mm = (sum(line.length for line in skin[layer]) for skin in (old_skin, new_skin))
+        area = recesses[1].build_area(4.0)
+        on_foot_mm = sum(line.length for line in old_skin[layer] if area.intersects(line))
+        assert new_mm == pytest.approx(on_foot_mm)
+        assert (new_mm < old_mm) == (layer < 5)
