@@ -167,7 +167,7 @@ FARM_QUALITIES: Mapping[str, Quality] = {
     # The same without the assumptions on strength, for joints that bear a load.
     "glue-strong": replace(
         _GLUE,
-        changes={**_GLUE.changes, "gradual_infill_steps": 0},
+        changes={**_GLUE.changes, "gradual_infill_steps": 0, "optimize_wall_printing_order": False},
         hidden_layers=None,
         hidden_wall_ratio=1.0,
         has_single_hidden_walls=False,

@@ -79,6 +79,11 @@ def test_model_without_its_own_qualities_uses_those_of_all_machines(resources):
     assert (settings.layer_height_mm, settings.filament_diameter_mm) == (0.2, 1.75)
 
 
+@pytest.mark.parametrize(("quality", "is_optimized"), [("glue", "True"), ("glue-strong", "False")])
+def test_only_glue_prints_all_walls_of_a_hole_in_succession(make_settings, quality, is_optimized):
+    assert make_settings(quality).extruder["optimize_wall_printing_order"] == is_optimized
+
+
 @pytest.mark.parametrize(
     ("quality", "bed_layers", "top_layers"),
     [("paper", 3, 3), ("paper-hidden", 1, 2), ("glue", 2, 3), ("glue-strong", 4, 4)],
