@@ -17,7 +17,7 @@ from slicing.engine import read_engine_version
 from slicing.hidden_walls import HiddenRecess, HiddenSide
 from slicing.settings import EngineSettings
 
-_FORMAT = "farm-slice-15"
+_FORMAT = "farm-slice-16"
 """Version in the cache's key; increase it with each change to the stored record or the checks."""
 
 

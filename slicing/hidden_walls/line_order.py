@@ -33,13 +33,13 @@ from slicing.hidden_walls.travel import (
     Trail,
     list_runs,
     mark_moves_after_commands,
+    mark_wipes,
     measure_length_mm,
 )
 from slicing.settings import EngineSettings
 
 MAX_LINES = 24  # maximum number of lines whose order is changed; the search takes time
 MIN_TRAVEL_MM = 20.0  # minimum travel of lines whose order is changed
-_WIPE_TOLERANCE_MM = 0.05  # maximum excess length of a wipe
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def reorder_outlines(gcode: bytes, path: Toolpath, settings: EngineSettings) -> 
     """
     if not removes_inner_walls(settings):
         return gcode
-    lines = _Lines.from_path(path, float(settings.extruder["wall_0_wipe_dist"]))
+    lines = _Lines.from_path(path, settings)
     return _reorder(gcode, path, settings, lines, _list_blocks(path, lines, is_infill=False))
 
 
@@ -101,7 +101,7 @@ def reorder_infill(gcode: bytes, path: Toolpath, settings: EngineSettings) -> by
     """Reorder and reverse lines of infill such that the head travels least; see `reorder_outlines`."""
     if not removes_inner_walls(settings):
         return gcode
-    lines = _Lines.from_path(path, 0.0)
+    lines = _Lines.from_path(path, settings)
     return _reorder(gcode, path, settings, lines, _list_blocks(path, lines, is_infill=True))
 
 
@@ -134,21 +134,18 @@ def _reorder(
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Moves (n,) of walls, outer walls, infill and travel; length and extrusion per mm of all moves (n,).
-
-    `wipe_mm` is the length of the travel along an outer wall after its end.
-    """
+    """Moves (n,) of walls, outer walls, infill, travel and wipes; lengths and extrusion of all moves (n,)."""
 
     is_wall: Bools
     is_outer: Bools
     is_infill: Bools
     is_travel: Bools
+    is_wipe: Bools
     lengths_mm: Floats
     extruded_per_mm: Floats
-    wipe_mm: float
 
     @classmethod
-    def from_path(cls, path: Toolpath, wipe_mm: float) -> _Lines:
+    def from_path(cls, path: Toolpath, settings: EngineSettings) -> _Lines:
         """Find the walls and the infill of a toolpath."""
         is_line = find_level_lines(path)
         is_outer = is_line & path.is_feature("WALL-OUTER")
@@ -157,16 +154,16 @@ class _Lines:
             is_outer,
             is_line & path.is_feature("FILL"),
             (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0),
+            mark_wipes(path, settings),
             np.hypot(*(path.end - path.start)[:, :2].T),
             measure_extrusion_per_mm(path),
-            wipe_mm,
         )
 
 
 def _list_blocks(path: Toolpath, lines: _Lines, *, is_infill: bool) -> Iterator[_Block]:
     """Yield the blocks of walls, or of infill, with several lines."""
     is_printed = lines.is_infill if is_infill else lines.is_wall
-    is_linked = is_printed | lines.is_travel
+    is_linked = is_printed | (lines.is_travel & ~lines.is_wipe if is_infill else lines.is_travel)
     for moves in list_runs(is_linked[1:] & is_linked[:-1] & ~mark_moves_after_commands(path)[1:-1]):
         printed_moves = moves[is_printed[moves]]
         layers = np.unique(path.layer[printed_moves])
@@ -195,9 +192,9 @@ def _list_outlines(path: Toolpath, lines: _Lines, moves: Indices) -> list[Indice
     for loop in np.split(outer_moves, np.flatnonzero(np.diff(outer_moves) != 1) + 1):
         if len(loop) == 0 or dist(path.start[loop[0], :2], path.end[loop[-1], :2]) > CLOSURE_TOLERANCE_MM:
             return []
-        following = slice(loop[-1] + 1, moves[-1] + 1)
-        is_wipe = np.cumsum(lines.lengths_mm[following]) < lines.wipe_mm + _WIPE_TOLERANCE_MM
-        end = loop[-1] + 1 + int(np.argmin(np.append(is_wipe & lines.is_travel[following], False)))
+        end = loop[-1] + 1
+        while end <= moves[-1] and lines.is_wipe[end]:
+            end += 1
         outlines.append(np.arange(wall_moves[0], end))
         wall_moves = wall_moves[wall_moves >= end]
     return outlines if len(wall_moves) == 0 else []
@@ -239,7 +236,7 @@ def _list_segments(
         is_reversed = stop > block.stops.count
         line = block.lines[(stop - 1) % block.stops.count]
         for move in (line[::-1] if is_reversed else line).tolist():
-            is_changed = path.extruded_mm[move] > 0.0 and path.feature[move] != feature
+            is_changed = lines.extruded_per_mm[move] > 0.0 and path.feature[move] != feature
             feature = path.feature[move] if is_changed else feature
             x_mm, y_mm = (path.start if is_reversed else path.end)[move, :2].tolist()
             name = path.features[feature] if is_changed else ""

@@ -21,7 +21,7 @@ from slicing.hidden_walls.sides import (
     find_level_lines,
     measure_spare_times_s,
 )
-from slicing.hidden_walls.travel import OuterWalls, Trail, list_runs, mark_moves_after_commands
+from slicing.hidden_walls.travel import OuterWalls, Trail, list_runs, mark_moves_after_commands, mark_wipes
 from slicing.settings import EngineSettings
 
 MARGIN_MM = 2.5
@@ -84,8 +84,8 @@ def remove_recess_skins(
 ) -> bytes:
     """Remove the patches of skin that close hidden recesses, if `removes_inner_walls`.
 
-    Patches that extend beyond the surroundings of a recess, or close a gap in another layer that is no recess,
-    close something else as well, and stay.
+    Patches that extend beyond the surroundings of a recess close something else as well, and stay. So do
+    those at which a layer below or above has another gap.
 
     Parameters
     ----------
@@ -147,11 +147,9 @@ def _list_patches(
         ]
         if not near_recesses:
             continue
-        area, moves = shapely.union_all([r.build_area(MARGIN_MM) for r in near_recesses]), skin_moves[in_layer]
-        lower_area, upper_area = (
-            shapely.union_all([r.build_area(_RIM_MM) for r in near_recesses if r.opens_upwards == opens_upwards])
-            for opens_upwards in (False, True)
-        )
+        area, moves = _join_areas(near_recesses, MARGIN_MM), skin_moves[in_layer]
+        lower_area = _join_areas([r for r in near_recesses if not r.opens_upwards], _RIM_MM)
+        upper_area = _join_areas([r for r in near_recesses if r.opens_upwards], _RIM_MM)
         lower_layers = range(max(0, layer - solid_count), layer)
         upper_layers = range(layer + 1, min(last_layer, layer + solid_count) + 1)
         lines = shapely.linestrings(np.stack([path.start[moves, :2], path.end[moves, :2]], axis=1))
@@ -164,6 +162,10 @@ def _list_patches(
                 and not _has_gaps(patch, upper_layers, outer_walls, upper_area)
             ):
                 yield moves[shapely.intersects(polygon, lines)]
+
+
+def _join_areas(recesses: Sequence[HiddenRecess], margin_mm: float) -> shapely.Geometry:
+    return shapely.union_all([recess.build_area(margin_mm) for recess in recesses])
 
 
 def _has_gaps(
@@ -190,7 +192,7 @@ def _list_segments(path: Toolpath, is_removed: Bools, settings: EngineSettings) 
     segments: dict[int, list[Segment]] = {}
     outer_walls, travel_mm_min = OuterWalls(path), 60.0 * settings.speed_travel_mm_s
     is_travel = (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0) & path.is_head_move
-    is_linked = is_removed | is_travel
+    is_linked = is_removed | (is_travel & ~mark_wipes(path, settings))
     is_joined = is_linked[1:] & is_linked[:-1] & ~mark_moves_after_commands(path)[1:-1]
     for moves in list_runs(is_joined):
         removed_moves = moves[is_removed[moves]]

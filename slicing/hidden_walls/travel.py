@@ -12,6 +12,7 @@ from slicing.checks import Toolpath
 from slicing.checks.section import Floats
 from slicing.hidden_walls.rewriting import Segment
 from slicing.hidden_walls.sides import Bools, Indices, find_level_lines
+from slicing.settings import EngineSettings
 
 Point = tuple[float, float]
 
@@ -20,6 +21,7 @@ SAVED_TIME_FACTOR = 1.5
 """Factor by which omitted travel saves more time than its length over its speed, because the head also
 accelerates less often. It keeps layers from becoming shorter than the minimum layer time."""
 _EDGE_TOLERANCE_MM = 1e-6
+_WIPE_TOLERANCE_MM = 0.05  # maximum excess length of a wipe
 _TOLERANCE_MM = 0.05  # distance from the centre line of the outer wall within which the head may travel
 
 
@@ -90,6 +92,24 @@ def mark_moves_after_commands(path: Toolpath) -> Bools:
     is_after = np.zeros(len(path.start) + 1, np.bool_)
     is_after[[command.next_move for command in path.commands]] = True
     return is_after
+
+
+def mark_wipes(path: Toolpath, settings: EngineSettings) -> Bools:
+    """Mark the moves (n,) of wipes: travel along an outer wall after its end."""
+    max_mm = float(settings.extruder["wall_0_wipe_dist"]) + _WIPE_TOLERANCE_MM
+    is_outer = find_level_lines(path) & path.is_feature("WALL-OUTER")
+    is_travel = (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0)
+    lengths_mm = np.hypot(*(path.end - path.start)[:, :2].T)
+    is_wipe = np.zeros(len(is_outer), np.bool_)
+    for move in (np.flatnonzero(is_outer[:-1] & ~is_outer[1:]) + 1).tolist():
+        wipe_mm = lengths_mm[move]
+        while is_travel[move] and wipe_mm < max_mm:
+            is_wipe[move] = True
+            move += 1
+            if move == len(is_wipe):
+                break
+            wipe_mm += lengths_mm[move]
+    return is_wipe
 
 
 def list_runs(is_joined: Bools) -> Iterator[Indices]:

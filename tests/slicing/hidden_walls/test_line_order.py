@@ -16,7 +16,7 @@ from printers.printed_lines import (
     list_travel,
     measure_travel_mm,
 )
-from slicing.checks import read_toolpath
+from slicing.checks import Toolpath, read_toolpath
 from slicing.hidden_walls import HiddenSide, reorder_infill, reorder_outlines
 from slicing.plate import slice_plate
 
@@ -88,8 +88,13 @@ def test_each_inner_wall_stays_before_its_outer_wall(reorder):
     assert [name for name, _ in groupby(features)] == ["FILL", *3 * ["WALL-INNER", "WALL-OUTER"], "FILL"]
 
 
-def test_wipe_follows_its_outer_wall(reorder):
-    _, _, new_path = reorder(write_layers([FAR_HOLE, NEAR_HOLE, OUTLINE], end=(98, 2)))
+@pytest.mark.parametrize(
+    "infill", [(), [((x, 5), (x, 35)) for x in (90, 40, 60, 20)]], ids=["walls", "infill"]
+)
+def test_wipe_follows_its_outer_wall(reorder, infill):
+    rings = [FAR_HOLE, NEAR_HOLE, OUTLINE]
+    _, path, new_path = reorder(write_layers(rings, end=(98, 2), infill=infill))
+    assert measure_travel_mm(new_path) < measure_travel_mm(path)
     outer = np.flatnonzero(new_path.is_feature("WALL-OUTER") & (new_path.extruded_mm > 0.0))
     ends = outer[np.diff(outer, append=outer[-1] + 2) != 1]
     wipes_mm = np.hypot(*(new_path.end - new_path.start)[ends + 1, :2].T)
@@ -123,6 +128,22 @@ def test_infill_is_printed_on_the_way_and_backwards(reorder):
     assert new_path.start[new_lines, 1].tolist() == [5.0, 35.0, 5.0, 35.0, 30.0]
     assert measure_travel_mm(new_path) < 0.8 * measure_travel_mm(path)
     assert_same_lines(new_path, path)
+
+
+def test_extrusion_of_all_moves_is_not_computed_for_each_line(reorder, monkeypatch):
+    compute_extruded_mm, counts = Toolpath.extruded_mm.fget, []
+
+    def count(path):
+        counts[-1] += 1
+        return compute_extruded_mm(path)
+
+    monkeypatch.setattr(Toolpath, "extruded_mm", property(count))
+    for line_count in (4, 12):
+        counts.append(0)
+        infill = [((x, 5), (x, 35)) for x in (90, 20, *range(30, 22 + 4 * line_count, 4))]
+        new_gcode, path, _ = reorder(write_layers([OUTLINE], infill=infill))
+        assert measure_travel_mm(read_toolpath(new_gcode)) < measure_travel_mm(path)
+    assert counts[0] == counts[1]
 
 
 @given(
