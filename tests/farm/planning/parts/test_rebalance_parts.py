@@ -52,11 +52,15 @@ def test_part_whose_features_its_printer_prints_slowly_is_rebalanced(bar, files,
     factors = dict.fromkeys(("p0", "p1"), TimeFactors(1.0, (1.0, 1.0, 1.3, 1.0, 1.0)))
     task = replace(make_decompose_task(bar, files, tmp_path), time_factors=factors)
     level_job = slice_with_slow_part(task, decompose_job(task), extra_s=0.0)
-    first_part, *other_parts = level_job.parts
-    total_s = first_part.result.sliced_s
-    first_part.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
-    for part in other_parts:
-        part.result.features = FeatureTimes(total_s, 0.0, 0.0, 0.0, 0.0)
+    total_s = level_job.parts[0].result.sliced_s
+    features = [FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)] + (len(level_job.parts) - 1) * [
+        FeatureTimes(total_s, 0.0, 0.0, 0.0, 0.0)
+    ]
+    parts = [
+        replace(part, result=replace(part.result, features=part_features))
+        for part, part_features in zip(level_job.parts, features, strict=True)
+    ]
+    level_job, first_part = replace(level_job, parts=type(level_job.parts)(parts)), parts[0]
     assert level_job.compute_printer_times_s()[first_part.printer.name] == pytest.approx(
         first_part.compute_expected_s(TimeFactors(1.3))
     )
