@@ -51,8 +51,7 @@ def slice_with_sides(
         build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]), args.quality, overrides=overrides
     )
     settings = resolve_settings(request, find_resources())
-    names = ("brim_width_mm", "layer_0_expansion_mm", "bed_face_hidden", "tops_hidden")
-    names += ("hidden_grooves", "hidden_recesses")
+    names = set(PartPrintOptions.model_fields) & set(part)
     options = PartPrintOptions.model_validate({name: part[name] for name in names} | {"hidden_sides": sides})
     volumes = list_usable_volumes(PROFILES[PRINTER_MODEL], settings.brim_width_mm)
     stl = args.folder / part["file"]
