@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slicing.checks import MotionLimits, Toolpath, change_times
+from slicing.checks import Toolpath
 from slicing.checks.section import Floats
 from slicing.hidden_walls.infill import Backing, Stretch, extend_infill
 from slicing.hidden_walls.loops import find_sides, list_loop_runs, list_loops
-from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
+from slicing.hidden_walls.rewriting import Segment, change_moves, measure_extrusion_per_mm
 from slicing.hidden_walls.sides import (
     TRANSITION_MM,
     Bools,
@@ -107,8 +107,7 @@ def remove_inner_walls(
     segments = dict(_list_replacement_segments(path, removal, travel_mm_min))
     segments |= extend_infill(path, points_mm[1], sides, removal.stretches, infill_depth_mm, spacing_mm)
     shorten_travel(path, removal.first_share, removal.last_share, removal.is_skipped, segments)
-    new_gcode = replace_moves(gcode, path, segments)
-    return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
+    return change_moves(gcode, path, segments, settings)
 
 
 def _find_removal(

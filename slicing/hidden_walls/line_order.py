@@ -14,10 +14,10 @@ from math import dist
 
 import numpy as np
 
-from slicing.checks import MotionLimits, Toolpath, change_times
+from slicing.checks import Toolpath
 from slicing.checks.section import Floats
 from slicing.hidden_walls.inner_walls import removes_inner_walls
-from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
+from slicing.hidden_walls.rewriting import Segment, change_moves, measure_extrusion_per_mm, measure_lengths_mm
 from slicing.hidden_walls.sides import (
     CLOSURE_TOLERANCE_MM,
     Bools,
@@ -32,6 +32,7 @@ from slicing.hidden_walls.travel import (
     OuterWalls,
     Trail,
     list_runs,
+    mark_level_travel,
     mark_moves_after_commands,
     mark_wipes,
     measure_length_mm,
@@ -126,10 +127,7 @@ def _reorder(
             spare_s[layer] -= saved_s
             travel_mm_min = 60.0 * settings.speed_travel_mm_s
             segments |= _list_segments(path, lines, block, order[1:-1], routes, travel_mm_min)
-    if not segments:
-        return gcode
-    new_gcode = replace_moves(gcode, path, segments)
-    return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
+    return change_moves(gcode, path, segments, settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +151,9 @@ class _Lines:
             is_outer | (is_line & path.is_feature("WALL-INNER")),
             is_outer,
             is_line & path.is_feature("FILL"),
-            (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0),
+            mark_level_travel(path),
             mark_wipes(path, settings),
-            np.hypot(*(path.end - path.start)[:, :2].T),
+            measure_lengths_mm(path),
             measure_extrusion_per_mm(path),
         )
 

@@ -12,16 +12,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from slicing.checks import MotionLimits, Toolpath, change_times
+from slicing.checks import Toolpath
 from slicing.hidden_walls.inner_walls import removes_inner_walls
-from slicing.hidden_walls.rewriting import Segment, replace_moves
+from slicing.hidden_walls.rewriting import Segment, change_moves, measure_lengths_mm
 from slicing.hidden_walls.sides import (
     Bools,
     Indices,
     find_level_lines,
     measure_spare_times_s,
 )
-from slicing.hidden_walls.travel import OuterWalls, Trail, list_runs, mark_moves_after_commands, mark_wipes
+from slicing.hidden_walls.travel import (
+    OuterWalls,
+    Trail,
+    list_runs,
+    mark_level_travel,
+    mark_moves_after_commands,
+    mark_wipes,
+)
 from slicing.settings import EngineSettings
 
 MARGIN_MM = 2.5
@@ -112,7 +119,7 @@ def remove_recess_skins(
         return gcode
     is_removed = np.zeros(len(path.layer), np.bool_)
     spare_s = measure_spare_times_s(path, float(settings.extruder["cool_min_layer_time"]))
-    lengths_mm = np.hypot(*(path.end - path.start)[:, :2].T)
+    lengths_mm = measure_lengths_mm(path)
     for patch in _list_patches(path, recesses, settings):
         layer = int(path.layer[patch[0]])
         saved_s = _SAVED_TIME_FACTOR * 60.0 * float((lengths_mm[patch] / path.feed_mm_min[patch]).sum())
@@ -120,10 +127,7 @@ def remove_recess_skins(
             spare_s[layer] -= saved_s
             is_removed[patch] = True
     segments = _list_segments(path, is_removed, settings)
-    if not segments:
-        return gcode
-    new_gcode = replace_moves(gcode, path, segments)
-    return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
+    return change_moves(gcode, path, segments, settings)
 
 
 def _list_patches(
@@ -191,7 +195,7 @@ def _list_segments(path: Toolpath, is_removed: Bools, settings: EngineSettings) 
     """List the segments that replace removed moves (n,), and the travel between them, by shorter travel."""
     segments: dict[int, list[Segment]] = {}
     outer_walls, travel_mm_min = OuterWalls(path), 60.0 * settings.speed_travel_mm_s
-    is_travel = (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0) & path.is_head_move
+    is_travel = mark_level_travel(path)
     is_linked = is_removed | (is_travel & ~mark_wipes(path, settings))
     is_joined = is_linked[1:] & is_linked[:-1] & ~mark_moves_after_commands(path)[1:-1]
     for moves in list_runs(is_joined):

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slicing.checks import Toolpath
+from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
 from slicing.hidden_walls.sides import Bools
+from slicing.settings import EngineSettings
 
 MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")
 _WORDS = {letter: re.compile(rb" %b[-+.\d]+" % letter) for letter in (b"E", b"F")}
@@ -87,9 +88,42 @@ def replace_moves(gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[
     return b"".join((*pieces, gcode[offset:]))
 
 
+def change_moves(
+    gcode: bytes, path: Toolpath, segments: Mapping[int, Sequence[Segment]], settings: EngineSettings
+) -> bytes:
+    """Replace moves of a file as in `replace_moves`, and correct the times in its comments.
+
+    Parameters
+    ----------
+    gcode, path, segments
+        As in `replace_moves`.
+    settings
+        Settings with which it was sliced.
+
+    Returns
+    -------
+    bytes
+        The changed G-code; the same object if there are no segments.
+
+    Raises
+    ------
+    SliceRejected
+        `FLAVOUR` if the changed file cannot be read; see `read_toolpath`.
+    """
+    if not segments:
+        return gcode
+    new_gcode = replace_moves(gcode, path, segments)
+    return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
+
+
+def measure_lengths_mm(path: Toolpath) -> Floats:
+    """Measure the length (n,) of each move in the plane of its layer, in mm."""
+    return np.asarray(np.hypot(*(path.end - path.start)[:, :2].T))
+
+
 def measure_extrusion_per_mm(path: Toolpath) -> Floats:
     """Measure the filament (n,) in mm that each move extrudes for each mm of its length."""
-    return np.asarray(path.extruded_mm / np.maximum(np.hypot(*(path.end - path.start)[:, :2].T), 1e-9))
+    return np.asarray(path.extruded_mm / np.maximum(measure_lengths_mm(path), 1e-9))
 
 
 def _is_replaceable(path: Toolpath) -> Bools:

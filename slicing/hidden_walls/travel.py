@@ -10,7 +10,7 @@ from shapely.ops import substring
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
-from slicing.hidden_walls.rewriting import Segment
+from slicing.hidden_walls.rewriting import Segment, measure_lengths_mm
 from slicing.hidden_walls.sides import Bools, Indices, find_level_lines
 from slicing.settings import EngineSettings
 
@@ -94,12 +94,17 @@ def mark_moves_after_commands(path: Toolpath) -> Bools:
     return is_after
 
 
+def mark_level_travel(path: Toolpath) -> Bools:
+    """Mark the moves (n,) without extrusion that stay on their level."""
+    return np.asarray((path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0))
+
+
 def mark_wipes(path: Toolpath, settings: EngineSettings) -> Bools:
     """Mark the moves (n,) of wipes: travel along an outer wall after its end."""
     max_mm = float(settings.extruder["wall_0_wipe_dist"]) + _WIPE_TOLERANCE_MM
     is_outer = find_level_lines(path) & path.is_feature("WALL-OUTER")
-    is_travel = (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0)
-    lengths_mm = np.hypot(*(path.end - path.start)[:, :2].T)
+    is_travel = mark_level_travel(path)
+    lengths_mm = measure_lengths_mm(path)
     is_wipe = np.zeros(len(is_outer), np.bool_)
     for move in (np.flatnonzero(is_outer[:-1] & ~is_outer[1:]) + 1).tolist():
         wipe_mm = lengths_mm[move]

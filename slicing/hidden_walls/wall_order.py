@@ -15,10 +15,10 @@ from math import dist
 import numpy as np
 import shapely
 
-from slicing.checks import MotionLimits, Toolpath, change_times
+from slicing.checks import Toolpath
 from slicing.checks.section import Floats
 from slicing.hidden_walls.inner_walls import removes_inner_walls
-from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm, replace_moves
+from slicing.hidden_walls.rewriting import Segment, change_moves, measure_extrusion_per_mm, measure_lengths_mm
 from slicing.hidden_walls.sides import CLOSURE_TOLERANCE_MM, Indices, find_level_lines, measure_spare_times_s
 from slicing.hidden_walls.travel import (
     MIN_SAVED_MM,
@@ -27,6 +27,7 @@ from slicing.hidden_walls.travel import (
     Point,
     Trail,
     list_runs,
+    mark_level_travel,
     mark_moves_after_commands,
     measure_length_mm,
 )
@@ -136,20 +137,17 @@ def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) 
         if plan is not None and saved_mm > MIN_SAVED_MM and saved_s <= spare_s.get(layer, 0.0):
             spare_s[layer] -= saved_s
             segments |= _list_segments(path, chain, plan, 60.0 * settings.speed_travel_mm_s)
-    if not segments:
-        return gcode
-    new_gcode = replace_moves(gcode, path, segments)
-    return change_times(new_gcode, path, MotionLimits.from_settings(settings.global_))
+    return change_moves(gcode, path, segments, settings)
 
 
 def _list_chains(path: Toolpath) -> Iterator[_Chain]:
     """Yield the chains that include a piece of an interrupted wall."""
     is_line = find_level_lines(path)
     is_wall = is_line & path.is_feature("WALL-INNER")
-    is_travel = (path.end[:, 2] == path.start[:, 2]) & (path.extruded_mm == 0.0)
+    is_travel = mark_level_travel(path)
     begins_outer = np.append(is_line & path.is_feature("WALL-OUTER"), False)
     extruded_per_mm = measure_extrusion_per_mm(path)
-    lengths_mm = np.hypot(*(path.end - path.start)[:, :2].T)
+    lengths_mm = measure_lengths_mm(path)
     begins_after_command = mark_moves_after_commands(path)
     begins_outer &= ~begins_after_command
     is_linked = is_wall | is_travel
