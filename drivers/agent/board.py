@@ -26,6 +26,7 @@ NOT_WATCHED_REASON = "it was not watched before its agent was started"
 MAY_PRINT_REASON = (
     "its port is opened only after a person confirms that it is not printing: opening may reset the board"
 )
+MAXTEMP_CAUSE = "both targets are 0, so a heater is stuck on or a sensor is broken"
 NO_RESET_REASON = "a pulse of DTR does not reset its board: it prints only while somebody is present"
 
 
@@ -87,10 +88,9 @@ class Board:
         self.state = BoardState()
         self.reset_count = 0
         self.stuck_heater_text: str | None = None
-        self.alarm_is_over = False
+        self.alarm_is_over = self.has_changed = False
         self.idle_watch = IdleWatch()
         self.emulator = EmulatorControl(folder if self.is_simulated else None)
-        self.has_changed = False
         self._url, self._folder, self._clock = url, folder, clock
         self._save, self._on_port_change = save, on_port_change
         self._port: Port | None = None
@@ -195,9 +195,7 @@ class Board:
             self._process_events((), now_s)
 
     def clear_attention(self) -> None:
-        """Clear all findings, as a person has checked the printer.
-
-        Resets the board if its reset is not verified.
+        """Clear all findings, as a person has checked; reset the board if its reset is not verified.
 
         Raises
         ------
@@ -346,11 +344,7 @@ class Board:
         elif fault.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
             self._on_port_lost(PortError(f"{self._url}: {fault.text}; is the printer switched on?"))
         elif fault.fault is Fault.MAXTEMP:
-            answer = fault.text.lstrip(" :")
-            self.stuck_heater_text = (
-                f"the board reports {answer}, and both targets are 0, "
-                "so a heater is stuck on or a sensor is broken"
-            )
+            self.stuck_heater_text = f"the board reports {fault.text.lstrip(' :')}, and {MAXTEMP_CAUSE}"
         else:
             self.state.attention_reason = fault.text
 
