@@ -29,7 +29,7 @@ from slicing.checks import (
 )
 from slicing.engine import EngineLimits, EngineOutput, ProgressCallback, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
-from slicing.hidden_walls import (
+from slicing.glued_parts import (
     HiddenRecess,
     HiddenSide,
     remove_inner_walls,
@@ -265,7 +265,7 @@ def _run_engine(
 
 
 def _change_hidden_walls(gcode: bytes, toolpath: Toolpath, request: PlateRequest) -> tuple[bytes, Toolpath]:
-    """Change the walls along hidden sides (`slicing.hidden_walls`); return the G-code and its moves."""
+    """Change the walls along hidden sides (`slicing.glued_parts`); return the G-code and its moves."""
     sides, settings = request.hidden_sides, request.settings
     changes = (
         partial(remove_recess_skins, recesses=request.hidden_recesses, settings=settings),

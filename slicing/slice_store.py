@@ -14,7 +14,7 @@ from typing import Any
 
 from slicing.checks import FeatureTimes, GcodeFacts, UnprintedWall
 from slicing.engine import read_engine_version
-from slicing.hidden_walls import HiddenRecess, HiddenSide
+from slicing.glued_parts import HiddenRecess, HiddenSide
 from slicing.settings import EngineSettings
 
 _FORMAT = "farm-slice-16"

@@ -30,7 +30,7 @@ from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.compute import DeferredFunction, TaskFiles
 from farm.planning.parts.pricing import build_print_time_settings
 from farm.planning.printer_settings import build_slicing_printer
-from slicing.hidden_walls import HiddenSide
+from slicing.glued_parts import HiddenSide
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 

@@ -1,6 +1,6 @@
 """Printed outer wall: closed rings, walls of a single line, and the area that they enclose.
 
-A ring is a closed line of a wall, or of a section of the model (`checks.section`). `hidden_walls` calls the
+A ring is a closed line of a wall, or of a section of the model (`checks.section`). `glued_parts` calls the
 moves of a wall's ring a loop.
 """
 

@@ -138,7 +138,7 @@ _GLUE = Quality(
         ),
         "speed_roofing": Formula(f"min(speed_topbottom, {_CURA_ROOF_SPEED})"),
         "roofing_layer_count": Formula("1 if top_layers > 1 else 0"),
-        # All walls of a hole follow each other; `slicing.hidden_walls` chooses the order of the holes.
+        # All walls of a hole follow each other; `slicing.glued_parts` chooses the order of the holes.
         "optimize_wall_printing_order": True,
         # Lines in the order of their positions look even, but need more travel where grooves divide them.
         # Only the uppermost layer of a visible top keeps Cura's order.

@@ -17,7 +17,7 @@ from farm.planning.printer_settings import (
     list_max_part_sizes_mm,
     resolve_printer_settings,
 )
-from slicing.hidden_walls import removes_inner_walls
+from slicing.glued_parts import removes_inner_walls
 from slicing.settings import FARM_QUALITIES, SMALL_OVERHANG_MM2, EngineSettings, LayerFit, Resources
 
 REMAINING_TRAVEL_SHARE = 0.25

@@ -15,7 +15,7 @@ from farm.model import PartPrintOptions
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
 from slicing.errors import OutsideBed
-from slicing.hidden_walls import HiddenRecess, HiddenSide, SideGroove
+from slicing.glued_parts import HiddenRecess, HiddenSide, SideGroove
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import SMALL_OVERHANG_MM2, EngineSettings, PartSettings, resolve_settings
 

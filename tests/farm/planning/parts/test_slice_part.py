@@ -15,7 +15,7 @@ from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import place_hidden_recesses, place_hidden_sides, slice_part
 from farm.planning.printer_settings import find_usable_volumes, list_max_part_sizes_mm
 from printers.slicing_printers import PRINTERS
-from slicing.hidden_walls import TRANSITION_MM
+from slicing.glued_parts import TRANSITION_MM
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
 PRINTER_MODEL = "ultimaker2_plus"

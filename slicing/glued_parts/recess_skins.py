@@ -13,15 +13,15 @@ import numpy as np
 import shapely
 
 from slicing.checks import Toolpath
-from slicing.hidden_walls.inner_walls import removes_inner_walls
-from slicing.hidden_walls.rewriting import Segment, change_moves, measure_lengths_mm
-from slicing.hidden_walls.sides import (
+from slicing.glued_parts.inner_walls import removes_inner_walls
+from slicing.glued_parts.rewriting import Segment, change_moves, measure_lengths_mm
+from slicing.glued_parts.sides import (
     Bools,
     Indices,
     find_level_lines,
     measure_spare_times_s,
 )
-from slicing.hidden_walls.travel import (
+from slicing.glued_parts.travel import (
     OuterWalls,
     Trail,
     list_runs,

@@ -17,10 +17,10 @@ import shapely
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
-from slicing.hidden_walls.inner_walls import removes_inner_walls
-from slicing.hidden_walls.rewriting import Segment, change_moves, measure_extrusion_per_mm, measure_lengths_mm
-from slicing.hidden_walls.sides import CLOSURE_TOLERANCE_MM, Indices, find_level_lines, measure_spare_times_s
-from slicing.hidden_walls.travel import (
+from slicing.glued_parts.inner_walls import removes_inner_walls
+from slicing.glued_parts.rewriting import Segment, change_moves, measure_extrusion_per_mm, measure_lengths_mm
+from slicing.glued_parts.sides import CLOSURE_TOLERANCE_MM, Indices, find_level_lines, measure_spare_times_s
+from slicing.glued_parts.travel import (
     MIN_SAVED_MM,
     SAVED_TIME_FACTOR,
     OuterWalls,

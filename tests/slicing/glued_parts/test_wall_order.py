@@ -17,7 +17,7 @@ from printers.printed_lines import (
     measure_travel_mm,
 )
 from slicing.checks import read_toolpath
-from slicing.hidden_walls import HiddenSide, reorder_inner_walls
+from slicing.glued_parts import HiddenSide, reorder_inner_walls
 from slicing.plate import slice_plate
 
 RING = [(40, 0), (40, 40), (0, 40), (0, 0), (40, 0)]  # counter-clockwise from the seam

@@ -17,7 +17,7 @@ from printers.printed_lines import (
     measure_travel_mm,
 )
 from slicing.checks import Toolpath, read_toolpath
-from slicing.hidden_walls import HiddenSide, reorder_infill, reorder_outlines
+from slicing.glued_parts import HiddenSide, reorder_infill, reorder_outlines
 from slicing.plate import slice_plate
 
 OUTLINE = shapely.box(0.0, 0.0, 100.0, 40.0)

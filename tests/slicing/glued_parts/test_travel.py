@@ -4,8 +4,8 @@ import numpy as np
 import shapely
 
 from slicing.checks import read_toolpath
-from slicing.hidden_walls.rewriting import replace_moves
-from slicing.hidden_walls.travel import shorten_travel
+from slicing.glued_parts.rewriting import replace_moves
+from slicing.glued_parts.travel import shorten_travel
 
 OUTLINE = [(0, 60), (0, 0), (60, 0), (60, 15), (15, 15), (15, 60), (0, 60)]  # from the first arm
 RING = [(1, 1), (59, 1), (59, 14), (14, 14), (14, 59), (1, 59), (1, 1)]

@@ -10,8 +10,8 @@ from shapely.ops import substring
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
-from slicing.hidden_walls.rewriting import Segment, measure_lengths_mm
-from slicing.hidden_walls.sides import Bools, Indices, find_level_lines
+from slicing.glued_parts.rewriting import Segment, measure_lengths_mm
+from slicing.glued_parts.sides import Bools, Indices, find_level_lines
 from slicing.settings import EngineSettings
 
 Point = tuple[float, float]

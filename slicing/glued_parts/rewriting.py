@@ -11,7 +11,7 @@ import numpy as np
 
 from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
-from slicing.hidden_walls.sides import Bools
+from slicing.glued_parts.sides import Bools
 from slicing.settings import EngineSettings
 
 MOVE_LINE = re.compile(rb"(?m)^G[01] [^\n]*\n")

@@ -3,7 +3,7 @@
 import pytest
 
 from slicing.checks import read_toolpath
-from slicing.hidden_walls.rewriting import Segment, replace_moves
+from slicing.glued_parts.rewriting import Segment, replace_moves
 
 GCODE = b""";LAYER:0
 G0 F9000 X0 Y0

@@ -12,8 +12,8 @@ import numpy as np
 
 from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
-from slicing.hidden_walls.rewriting import MOVE_LINE
-from slicing.hidden_walls.sides import (
+from slicing.glued_parts.rewriting import MOVE_LINE
+from slicing.glued_parts.sides import (
     TRANSITION_MM,
     HiddenSide,
     Indices,

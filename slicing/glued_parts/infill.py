@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
-from slicing.hidden_walls.loops import join_loops, list_loops
-from slicing.hidden_walls.rewriting import Segment, measure_extrusion_per_mm
-from slicing.hidden_walls.sides import (
+from slicing.glued_parts.loops import join_loops, list_loops
+from slicing.glued_parts.rewriting import Segment, measure_extrusion_per_mm
+from slicing.glued_parts.sides import (
     MAX_NOTCH_DEPTH_MM,
     TRANSITION_MM,
     HiddenSide,

@@ -3,9 +3,9 @@
 import pytest
 
 from slicing.checks import read_toolpath
-from slicing.hidden_walls import HiddenSide
-from slicing.hidden_walls.infill import Stretch, extend_infill
-from slicing.hidden_walls.rewriting import replace_moves
+from slicing.glued_parts import HiddenSide
+from slicing.glued_parts.infill import Stretch, extend_infill
+from slicing.glued_parts.rewriting import replace_moves
 
 GCODE = b""";LAYER:0
 G0 F9000 X5 Y5

@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
-from slicing.hidden_walls.infill import Backing, Stretch, extend_infill
-from slicing.hidden_walls.loops import find_sides, list_loop_runs, list_loops
-from slicing.hidden_walls.rewriting import Segment, change_moves, measure_extrusion_per_mm
-from slicing.hidden_walls.sides import (
+from slicing.glued_parts.infill import Backing, Stretch, extend_infill
+from slicing.glued_parts.loops import find_sides, list_loop_runs, list_loops
+from slicing.glued_parts.rewriting import Segment, change_moves, measure_extrusion_per_mm
+from slicing.glued_parts.sides import (
     TRANSITION_MM,
     Bools,
     HiddenSide,
@@ -26,7 +26,7 @@ from slicing.hidden_walls.sides import (
     list_wall_lines,
     measure_spare_times_s,
 )
-from slicing.hidden_walls.travel import shorten_travel
+from slicing.glued_parts.travel import shorten_travel
 from slicing.settings import EngineSettings
 
 MIN_REMOVED_MM = 10.0

@@ -10,8 +10,8 @@ import trimesh
 
 from printers.slicing_printers import PRINTERS
 from slicing.checks import read_toolpath
-from slicing.hidden_walls import HiddenRecess
-from slicing.hidden_walls.sides import find_bed_points
+from slicing.glued_parts import HiddenRecess
+from slicing.glued_parts.sides import find_bed_points
 from slicing.plate import slice_plate
 from slicing.settings import PartSettings, SettingsRequest, resolve_settings
 

@@ -7,12 +7,12 @@ printed in the order with the least travel.
 
 from __future__ import annotations
 
-from slicing.hidden_walls.fast_walls import speed_up_hidden_walls
-from slicing.hidden_walls.inner_walls import remove_inner_walls, removes_inner_walls
-from slicing.hidden_walls.line_order import reorder_infill, reorder_outlines
-from slicing.hidden_walls.recess_skins import HiddenRecess, remove_recess_skins
-from slicing.hidden_walls.sides import MAX_NOTCH_DEPTH_MM, TRANSITION_MM, HiddenSide, SideGroove
-from slicing.hidden_walls.wall_order import reorder_inner_walls
+from slicing.glued_parts.fast_walls import speed_up_hidden_walls
+from slicing.glued_parts.inner_walls import remove_inner_walls, removes_inner_walls
+from slicing.glued_parts.line_order import reorder_infill, reorder_outlines
+from slicing.glued_parts.recess_skins import HiddenRecess, remove_recess_skins
+from slicing.glued_parts.sides import MAX_NOTCH_DEPTH_MM, TRANSITION_MM, HiddenSide, SideGroove
+from slicing.glued_parts.wall_order import reorder_inner_walls
 
 __all__ = [
     "MAX_NOTCH_DEPTH_MM",

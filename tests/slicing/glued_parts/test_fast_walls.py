@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from slicing.checks import read_toolpath
-from slicing.hidden_walls import TRANSITION_MM, HiddenSide
+from slicing.glued_parts import TRANSITION_MM, HiddenSide
 from slicing.plate import slice_plate
 
 SIDE = HiddenSide((1.0, 0.0), 30.0)

@@ -1,6 +1,6 @@
 """Loops of the walls in a toolpath, and the hidden sides along which they lie.
 
-For notches and grooves of a side, see `hidden_walls.sides`; `checks.walls` calls the same loops rings.
+For notches and grooves of a side, see `glued_parts.sides`; `checks.walls` calls the same loops rings.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from slicing.checks import Toolpath
 from slicing.checks.section import Floats
-from slicing.hidden_walls.sides import (
+from slicing.glued_parts.sides import (
     CLOSURE_TOLERANCE_MM,
     MAX_NOTCH_LENGTH_MM,
     Bools,

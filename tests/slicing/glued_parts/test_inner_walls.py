@@ -8,7 +8,7 @@ import shapely
 import trimesh
 
 from slicing.checks import read_toolpath
-from slicing.hidden_walls import TRANSITION_MM, HiddenSide, SideGroove
+from slicing.glued_parts import TRANSITION_MM, HiddenSide, SideGroove
 from slicing.plate import slice_plate
 
 CENTRE_MM = np.array((111.5, 111.5))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slicing.hidden_walls.stop_order import Stops, find_order
+from slicing.glued_parts.stop_order import Stops, find_order
 
 POINTS = st.tuples(st.integers(0, 100), st.integers(0, 100))
 
