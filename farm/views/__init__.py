@@ -1,4 +1,4 @@
-"""Views of the state for people: jobs, printers, tasks, history, notices. Pure.
+"""Views of the state for people: descriptions of jobs, printers, tasks, history and notices. Pure.
 
 `farm.views.report`, the report of a job, is imported separately, because its templates are slow to load.
 """

@@ -1,4 +1,4 @@
-"""Totals of a job and of a night: plates printed and good, time and filament wasted. Pure."""
+"""Totals of a job and of a night: printed and good plates, wasted time, used and wasted filament. Pure."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from farm.state import Books, PlateState
 
 _PRINTED_STATES = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
-"""Length of last night, which ends now: in the morning, it began in the previous afternoon."""
+"""Length of the period that counts as last night; it ends now."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobTotals:
-    """Plates, time and filament of a job."""
+    """Counts of the plates of a job, and the time and filament that were wasted."""
 
     printed_count: int = 0  # plates, with or without a verdict
     good_count: int = 0  # plates
-    printed_copy_count: int = 0  # copies of the model with all parts printed
+    printed_copy_count: int = 0  # copies of the model of which all parts are printed
     wasted_s: float = 0.0
     wasted_grams: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class NightTotals:
-    """Plates and filament of the prints in a period."""
+    """Counts of the plates that were printed in a period, and their filament."""
 
     since_s: float
     printed_count: int = 0
     failed_count: int = 0
     printing_count: int = 0
     waiting_count: int = 0  # plates that have not started
-    grams: float = 0.0
+    grams: float = 0.0  # of prints that are not wasted
     wasted_grams: float = 0.0
 
     @property
@@ -49,15 +49,19 @@ def compute_duration_s(attempt: Print) -> float:
 
 
 def is_wasted(attempt: Print) -> bool:
-    """Return whether a print failed, was cancelled, or made a bad part."""
+    """Return whether a print failed, was cancelled, or produced a bad part."""
     return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
 
 
 def compute_job_totals(books: Books, job: Job) -> JobTotals:
-    """Count the plates of a job, and add up the time and filament wasted."""
+    """Count the plates of a job, and add up the wasted time and filament."""
     states = [books.find_plate_state(plate) for plate in books.list_plates(job)]
-    numbers = [books.parts[plate.parts[0]].copy_number for plate in books.list_plates(job)]
-    unfinished_copies = {n for n, state in zip(numbers, states, strict=True) if state not in _PRINTED_STATES}
+    copy_numbers = [books.parts[plate.parts[0]].copy_number for plate in books.list_plates(job)]
+    unfinished_copies = {
+        copy_number
+        for copy_number, state in zip(copy_numbers, states, strict=True)
+        if state not in _PRINTED_STATES
+    }
     waste = [
         (compute_duration_s(attempt), attempt.grams)
         for attempt in books.list_job_prints(job)
@@ -66,21 +70,21 @@ def compute_job_totals(books: Books, job: Job) -> JobTotals:
     return JobTotals(
         printed_count=sum(map(states.count, _PRINTED_STATES)),
         good_count=states.count(PlateState.GOOD),
-        printed_copy_count=len(set(numbers) - unfinished_copies),
+        printed_copy_count=len(set(copy_numbers) - unfinished_copies),
         wasted_s=sum(seconds for seconds, _ in waste),
         wasted_grams=sum(grams for _, grams in waste),
     )
 
 
 def compute_night_totals(books: Books, recent_prints: Iterable[Print], now_s: float) -> NightTotals | None:
-    """Count the prints of last night; return None if no print ended during that night.
+    """Count the plates of last night, and add up their filament; return None if no print ended then.
 
     Parameters
     ----------
     books
         The books.
     recent_prints
-        Prints, including at least those that ended last night.
+        All prints that ended last night; may include others.
     now_s
         Farm time, in seconds since the epoch.
     """
@@ -92,7 +96,7 @@ def compute_night_totals(books: Books, recent_prints: Iterable[Print], now_s: fl
         return None
     printed_plates = {p.plate for p in ended_prints if not is_wasted(p)}
     failed_plates = {p.plate for p in ended_prints if p.state is PrintState.FAILED} - printed_plates
-    # if a failed plate was cut again, its pieces are counted instead
+    # If a failed part was cut again, its pieces are counted instead.
     failed_plates = {name for name in failed_plates if not books.plates[name].replaced_by}
     printing_plates = {p.plate for p in books.list_open_prints()} - printed_plates
     waiting_plates = {plate.id for plate in books.list_waiting_plates()} - printed_plates - failed_plates

@@ -17,21 +17,21 @@ from farm.views.job_cache import JobCache
 
 @dataclass(frozen=True, slots=True)
 class ViewContext:
-    """Data of a view at one time."""
+    """Data from which the views at one moment are built."""
 
     fleet: Fleet
     books: Books
     snapshots: Mapping[str, AgentSnapshot]
     state: StateFolder
     now_s: float
-    ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
-    forecast_computed_s: float = -math.inf
-    awaits_forecast: bool = False  # whether the first forecast of a large queue is not ready yet
-    is_startup_over: bool = True  # whether the farm has been running long enough for printers to connect
-    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # by job, while it is being planned
+    ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast end of each waiting plate
+    forecast_computed_s: float = -math.inf  # time at which the forecast was computed
+    awaits_forecast: bool = False  # True until the first forecast of a large queue is ready
+    is_startup_over: bool = True  # True once all printers have had the time to connect
+    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # by id of a job that is being planned
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
     plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # current holds of waiting plates
-    job_holds: Mapping[int, Hold] = field(default_factory=dict)
+    job_holds: Mapping[int, Hold] = field(default_factory=dict)  # latest holds of queued jobs
     job_cache: JobCache = field(default_factory=JobCache)
 
     def find_plate_hold(self, plate: Plate) -> Hold | None:
@@ -39,7 +39,7 @@ class ViewContext:
         return self.plate_holds.get(plate.id)
 
     def find_job_hold(self, job: Job) -> Hold | None:
-        """Return the recorded hold of a job, or the scheduler's latest hold if it has the same reason."""
+        """Return the recorded hold of a job, or a newer hold of the scheduler with the same reason."""
         latest = self.job_holds.get(job.id)
         return latest if latest is not None and latest.has_same_reason(job.hold) else job.hold
 
@@ -55,11 +55,11 @@ class ViewContext:
         return self.format_time(self.forecast_computed_s) if math.isfinite(self.forecast_computed_s) else None
 
     def find_snapshot(self, printer: str) -> AgentSnapshot:
-        """Return the latest snapshot of a printer's agent."""
+        """Return the latest snapshot of a printer's agent; a snapshot without data if there is none."""
         return self.snapshots.get(printer) or AgentSnapshot(printer=printer, link=Link.STARTING)
 
     def find_reported_print(self, attempt: Print) -> AgentPrint | None:
-        """Return the agent's latest report on a print; None if there is none."""
+        """Return the print as its agent last reported it; None if the agent does not report it."""
         return self.find_snapshot(attempt.printer).find_print(attempt.id)
 
     def estimate_remaining_s(self, attempt: Print) -> float:

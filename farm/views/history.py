@@ -19,9 +19,9 @@ MAX_ENDED_JOBS = 10
 
 
 def select_shown_jobs(books: Books) -> list[Job]:
-    """Select the jobs of the status page in order of submission: all open jobs, and the last ended jobs.
+    """Select the jobs of the status page, in order of submission: all open jobs, and the last ended ones.
 
-    A printed job is open until all its parts have a verdict. Dry runs that have ended are left out.
+    A printed job counts as open until all its parts have a verdict. Dry runs that have ended are left out.
     """
     open_jobs: list[Job] = []
     ended_jobs: list[Job] = []
@@ -35,7 +35,7 @@ def select_shown_jobs(books: Books) -> list[Job]:
 
 
 def describe_night(context: ViewContext) -> api.NightView | None:
-    """Describe last night; return None if no print ended in it."""
+    """Describe the prints of last night; return None if no print ended then."""
     night = compute_night_totals(context.books, context.books.prints.values(), context.now_s)
     if night is None:
         return None
@@ -54,7 +54,7 @@ def describe_night(context: ViewContext) -> api.NightView | None:
 def list_history(
     context: ViewContext, job: int | None = None, printer: str | None = None, max_count: int = 100
 ) -> list[api.HistoryRow]:
-    """List the last prints that ended, of all jobs or of one job or printer, oldest first."""
+    """List the prints that ended last, oldest first: of all jobs and printers, or of the given ones."""
     ended_prints = [
         attempt
         for attempt in context.books.prints.values()
@@ -67,7 +67,7 @@ def list_history(
 def list_prints(
     context: ViewContext, job: int | None, printer: str | None, state: PrintState | None, max_count: int
 ) -> list[api.PrintRow]:
-    """List the last prints that were started, including open prints, in the order of their start."""
+    """List the prints that were assigned last, including open prints, oldest first."""
     prints = [
         attempt
         for attempt in context.books.prints.values()
@@ -87,7 +87,7 @@ def _make_print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
 
 
 def list_jobs(context: ViewContext, state: JobState | None, max_count: int) -> list[api.JobRow]:
-    """List the last jobs that were submitted, in order of submission."""
+    """List the jobs that were submitted last, oldest first."""
     jobs = [job for job in context.books.jobs.values() if state in (None, job.state)]
     jobs.sort(key=lambda job: job.id)
     return [_make_job_row(context, job) for job in jobs[-max_count:]]
@@ -114,7 +114,7 @@ def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:
 
 
 def make_history_row(context: ViewContext, attempt: Print) -> api.HistoryRow:
-    """Make the history row of a print, whose time and filament are final once the print has ended."""
+    """Make the history row of a print; its time and filament are 0 until the print has ended."""
     plate, job = context.books.plates[attempt.plate], context.books.jobs[attempt.job]
     return api.HistoryRow(
         **dict(describe_print(context, attempt)),

@@ -13,13 +13,13 @@ _MAX_NAMED_HOSTS = 8
 
 
 def list_lost_printers(fleet: Fleet, books: Books) -> list[Printer]:
-    """List the enabled printers whose host is lost; leave out printers that were moved to another host."""
+    """List the enabled printers whose host is lost, except those that were since moved to another host."""
     entries = ((section, books.get_printer(section.name)) for section in fleet.printers if section.enabled)
     return [entry for section, entry in entries if entry.host_loss and entry.host_loss.host == section.host]
 
 
 def group_host_losses(books: Books) -> dict[float, list[HostLoss]]:
-    """Group the losses of all printers by the time of the loss; hosts that were lost together share it."""
+    """Group the host losses of all printers by time; hosts that were lost together share a time."""
     groups: dict[float, list[HostLoss]] = {}
     for printer in books.printers.values():
         if printer.host_loss is not None:
@@ -28,7 +28,7 @@ def group_host_losses(books: Books) -> dict[float, list[HostLoss]]:
 
 
 def describe_lost_hosts(losses: Sequence[HostLoss]) -> str:
-    """Describe lost hosts and the remedy in a sentence; `losses` has one element for each printer."""
+    """Describe lost hosts, and what to do, in a sentence; `losses` has one element for each printer."""
     reasons = {loss.host: loss.reason for loss in losses}
     hosts, printers = sorted(reasons), format_count(len(losses), "printer")
     if len(hosts) == 1:

@@ -18,35 +18,35 @@ MAX_JOBS = 1000
 
 @dataclass(slots=True)
 class PartsAndPlates:
-    """Parts and plates of a job in views; each view updates the holds of the plates."""
+    """Described parts and plates of a job; whoever reads them updates the holds of the plates."""
 
     parts: list[api.PartView]
     plates: list[api.PlateStatus]
 
 
 class JobVersionCache(Generic[T]):
-    """Cache of descriptions of jobs, each valid for one version of its job in the books."""
+    """Cache of one description for each job; a description is valid until the job changes in the books."""
 
     def __init__(self) -> None:
         self._descriptions: dict[int, tuple[object, T]] = {}
 
-    def find(self, books: Books, job: int, make_description: Callable[[], T]) -> T:
-        """Return the cached description of a job, or make a new one if the job has changed."""
-        version = books.find_job_version(job)
-        cached = self._descriptions.get(job)
+    def find(self, books: Books, job_id: int, make_description: Callable[[], T]) -> T:
+        """Return the cached description of a job, or a new one if the job has changed."""
+        version = books.find_job_version(job_id)
+        cached = self._descriptions.get(job_id)
         if cached is not None and version is not None and cached[0] is version:
             return cached[1]
         description = make_description()
-        if job not in self._descriptions and len(self._descriptions) >= MAX_JOBS:
+        if job_id not in self._descriptions and len(self._descriptions) >= MAX_JOBS:
             self._descriptions.pop(next(iter(self._descriptions)))
-        self._descriptions[job] = version, description
+        self._descriptions[job_id] = version, description
         return description
 
 
 class JobCache:
     """Cache of descriptions of jobs that depend neither on the time nor on other jobs.
 
-    A cache serves one state folder and one time zone.
+    The descriptions contain paths and local times, so a cache is for one state folder and one time zone.
 
     Attributes
     ----------

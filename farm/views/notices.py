@@ -1,6 +1,6 @@
 """Notices for people who are away, derived from the books. Pure.
 
-Each notice has a unique key, with which the sender avoids duplicates.
+Each notice has a unique key, by which the sender avoids sending it twice.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _UNFINISHED_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobStat
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Sentence about an event, with the time of the event."""
+    """Sentence that informs people of an event, with the time of the event."""
 
     key: str
     at_s: float
@@ -29,15 +29,15 @@ class Notice:
 def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Collection[str]) -> list[Notice]:
     """List the notices to send now, oldest first.
 
-    All notices but urgent ones are delayed by the outage window, because further losses in this time may make
-    an event part of an outage, which has a single notice.
+    Notices that are not urgent are delayed by the outage window: further losses within it may show that the
+    event is part of an outage, which has a single notice.
 
     Parameters
     ----------
     books
         The books.
     now_s, since_s
-        Farm time in seconds since the epoch, and the time before which events cause no notices.
+        Farm time, and the time before which events cause no notices, in seconds since the epoch.
     sent_keys
         Keys of the notices already sent.
     """
@@ -50,8 +50,8 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Coll
         *_list_restoration_notices(books),
         *_list_final_notices(books),
     ]
-    wait_s = books.outage_window_s  # an absolute difference, because the clock may have been set back
-    due_notices = (n for n in notices if n.is_urgent or abs(now_s - n.at_s) >= wait_s)
+    # The absolute difference, because the clock may have been set back.
+    due_notices = (n for n in notices if n.is_urgent or abs(now_s - n.at_s) >= books.outage_window_s)
     new_notices = (n for n in due_notices if since_s <= n.at_s and n.key not in sent_keys)
     return sorted(new_notices, key=lambda notice: (notice.at_s, notice.key))
 
@@ -98,7 +98,7 @@ def _list_loss_notices(books: Books) -> Iterator[Notice]:
     for outage in books.outages.values():
         text = f"{' '.join(outage.printers)} were lost at the same time; nothing starts before `farm resume`"
         yield Notice(f"outage {outage.id}", outage.at_s, text)
-    # A loss that ended a print has the notice of the failed print.
+    # A loss that ended a print is part of the notice of the failed print.
     failed_print_ends = {
         (attempt.printer, attempt.ended_s)
         for attempt in books.prints.values()

@@ -22,9 +22,9 @@ def describe_printer(
     context
         The farm.
     section
-        The printer.
+        Section of the printer in `fleet.yaml`.
     hold
-        Reason why it takes no plate now.
+        Reason for which the printer gets no plate now.
     kept_for
         Plate or job for which the free printer is reserved.
     """
@@ -57,13 +57,13 @@ def describe_printer(
 
 
 def describe_feature_factors(entry: Printer) -> api.FeatureFactorsView | None:
-    """Describe the time factors of a printer by feature; return None before enough prints have ended."""
+    """Describe a printer's time factors by feature; return None until they are learned from enough prints."""
     factors = entry.feature_factors
     return None if factors is None else api.FeatureFactorsView(**dict(factors))
 
 
 def list_speeds(context: ViewContext, rows: Iterable[api.HistoryRow]) -> list[api.PrinterSpeed]:
-    """List the speeds of the printers of some prints, by name."""
+    """List the time factors of the printers of some prints, sorted by name."""
     printers = context.books.printers
     names = sorted({row.printer for row in rows} & printers.keys())
     return [

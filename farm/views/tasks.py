@@ -1,4 +1,4 @@
-"""The to-do list of `farm status`. Pure."""
+"""Tasks for people: the to-do list of `farm status`. Pure."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ _RANKS = {
     "hours": 4,
     "clear": 5,
 }
-"""Rank of each code, 0 for the most urgent; tasks of equal rank keep the order of the fleet."""
+"""Rank of a task by its code, 0 for the most urgent; tasks of equal rank keep the order of the fleet."""
 
 _MAX_NAMED_PARTS = 8
-"""Maximum number of beds to clear for which `brief` names the parts."""
+"""Maximum number of beds to clear; if there are more, `brief` does not name the parts on them."""
 
 
 def list_tasks(context: ViewContext) -> list[api.Todo]:
@@ -62,11 +62,11 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
         if not printer_tasks and _needs_clearing(context, section.name) and section.name not in lost_printers:
             occupied_printers.append(section.name)
     if occupied_printers:
-        occupied_printers, names = _sort_by_gluing_order(context, occupied_printers)
+        occupied_printers, labels = _sort_by_gluing_order(context, occupied_printers)
         beds = format_count(len(occupied_printers), "bed")
-        text = f"clear {beds}: {' '.join(names)}, then `farm cleared PRINTER`"
-        has_parts = names != occupied_printers and len(names) <= _MAX_NAMED_PARTS
-        brief = " ".join(names) if has_parts else ""
+        text = f"clear {beds}: {' '.join(labels)}, then `farm cleared PRINTER`"
+        has_parts = labels != occupied_printers and len(labels) <= _MAX_NAMED_PARTS
+        brief = " ".join(labels) if has_parts else ""
         tasks.append(api.Todo(code="clear", printers=occupied_printers, text=text, brief=brief))
     return [
         *sorted(tasks, key=lambda task: _RANKS[task.code]),
@@ -75,7 +75,7 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
 
 
 def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
-    """Yield the problems of the farm as a whole."""
+    """Yield the tasks to solve problems of the farm as a whole."""
     for text in context.warnings:
         yield api.Todo(code="farm", printers=[], text=text)
     for number, progress in context.progress.items():
@@ -104,7 +104,7 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
 
 
 def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: bool) -> Iterator[api.Todo]:
-    """Yield the tasks at one printer, except clearing its bed, because one task lists all beds to clear.
+    """Yield the tasks at a printer, except to clear its bed: one other task lists all beds to clear.
 
     Parameters
     ----------
@@ -144,8 +144,8 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
 
 
 def _describe_inspection(context: ViewContext, printer: Printer, reason: str) -> api.Todo:
-    """Describe the inspection that a printer needs, and the time since which it has needed one."""
-    name, question = printer.name, _format_good_command(context, printer.name)
+    """Describe the task to inspect a printer, with the time since which the inspection is due."""
+    name, good_command = printer.name, _format_good_command(context, printer.name)
     since_text, times = "", list[TextTime]()
     if printer.attention_reason is not None and printer.attention_since_s is not None:
         moment, now = (
@@ -154,9 +154,9 @@ def _describe_inspection(context: ViewContext, printer: Printer, reason: str) ->
         )
         since = TextTime(text=format_recent_moment(moment, now), at=moment.isoformat("T", "seconds"))
         since_text, times = f" ({since.text})", [since]
-    text = f"inspect {name}: {reason}; then `farm cleared {name}`{question}"
+    text = f"inspect {name}: {reason}; then `farm cleared {name}`{good_command}"
     good_part = _find_possibly_good_part(context, name)
-    brief = f"{name}: {reason}{since_text}{question}"
+    brief = f"{name}: {reason}{since_text}{good_command}"
     good = {} if good_part is None else {name: good_part}
     return api.Todo(code="look", printers=[name], text=text, brief=brief, good=good, times=times)
 
@@ -173,13 +173,13 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
 
 
 def _find_possibly_good_part(context: ViewContext, printer: str) -> str | None:
-    """Return the name of the part that a failed print left on a bed; None if the part cannot be good."""
+    """Return the name of the part that a failed print left on a bed, if it may be good; else None."""
     attempt = find_possibly_complete_print(context.books, printer)
     return None if attempt is None else find_part_id(context.books, attempt)
 
 
 def _sort_by_gluing_order(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
-    """Return printers in the gluing order of their parts, and a text for each: its name and its part."""
+    """Return printers in the gluing order of the parts on their beds, each also as a name with its part."""
     part_by_printer = {name: _find_part_on_bed(context.books, name) for name in printers}
     unknown_rank = (math.inf, 0, 0)
 
@@ -199,7 +199,7 @@ def _find_part_on_bed(books: Books, printer: str) -> Part | None:
 
 
 def _format_good_command(context: ViewContext, printer: str) -> str:
-    """Format the command that reports a failed print's part as good, or no text if it cannot be good."""
+    """Format the command that reports a failed print's part as good; empty if the part cannot be good."""
     part = _find_possibly_good_part(context, printer)
     return (
         ""
@@ -227,14 +227,14 @@ def _format_temperatures(snapshot: AgentSnapshot) -> str:
 def list_deadline_tasks(
     attempt: Print, reported_print: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
 ) -> list[api.Todo]:
-    """List the tasks that prevent the early end of a print: resume it, or extend the attended hours.
+    """List the tasks that keep a print from an early end: resume the print, or extend the attended hours.
 
     Parameters
     ----------
     attempt, reported_print
         An open print, and its agent's latest report on it.
     remaining_s, now_s
-        Remaining printing time at the farm time `now_s`, in seconds.
+        Remaining printing time, and farm time, in seconds.
     zone
         Time zone of the times in the texts.
     """
@@ -242,7 +242,8 @@ def list_deadline_tasks(
         return []
     name, deadlines = attempt.printer, []
     hours_end_s = math.inf if reported_print.ends_by_s is None else reported_print.ends_by_s
-    is_waiting = attempt.state is PrintState.PAUSED and attempt.pause_requested  # neither parking nor resumed
+    # Not while the head is still moving to its parking position, and not once a person has resumed the print.
+    is_waiting = attempt.state is PrintState.PAUSED and attempt.pause_requested
     if is_waiting and reported_print.pause_ends_s is not None:
         deadline = make_text_time(min(reported_print.pause_ends_s, hours_end_s), now_s, zone)
         text = f"resume {name} by {deadline.text}, or its print will be ended: `farm resume {name}`"
@@ -250,12 +251,12 @@ def list_deadline_tasks(
     end_s = now_s + remaining_s
     if end_s > hours_end_s:
         end, hours_end = times = [make_text_time(at_s, now_s, zone) for at_s in (end_s, hours_end_s)]
-        action = f"{name} needs until {end.text}, but its print ends at {hours_end.text}"
+        problem = f"{name} needs until {end.text}, but its print ends at {hours_end.text}"
         text = (
-            f"{action}, when the attended hours end: if somebody stays, extend `attended` in "
+            f"{problem}, when the attended hours end: if somebody stays, extend `attended` in "
             "fleet.yaml and restart the daemon"
         )
-        deadlines.append(api.Todo(code="hours", printers=[name], text=text, brief=action, times=times))
+        deadlines.append(api.Todo(code="hours", printers=[name], text=text, brief=problem, times=times))
     return deadlines
 
 

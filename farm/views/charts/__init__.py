@@ -1,4 +1,4 @@
-"""Charts over time as positions in px, which the templates draw as SVG. Pure."""
+"""Layout of charts over time: positions in px, which the templates draw as SVG. Pure."""
 
 from __future__ import annotations
 

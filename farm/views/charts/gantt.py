@@ -1,4 +1,4 @@
-"""Gantt chart of the fleet for one job: a row for each printer, a bar for each print. Pure."""
+"""Gantt chart of one job on the fleet: a row for each printer, a bar for each print. Pure."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from farm.model import PrintState, TextTime, Verdict
 from farm.text import format_moment
 from farm.views.charts.axis import TimeAxis, TimeMark
 
-# lengths in px; a time label needs half its width at the right
+# Lengths in px; the right margin has room for half a time label.
 _WIDTH, _ROW_HEIGHT, _LEFT_MARGIN, _RIGHT_MARGIN, _TOP_MARGIN = 1040, 22, 150, 36, 24
 _MAX_MARKS = 8  # approximate number of time marks
 _OTHER_JOB = "another job"
 EXPECTED_KIND = "expected"
 
 BAR_KINDS = ("good", "printed", "bad", "failed", "cancelled", "printing", EXPECTED_KIND, _OTHER_JOB)
-"""Kinds of bars; `static/palette.css` has their colours."""
+"""Kinds of bars; `static/palette.css` defines their colours."""
 
 
 @cache
 def load_palette() -> str:
-    """Load the style sheet with the colours of the kinds, for pages that load no other file."""
+    """Load the style sheet with the colours of the kinds of bars, to embed it in a page."""
     return files("farm.views.charts").joinpath("static", "palette.css").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """Print as a bar of the Gantt chart.
+    """Bar of the Gantt chart, for a print.
 
     Attributes
     ----------
     kind
         One of `BAR_KINDS`.
     text
-        Tooltip.
+        Text of the tooltip.
     time
-        Time that the tooltip contains; None if there is none.
+        Time in `text`, which pages convert to the reader's time zone; None if `text` contains none.
     """
 
     printer: str
@@ -63,7 +63,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of a printer, at `y` px."""
+    """Row of a printer; its top is at `y` px."""
 
     printer: str
     y: int
@@ -77,9 +77,9 @@ class Gantt:
     Attributes
     ----------
     legend_kinds
-        Kinds of bars in the chart.
+        Kinds of the bars that are in the chart.
     names_width
-        Width of the column of printer names; half a time label fits between it and the first bar.
+        Width of the column of printer names; between it and the first bar is room for half a time label.
     """
 
     height: int
@@ -93,14 +93,14 @@ class Gantt:
 
 
 def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
-    """Name the outcome of a print, as one of `BAR_KINDS`."""
+    """Return the outcome of a print, which is one of `BAR_KINDS`."""
     if state is PrintState.DONE:
         return str(verdict) if verdict else "printed"
     return str(state) if state.ended else "printing"
 
 
 def list_bars(job: api.JobView, history: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
-    """List the bars of a job's prints, and of the prints of other jobs in the same time span."""
+    """List the bars of a job's prints, and of other jobs' prints in the same time span."""
     job_bars = []
     for attempt in job.prints:
         if attempt.started is None:
@@ -125,7 +125,7 @@ def list_bars(job: api.JobView, history: Sequence[api.HistoryRow], now: datetime
 
 
 def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar]:
-    """List the bars of the remaining prints of a timeline, from now on."""
+    """List the bars of the prints in a timeline that have not ended, from now until their expected ends."""
     bars = []
     for slot in slots:
         start, end = (datetime.fromisoformat(iso) for iso in (slot.starts, slot.ends))
@@ -139,7 +139,7 @@ def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar
 
 
 def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
-    """Lay out bars over the time span of the bars of the job; return None if there are no bars."""
+    """Lay out bars over the time span of the job's own bars; return None if there are no bars."""
     if not bars:
         return None
     job_bars = [bar for bar in bars if bar.kind != _OTHER_JOB]

@@ -12,15 +12,15 @@ from farm.views.charts.axis import TimeAxis, TimeMark
 _WIDTH, _HEIGHT, _LEFT_MARGIN, _TOP_MARGIN, _BOTTOM_MARGIN = 960.0, 220.0, 64.0, 10.0, 24.0  # lengths in px
 _MIN_AXIS_END_C, _MARK_INTERVAL_C = 100, 50
 _TABLE_ROWS = 24
-"""Approximate number of readings in the table, which is for readers who cannot see the chart."""
+"""Approximate number of rows in the table for people who cannot see the chart."""
 
 Points = tuple[tuple[float, float], ...]
-"""Vertices of one piece of a curve; x and y in px."""
+"""Points (x, y) of one piece of a curve, in px."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Curve of the chart, in several pieces if the printer did not answer for some time."""
+    """Curve of the chart, which has several pieces if the printer did not answer for some time."""
 
     name: str
     kind: str
@@ -29,7 +29,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureRow:
-    """Row of the table, with the time of its reading as ISO 8601."""
+    """Row of the table: a reading, with its time as ISO 8601."""
 
     at: str
     nozzle_c: int | None
@@ -45,9 +45,9 @@ class TemperatureChart:
     Attributes
     ----------
     degree_marks
-        Marks of the vertical axis: y, and degrees Celsius.
+        Marks of the vertical axis: y in px, and temperature in degrees Celsius.
     start
-        Time of the first reading.
+        Time of the first reading, as ISO 8601.
     """
 
     curves: tuple[Curve, ...]
@@ -66,7 +66,7 @@ class TemperatureChart:
 def lay_out_temperatures(
     readings: Sequence[Temperatures], now_s: float, zone: tzinfo, format_time: Callable[[float], str]
 ) -> TemperatureChart | None:
-    """Lay out temperatures from the first reading until now; return None if no reading has a value.
+    """Lay out the chart from the first known reading until now; return None if no reading has a value.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _make_row(reading: Temperatures, format_time: Callable[[float], str]) -> Tem
 def _split_curve(
     values: Iterable[tuple[float, int | None]], compute_y: Callable[[float], float]
 ) -> list[Points]:
-    """Split a curve where values are missing; leave out points inside a horizontal stretch."""
+    """Split a curve where values are missing, and leave out points within a horizontal line."""
     pieces: list[list[tuple[float, float]]] = [[]]
     for x, value in values:
         if value is None:

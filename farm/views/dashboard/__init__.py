@@ -1,4 +1,4 @@
-"""Views of the dashboard's pages that `--json` does not have: timeline, printer, history. Pure."""
+"""Views for pages of the dashboard without a `--json` output: timeline, printer, history. Pure."""
 
 from __future__ import annotations
 

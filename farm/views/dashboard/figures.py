@@ -17,7 +17,7 @@ class Figures:
     Attributes
     ----------
     name
-        Common property of the prints: a printer, a material or a month.
+        Name of what the prints have in common: a printer, a material or a month.
     print_count
         Number of prints that were started, including cancelled ones.
     good_count
@@ -25,12 +25,12 @@ class Figures:
     failed_count
         Number of prints that failed or were judged bad.
     used_s, wasted_s
-        Printing time of all prints, and of those that failed, were cancelled or are bad.
+        Printing time of all prints, and of the wasted ones: failed, cancelled or judged bad.
     grams, wasted_grams
-        Filament of all prints, and of the wasted prints.
+        Filament that all prints used, and that the wasted prints used.
     expected_s, actual_s
-        Expected and actual time of the prints that ended as done without a pause. Their ratio shows the
-        accuracy of forecasts.
+        Expected and actual printing time of the prints that are done and were never paused. Their ratio shows
+        the accuracy of forecasts.
     """
 
     name: str
@@ -53,17 +53,17 @@ class Figures:
 
     @property
     def deviation(self) -> float | None:
-        """Relative excess of the actual over the expected time; None if no print is done."""
+        """Ratio of the actual to the expected time, minus 1; None if there are no such prints."""
         return self.actual_s / self.expected_s - 1 if self.expected_s else None
 
 
 def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate]) -> Figures:
-    """Add up the figures of the prints that were started and have ended.
+    """Add up the figures of those prints that were started and have ended.
 
     Parameters
     ----------
     name
-        Common property of the prints.
+        Name of what the prints have in common.
     prints
         Prints, which may include open ones.
     plates
@@ -74,12 +74,14 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
     compared_prints = [
         attempt for attempt in ended_prints if attempt.state is PrintState.DONE and not attempt.paused
     ]
-    bad = sum(attempt.state is PrintState.DONE and attempt.verdict is Verdict.BAD for attempt in ended_prints)
+    bad_count = sum(
+        attempt.state is PrintState.DONE and attempt.verdict is Verdict.BAD for attempt in ended_prints
+    )
     return Figures(
         name=name,
         print_count=len(ended_prints),
         good_count=len(ended_prints) - len(wasted_prints),
-        failed_count=bad + sum(attempt.state is PrintState.FAILED for attempt in ended_prints),
+        failed_count=bad_count + sum(attempt.state is PrintState.FAILED for attempt in ended_prints),
         cancelled_count=sum(attempt.state is PrintState.CANCELLED for attempt in ended_prints),
         used_s=sum(map(compute_duration_s, ended_prints)),
         wasted_s=sum(map(compute_duration_s, wasted_prints)),
@@ -93,7 +95,7 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
 def group_figures(
     prints: Iterable[Print], plates: Mapping[str, Plate], name_group: Callable[[Print], str]
 ) -> list[Figures]:
-    """Add up the figures of ended prints by group; `name_group` returns the group of a print."""
+    """Add up the figures of ended prints by group; `name_group` returns the name of a print's group."""
     groups: dict[str, list[Print]] = {}
     for attempt in prints:
         groups.setdefault(name_group(attempt), []).append(attempt)
@@ -102,5 +104,5 @@ def group_figures(
 
 
 def name_month(attempt: Print, zone: tzinfo) -> str:
-    """Name the month in which a print ended, such as 2026-11; return an empty text for an open print."""
+    """Return the month in which a print ended, such as 2026-11; return an empty text for an open print."""
     return "" if attempt.ended_s is None else f"{datetime.fromtimestamp(attempt.ended_s, zone):%Y-%m}"

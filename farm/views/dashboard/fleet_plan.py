@@ -20,7 +20,7 @@ class TimelinePrint:
     Attributes
     ----------
     kind
-        Its outcome (`good`, `printed`, `bad`, `failed`, `cancelled`), `printing`, or `planned`.
+        Outcome of the print (`good`, `printed`, `bad`, `failed`, `cancelled`), or `printing` or `planned`.
     """
 
     printer: str
@@ -33,13 +33,13 @@ class TimelinePrint:
 
 @dataclass(frozen=True, slots=True)
 class FleetPlan:
-    """Prints of the fleet between two times, and the plates that no printer can take."""
+    """Past, running and planned prints of the fleet, and the plates that no printer can print."""
 
     prints: tuple[TimelinePrint, ...]
     unprintable_plates: tuple[str, ...]
 
     def find_job_ends_s(self) -> dict[int, float]:
-        """Find the end of the last running or planned print of each job, by the job's number."""
+        """Return the end of the last running or planned print of each job, by job id."""
         ends_s: dict[int, float] = {}
         for entry in self.prints:
             if entry.kind in (PLANNED_KIND, "printing"):
@@ -55,7 +55,7 @@ def build_fleet_plan(context: ViewContext, situation: Situation, since_s: float)
     context
         The farm.
     situation
-        Situation for a forecast, with the waiting plates and the expected ends of running prints.
+        Situation for the forecast, with the waiting plates and the expected ends of running prints.
     since_s
         Time in seconds since the epoch; prints that ended before it are left out.
     """
@@ -78,7 +78,7 @@ def build_fleet_plan(context: ViewContext, situation: Situation, since_s: float)
 
 
 def _list_started_prints(context: ViewContext, since_s: float) -> Iterator[TimelinePrint]:
-    """Yield the prints, except those that ended before a time; an open print lasts until its expected end."""
+    """Yield the open prints, and those that ended since a time; open prints last until their expected end."""
     for attempt in context.books.prints.values():
         if attempt.state.ended and (attempt.started_s is None or (attempt.ended_s or 0.0) < since_s):
             continue
@@ -102,7 +102,7 @@ def _find_end_s(context: ViewContext, attempt: Print, start_s: float) -> float:
 
 
 def list_spans(hours: Hours, begin_s: float, end_s: float) -> list[tuple[float, float]]:
-    """List the spans of weekly hours within an interval, clipped to it."""
+    """List the spans of weekly hours within an interval, clipped to the interval."""
     spans, at_s = [], begin_s
     while at_s < end_s:
         span = hours.find_span(at_s) or hours.find_next_span(at_s)

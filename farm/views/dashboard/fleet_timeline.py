@@ -1,4 +1,4 @@
-"""View of the fleet's timeline: a row for each printer, a bar for each print, and bands of hours. Pure."""
+"""View of the fleet's timeline: rows of printers, bars of prints, and bands of weekly hours. Pure."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from farm.views.dashboard.fleet_plan import (
     build_fleet_plan,
     list_spans,
 )
-from farm.views.dashboard.what_if import Change, JobShift, try_change
+from farm.views.dashboard.what_if import Change, JobDelay, try_change
 from farm.views.jobs import count_waiting_plates
 
 _WIDTH, _ROW_HEIGHT, _LEFT_MARGIN, _RIGHT_MARGIN, _TOP_MARGIN = 1200, 30, 110, 30, 44  # lengths in px
 _BAR_HEIGHT = 22
 _CHARACTER_WIDTH = 7.0  # approximate width of a character, px
-_MARGIN_S = 1800.0  # time before the first print and after the last print
+_MARGIN_S = 1800.0  # time on the axis before the first print and after the last
 _MIN_SPAN_S, _MAX_SPAN_S = 6 * 3600.0, 8 * 86400.0
 SIGNS = {
     "good": "✓",
@@ -33,12 +33,12 @@ SIGNS = {
     "printing": "▶",
     PLANNED_KIND: "",
 }
-"""Signs before the names of parts, because not everybody can distinguish the colours of the states."""
+"""Sign before the name of a part, by kind, because not everybody can distinguish the colours of the kinds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """Bar of a print; lengths in px. `text` describes it in full."""
+    """Bar of a print; lengths in px. `text` is the full description of the print."""
 
     x: float
     width: float
@@ -50,7 +50,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of a printer, at `y` px."""
+    """Row of a printer; its top is at `y` px."""
 
     printer: str
     y: int
@@ -59,7 +59,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Band in the background for a span of weekly hours; lengths in px."""
+    """Band in the background of the chart for a span of weekly hours; lengths in px."""
 
     x: float
     width: float
@@ -96,8 +96,8 @@ class TableRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Shift:
-    """End of a job without and with a change, as ISO 8601; None if the job is not in the forecast."""
+class DelayRow:
+    """Ends of a job without and with a change, as ISO 8601; None if the job is not in the forecast."""
 
     job: int
     name: str
@@ -123,13 +123,13 @@ class TimelineView:
     past_s
         Time from the start of the timeline to now, in seconds.
     unprintable_parts
-        Parts that no printer can take.
+        Parts that no printer can print.
     jobs_without_plan
-        Jobs without a plan, which the timeline cannot show yet.
+        Jobs that are not planned yet, so that the timeline cannot show them.
     waiting_jobs
-        Jobs with plates that have not started: the jobs that a what-if change can alter.
-    change, shifts
-        The what-if change, and its effect on each job; None and empty for the present plan.
+        Jobs with plates that have not started, which a what-if change can alter.
+    change, delays
+        The what-if change, and the ends of each job without and with it; None and empty without a change.
     """
 
     now: str
@@ -141,24 +141,24 @@ class TimelineView:
     jobs_without_plan: tuple[WaitingJob, ...]
     waiting_jobs: tuple[WaitingJob, ...]
     change: Change | None = None
-    shifts: tuple[Shift, ...] = ()
+    delays: tuple[DelayRow, ...] = ()
 
 
 def describe_fleet_timeline(
     context: ViewContext, situation: Situation, past_s: float, change: Change | None = None
 ) -> TimelineView:
-    """Describe the prints of the fleet: past, running and planned ones.
+    """Describe the past, running and planned prints of the fleet.
 
     Parameters
     ----------
     context
         The farm.
     situation
-        Situation for a forecast.
+        Situation for the forecast.
     past_s
         Time from the start of the timeline to now, in seconds.
     change
-        A what-if change to a job; the timeline then shows the plan with this change.
+        What-if change to a job; the timeline shows the plan with this change. None: the present plan.
 
     Raises
     ------
@@ -167,11 +167,11 @@ def describe_fleet_timeline(
     InvalidTransition
         If the job cannot be moved.
     """
-    since_s, shifts = context.now_s - past_s, list[JobShift]()
+    since_s, delays = context.now_s - past_s, list[JobDelay]()
     if change is None:
         plan = build_fleet_plan(context, situation, since_s)
     else:
-        plan, shifts = try_change(context, situation, change, since_s)
+        plan, delays = try_change(context, situation, change, since_s)
     jobs = context.books.list_open_jobs()
     return TimelineView(
         now=context.format_time(context.now_s) or "",
@@ -185,22 +185,22 @@ def describe_fleet_timeline(
             WaitingJob(job.id, job.name) for job in jobs if count_waiting_plates(context.books, job)
         ),
         change=change,
-        shifts=tuple(_make_shift(context, shift) for shift in shifts),
+        delays=tuple(_make_delay_row(context, delay) for delay in delays),
     )
 
 
-def _make_shift(context: ViewContext, job_shift: JobShift) -> Shift:
-    return Shift(
-        job=job_shift.job.id,
-        name=job_shift.job.name,
-        end=context.format_time(job_shift.end_s),
-        new_end=context.format_time(job_shift.new_end_s),
-        delay_s=job_shift.delay_s,
+def _make_delay_row(context: ViewContext, job_delay: JobDelay) -> DelayRow:
+    return DelayRow(
+        job=job_delay.job.id,
+        name=job_delay.job.name,
+        end=context.format_time(job_delay.end_s),
+        new_end=context.format_time(job_delay.new_end_s),
+        delay_s=job_delay.delay_s,
     )
 
 
 def _lay_out_chart(context: ViewContext, situation: Situation, plan: FleetPlan, since_s: float) -> Chart:
-    """Lay out a plan over its whole time, up to eight days from now."""
+    """Lay out a plan from its start until its end, but at most until eight days from now."""
     last_s = max((timeline_print.end_s for timeline_print in plan.prints), default=context.now_s) + _MARGIN_S
     first_s = (
         min((timeline_print.start_s for timeline_print in plan.prints), default=context.now_s) - _MARGIN_S

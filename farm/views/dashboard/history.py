@@ -1,4 +1,4 @@
-"""View of the history page: ended prints of a period, their figures, jobs, and the prints as CSV. Pure."""
+"""View of the history page: ended prints of a period, their figures and jobs; the prints as CSV. Pure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from farm.views.jobs import measure_times
 from farm.wording import describe_material
 
 _DAY_S = 86400.0
-_FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheets
+_FORMULA_PREFIXES = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheet programs
 _COLUMNS = (
     *("job", "name", "part", "printer", "state", "verdict", "fault", "reason", "why"),
     *("started", "ended", "took_s", "expected_s", "grams", "wasted", "submitted_by", "note"),
@@ -27,7 +27,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class HistoryFilter:
-    """Filter of ended prints by age in days, printer and job; None accepts all values."""
+    """Filter for ended prints: maximum age in days, printer, and job. None accepts all."""
 
     days: int | None = None
     printer: str | None = None
@@ -41,9 +41,9 @@ class JobOutcome:
     Attributes
     ----------
     assembled
-        Time at which a person reported that its parts are glued.
+        Time at which a person reported that the parts are glued.
     assembly_expected_s, assembly_s
-        Time that a person needs to glue them: expected from the steps of the assembly, and reported.
+        Gluing time: expected from the steps of the assembly, and reported by a person.
     """
 
     id: int
@@ -58,7 +58,7 @@ class JobOutcome:
 
     @property
     def deviation(self) -> float | None:
-        """Relative excess of the actual over the expected time; None if either is unknown."""
+        """Ratio of the actual to the expected time, minus 1; None if either is unknown."""
         return self.actual_s / self.expected_s - 1 if self.expected_s and self.actual_s else None
 
 
@@ -69,9 +69,9 @@ class HistoryView:
     Attributes
     ----------
     rows
-        The last prints, at most as many as the page shows.
+        The latest prints, as many as the page shows.
     hidden_count
-        Number of prints that only the CSV file lists.
+        Number of older prints, which only the CSV file lists.
     """
 
     now: str
@@ -94,7 +94,7 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
     context
         The farm.
     history_filter
-        The prints to describe.
+        Filter that selects the prints.
     max_rows
         Maximum number of listed prints, and of listed jobs; the figures include all prints.
     """
@@ -150,7 +150,7 @@ def select_prints(context: ViewContext, history_filter: HistoryFilter) -> list[P
 
 
 def _name_material(context: ViewContext, material: str) -> str:
-    """Name the material of a plate, with its kind if a printer still has it."""
+    """Return the name of a material by its kind if a printer still has the material, else by its file."""
     kinds = (section.material_kind for section in context.fleet.printers if section.material == material)
     return describe_material(material, next(kinds, None))
 
@@ -173,8 +173,8 @@ def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
 def write_csv(rows: Iterable[api.HistoryRow]) -> str:
     """Write prints as CSV (RFC 4180) with a line of headings; durations in seconds.
 
-    Text that a spreadsheet would take for a formula is prefixed with an apostrophe, because users choose the
-    names of models, and write notes.
+    A text that a spreadsheet program would take for a formula gets an apostrophe in front: users choose the
+    names of models and write the notes, so that any text is possible.
     """
     text = StringIO()
     writer = csv.writer(text)

@@ -23,7 +23,7 @@ _MAX_FAULTS = 10
 
 @dataclass(frozen=True, slots=True)
 class PrintStill:
-    """Picture of a print: the moment that it shows (such as `first layer`), its time, and its file."""
+    """Picture of a print: the moment of the print (such as `first layer`), its time, and the file."""
 
     moment: str
     taken: str
@@ -32,7 +32,7 @@ class PrintStill:
 
 @dataclass(frozen=True, slots=True)
 class FaultView:
-    """Print that failed or produced a bad part, with the fault, the reason and the stills."""
+    """Print that failed or produced a bad part, with its fault, the reason and its stills."""
 
     job: int
     part: str
@@ -49,11 +49,11 @@ class PrinterPage:
     Attributes
     ----------
     tasks
-        Tasks for people at the printer.
+        Tasks for people that concern the printer.
     chart
-        Temperatures of the last hours; None if none were reported since the daemon started.
+        Chart of the temperatures of the last hours; None if none were reported since the daemon started.
     prints, faults, printer_events
-        The last prints, faults, and events about the printer itself, such as a new reel, newest first.
+        The latest prints, faults, and events about the printer itself (such as a new reel), newest first.
     """
 
     now: str
@@ -84,9 +84,9 @@ def describe_printer_page(
     name
         The printer.
     readings
-        Its temperatures, oldest first.
+        Temperatures of the printer, oldest first.
     printer_events
-        Events about the printer itself, such as a new reel, newest first.
+        Events about the printer itself (such as a new reel), newest first.
     hold, kept_for
         See `describe_printer`.
 
@@ -115,7 +115,7 @@ def describe_printer_page(
 
 
 def _list_faults(context: ViewContext, prints: Sequence[Print]) -> list[FaultView]:
-    """List the last ended prints that have a fault or a reason for a failure or verdict, newest first."""
+    """List the latest ended prints with a fault, or a reason for a failure or verdict, newest first."""
     faulty_prints = [
         attempt
         for attempt in prints

@@ -21,9 +21,9 @@ class Change:
     Attributes
     ----------
     job
-        Number of the job.
+        Id of the job.
     is_moved
-        True if the job is moved in the queue, to the place before `successor`, or to the end if that is None.
+        True if the job is moved in the queue: before the job `successor`, or to the end if it is None.
     not_before_s
         New earliest start, in seconds since the epoch; None to keep the present one.
     """
@@ -35,8 +35,8 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class JobShift:
-    """End of a job without and with a change, in seconds since the epoch; None if not in the forecast."""
+class JobDelay:
+    """Ends of a job without and with a change, seconds since the epoch; None if it is not in the forecast."""
 
     job: Job
     end_s: float | None
@@ -44,7 +44,7 @@ class JobShift:
 
     @property
     def delay_s(self) -> float | None:
-        """Delay of the end due to the change, in seconds; negative if it ends earlier, None if unknown."""
+        """Delay of the job's end by the change, in seconds; negative if it ends earlier, None if unknown."""
         return None if self.end_s is None or self.new_end_s is None else self.new_end_s - self.end_s
 
 
@@ -68,7 +68,7 @@ def apply_change(books: Books, change: Change, now_s: float) -> Books:
 
 
 def change_situation(situation: Situation, books: Books, change: Change, now_s: float) -> Situation:
-    """Return the situation of a forecast after a change.
+    """Return the situation for a forecast with a change.
 
     The situation includes the plates of the changed job even if the job waits for approval or is paused.
 
@@ -100,18 +100,18 @@ def _update_rank(plate: WaitingPlate, books: Books) -> WaitingPlate:
     return replace(plate, priority=job.priority, rank=job.moved_rank)
 
 
-def compare_plans(context: ViewContext, plan: FleetPlan, changed_plan: FleetPlan) -> list[JobShift]:
-    """Compare the ends of all open jobs in two plans, in the order of their ends in the first plan.
+def compare_plans(context: ViewContext, plan: FleetPlan, changed_plan: FleetPlan) -> list[JobDelay]:
+    """Compare the ends of jobs in two plans, sorted by their ends in the first plan.
 
     Jobs that are in neither plan are left out.
     """
     ends_s, new_ends_s = plan.find_job_ends_s(), changed_plan.find_job_ends_s()
-    shifts = [
-        JobShift(job, ends_s.get(job.id), new_ends_s.get(job.id))
+    delays = [
+        JobDelay(job, ends_s.get(job.id), new_ends_s.get(job.id))
         for job in context.books.jobs.values()
         if job.id in ends_s or job.id in new_ends_s
     ]
-    return sorted(shifts, key=lambda shift: (_find_end_s(ends_s, shift.job.id), shift.job.id))
+    return sorted(delays, key=lambda delay: (_find_end_s(ends_s, delay.job.id), delay.job.id))
 
 
 def _find_end_s(ends_s: Mapping[int, float], job: int) -> float:
@@ -120,7 +120,7 @@ def _find_end_s(ends_s: Mapping[int, float], job: int) -> float:
 
 def try_change(
     context: ViewContext, situation: Situation, change: Change, since_s: float
-) -> tuple[FleetPlan, list[JobShift]]:
+) -> tuple[FleetPlan, list[JobDelay]]:
     """Forecast the fleet with a change, and compare it with the present plan.
 
     Parameters
@@ -128,18 +128,18 @@ def try_change(
     context
         The farm.
     situation
-        Situation for a forecast.
+        Situation for the forecast.
     change
-        The change.
+        The what-if change.
     since_s
-        See `build_fleet_plan`.
+        Time in seconds since the epoch; prints that ended before it are left out.
 
     Returns
     -------
     FleetPlan
         Plan with the change.
-    list of JobShift
-        Effect on each job.
+    list of JobDelay
+        Ends of each job without and with the change.
     """
     plan = build_fleet_plan(context, situation, since_s)
     changed_situation = change_situation(situation, context.books, change, context.now_s)

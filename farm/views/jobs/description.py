@@ -30,6 +30,7 @@ _TEMPORARY_HOLDS = {
     HoldCode.START_TIME, HoldCode.QUIET_HOURS, HoldCode.UNATTENDED, HoldCode.HEATING_LIMIT,
     HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.BEING_RECUT, HoldCode.BEING_REPLANNED,
 }  # fmt: skip
+"""Codes of the holds that end without the help of a person."""
 
 _PLANNABLE_STATES = (JobState.PLANNING, JobState.PRINTING)
 """States in which a job may be planned, for the first time or again."""
@@ -54,7 +55,7 @@ def summarise_jobs(context: ViewContext, jobs: Iterable[Job]) -> list[api.JobSum
 
 
 def group_waits(context: ViewContext, jobs: Iterable[Job]) -> list[api.Wait]:
-    """Group the waiting plates of jobs by the sentence of their hold, as `farm.wording.group_holds` does."""
+    """Group the waiting plates of jobs by the text of their hold, as `farm.wording.group_holds` does."""
     waits: dict[str, api.Wait] = {}
     for name in (name for job in jobs for name in job.plates):
         hold = context.plate_holds.get(name)
@@ -84,7 +85,7 @@ def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.
 def _describe_figures(
     context: ViewContext, job: Job, plates: Sequence[Plate], assembly_ratio: float
 ) -> api.JobOverview:
-    """Describe a job without its parts and plates."""
+    """Describe a job as a whole, without its parts and plates."""
     books = context.books
     totals = context.job_cache.totals.find(books, job.id, lambda: compute_job_totals(books, job))
     times = measure_times(context, job)
@@ -147,7 +148,7 @@ def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> P
 def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> list[api.PlateStatus]:
     """Return the views of plates with their current holds; copy only views whose hold has changed."""
     updated_views: list[api.PlateStatus] = []
-    # The last two holds that were found equal: most plates of a job share a hold, which is compared once.
+    # The last pair of holds that were found equal. Most plates of a job have it, so that few are compared.
     old_hold: Hold | None = None
     new_hold: Hold | None = None
     for view in views:
@@ -174,7 +175,7 @@ def _find_exit_code(job: Job) -> ExitCode:
 
 
 def sum_prices(plates: Iterable[Plate]) -> float | None:
-    """Add up the prices of plates; return None if the price of a plate is unknown."""
+    """Add up the prices of plates; return None if any price is unknown, or if there are no plates."""
     prices = [plate.price for plate in plates]
     known_prices = [price for price in prices if price is not None]
     return sum(known_prices) if prices and len(known_prices) == len(prices) else None
@@ -240,13 +241,13 @@ def _make_still_view(context: ViewContext, attempt: Print, still: Still) -> api.
 
 
 def _find_verdict(books: Books, plate: Plate) -> Verdict | None:
-    """Return a person's verdict on the last print that is done."""
+    """Return a person's verdict on the last done print of a plate; None if there is none."""
     successes = [attempt for attempt in books.list_prints(plate) if attempt.state is PrintState.DONE]
     return successes[-1].verdict if successes else None
 
 
 def _make_plate_view(context: ViewContext, plate: Plate, files_folder: str | None) -> api.PlateStatus:
-    # without the prints of the part from which this one was cut
+    # Without the prints of the part from which the part of this plate was cut.
     own_prints = [p for p in context.books.list_prints(plate) if p.plate == plate.id]
     return api.PlateStatus(
         id=plate.id,
@@ -265,6 +266,6 @@ def _make_plate_view(context: ViewContext, plate: Plate, files_folder: str | Non
 
 
 def _make_file_path(files_folder: str | None, name: str) -> str | None:
-    """Return the path of a file; None if it was pruned."""
-    # text, because thousands of `Path` objects are slow
+    """Return the path of a file in a folder; None if there is no folder, because the files were pruned."""
+    # A string, because thousands of `Path` objects are slow.
     return None if files_folder is None else f"{files_folder}/{name}"

@@ -1,4 +1,4 @@
-"""View of the queue: open jobs with plates left to print, in the order in which they are scheduled. Pure."""
+"""View of the queue: the open jobs with plates left to start, in the order of scheduling. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.views.jobs.times import measure_times
 
 
 def list_queue(books: Books) -> list[Job]:
-    """List the jobs with plates left to print, in the order in which they are scheduled."""
+    """List the open jobs with plates left to start, in the order of scheduling."""
     return [
         job
         for job in books.list_open_jobs()

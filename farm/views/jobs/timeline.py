@@ -1,4 +1,4 @@
-"""Timeline of one planned job: actual and forecast times and printers of its plates. Pure."""
+"""Timeline of a planned job: the actual or forecast times and printers of its plates. Pure."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from farm.views.context import ViewContext
 from farm.views.jobs.description import sum_prices
 
 
-def describe_timeline(context: ViewContext, number: int, situation: Situation) -> api.Timeline:
-    """Describe the times and printers of a job's plates: actual for printed plates, forecast for the others.
+def describe_timeline(context: ViewContext, job_id: int, situation: Situation) -> api.Timeline:
+    """Describe the times and printers of a job's plates: actual if they have started, otherwise forecast.
 
-    The forecast includes the plates of all jobs, as in `farm status`; the lower bound is for this job alone.
+    The forecast is for the plates of all jobs, as in `farm status`; the lower bound is for this job alone.
     The forecast assumes that a held or paused job continues now.
 
     Parameters
     ----------
     context
         The farm.
-    number
-        Number of the job.
+    job_id
+        Id of the job.
     situation
-        The situation for a forecast, with the waiting plates of all jobs.
+        Situation for the forecast, with the waiting plates of all jobs.
 
     Raises
     ------
     NotFoundError
         If there is no such job.
     RefusedError
-        If it has no plan.
+        If the job has no plan.
     """
     books = context.books
-    job = books.get_job(number)
+    job = books.get_job(job_id)
     if not job.plates:
-        raise RefusedError(f"job {number} has no plan yet: it is {job.state}")
+        raise RefusedError(f"job {job_id} has no plan yet: it is {job.state}")
     plates = {plate.id: plate for plate in books.list_plates(job)}
     forecast, bound_s = _forecast_job(job, plates.values(), situation, books)
     expected_slots = [slot for slot in forecast.slots if slot.plate in plates]
@@ -64,7 +64,7 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
 def _forecast_job(
     job: Job, plates: Iterable[Plate], situation: Situation, books: Books
 ) -> tuple[Forecast, float]:
-    """Forecast the prints of all jobs; return also the lower bound of the end of this job alone."""
+    """Forecast the prints of all jobs; also return the lower bound of the end of one job alone."""
     waiting_plates = (plate for plate in plates if books.find_plate_state(plate) is PlateState.WAITING)
     own_plates = tuple(describe_plates(waiting_plates, books))
     other_plates = tuple(plate for plate in situation.waiting_plates if plate.job != job.id)
@@ -75,7 +75,7 @@ def _forecast_job(
 
 
 def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]:
-    """Yield the prints that have started; an open print lasts until its expected end."""
+    """Yield the times of all prints of plates; an open print lasts until its expected end."""
     for plate in plates:
         for attempt in books.list_prints(plate):
             factors = books.get_printer(attempt.printer).time_factors

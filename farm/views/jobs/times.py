@@ -16,18 +16,18 @@ _PlateInState = tuple[Plate, PlateState]
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Interval in which a job was printed: from its first print command until the job ended.
+    """Interval in which a job is printed: from the first print command until the job ends.
 
     A job has several runs if parts were printed again after it had ended.
 
     Attributes
     ----------
     started_s, ended_s
-        Seconds since the epoch; the end of an open run is now.
+        Seconds since the epoch; `ended_s` of an open run is the present time.
     printers
-        Printers on which it was printed.
+        Printers on which the job is printed in the run.
     is_open
-        True while the job is being printed.
+        True until the job ends.
     """
 
     started_s: float
@@ -47,17 +47,17 @@ class JobTimes:
     Attributes
     ----------
     runs
-        Intervals in which it was printed.
+        Intervals in which the job is printed.
     elapsed_s
         Parallel printing time so far: the total duration of all runs.
     makespan_s
-        Parallel printing time: actual, or expected from current data.
+        Parallel printing time: actual if the job is printed, otherwise expected.
     end_s
-        Time at which the job ended or is expected to end; None while it is paused.
+        Time at which the last part was or will be printed; None if unknown, for example during a pause.
     speedup
-        Ratio of the time on a single large printer to the makespan.
+        Ratio of the printing time on a single large printer to the makespan.
     utilisation
-        Share of the printers' time during the runs in which they printed parts that are not wasted.
+        Share of the printers' time, over all runs, that is spent on parts that are not wasted.
     starved_share
         Share of the printing time during which simulated printers waited for the host.
     """
@@ -72,7 +72,7 @@ class JobTimes:
 
 
 def measure_times(context: ViewContext, job: Job) -> JobTimes:
-    """Measure the times of a job."""
+    """Compute the actual and expected times of a job."""
     prints = context.books.list_job_prints(job)
     plates = [(plate, context.books.find_plate_state(plate)) for plate in context.books.list_plates(job)]
     runs = tuple(list_runs(job, prints, context.now_s))
@@ -103,20 +103,20 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
 def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
     """Yield the intervals in which a job was printed, oldest first.
 
-    A run begins with its first print command and ends when the job ends; it continues while plates wait. A
-    print belongs to the run in which its printer was chosen.
+    A run lasts from its first print command until the job ends, even if plates wait in between. A print
+    belongs to the run in which it was assigned to its printer.
     """
     since_s = float("-inf")
     closed_runs = [(reopening.ended_s, reopening.reopened_s) for reopening in job.reopenings]
     for ended_s, until_s in [*closed_runs, (job.ended_s, float("inf"))]:
         run_prints = [p for p in prints if since_s <= p.assigned_s < until_s]
-        started_s = [p.started_s for p in run_prints if p.started_s is not None]
+        starts_s = [p.started_s for p in run_prints if p.started_s is not None]
         since_s = until_s
-        if not started_s:
+        if not starts_s:
             continue
-        end_s = max(min(started_s), now_s if ended_s is None else ended_s)
+        end_s = max(min(starts_s), now_s if ended_s is None else ended_s)
         printers = frozenset(p.printer for p in run_prints if p.started_s is not None or not p.state.ended)
-        yield Run(min(started_s), end_s, printers, ended_s is None)
+        yield Run(min(starts_s), end_s, printers, ended_s is None)
 
 
 def _compute_utilisation(
@@ -126,16 +126,16 @@ def _compute_utilisation(
     runs: Sequence[Run],
     makespan_s: float,
 ) -> float | None:
-    """Return the share of the printers' available time, over all runs, that a job's plates took."""
+    """Return the share of the printers' time, over all runs, that is spent on a job's plates."""
     unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED_STATES]
     successes = [p for p in prints if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
     ended_runs = [run for run in runs if not run.is_open]
     available_s = sum(len(run.printers) * run.duration_s for run in ended_runs)
     if not job.state.ended:
-        present_printers = frozenset().union(*(run.printers for run in runs if run.is_open))
+        current_printers = frozenset().union(*(run.printers for run in runs if run.is_open))
         planned_printers = frozenset(p.printer for p in unfinished_plates if not p.prints)
-        used_printers = present_printers | planned_printers or frozenset(p.printer for p in unfinished_plates)
+        used_printers = current_printers | planned_printers or frozenset(p.printer for p in unfinished_plates)
         available_s += len(used_printers) * max(0.0, makespan_s - sum(run.duration_s for run in ended_runs))
     return busy_s / available_s if available_s else None
 
@@ -144,14 +144,14 @@ def _estimate_added_s(plates: Sequence[_PlateInState], runs: Sequence[Run], rema
     """Estimate the seconds that the open run, or the next run, will add to the runs so far."""
     if any(run.is_open for run in runs):
         return remaining_s
-    waiting_plates = (plate for plate, state in plates if state in _UNFINISHED_STATES)
-    return min(remaining_s, sum(plate.expected_s for plate in waiting_plates))
+    unfinished_plates = (plate for plate, state in plates if state in _UNFINISHED_STATES)
+    return min(remaining_s, sum(plate.expected_s for plate in unfinished_plates))
 
 
 def _estimate_remaining_s(context: ViewContext, plates: Sequence[_PlateInState]) -> float:
-    """Estimate the time to the end of the last plate, at least 0.
+    """Estimate the seconds until the end of the last plate, at least 0.
 
-    A waiting plate ends according to the forecast, or as if it started now if there is no forecast.
+    A waiting plate ends at the time of the forecast; if there is no forecast, as if the plate started now.
     """
     return max((_estimate_plate_remaining_s(context, *plate) for plate in plates), default=0.0)
 
@@ -178,9 +178,9 @@ class AssemblyTimes:
     Attributes
     ----------
     work_s
-        Time that a person needs to glue it: reported, or expected.
+        Time that a person needs to glue the parts: reported, or expected.
     end_s
-        Time at which it was glued, or will be if a person begins as soon as it is printed.
+        Time at which the parts were glued, or will be if a person begins when the last part is printed.
     """
 
     work_s: float | None
@@ -188,16 +188,16 @@ class AssemblyTimes:
 
 
 def measure_assembly(job: Job, printed_s: float | None, ratio: float) -> AssemblyTimes:
-    """Measure or estimate the time for gluing the parts of a job.
+    """Return the reported or expected times of gluing the parts of a job.
 
     Parameters
     ----------
     job
         The job.
     printed_s
-        Time at which its last part was or will be printed; None if unknown.
+        Time at which the last part was or will be printed, seconds since the epoch; None if unknown.
     ratio
-        Ratio of reported to expected times (`compute_assembly_ratio`).
+        Ratio of reported to expected gluing times (`compute_assembly_ratio`).
     """
     if job.gluing is not None:
         return AssemblyTimes(job.gluing_s, job.assembled_s)

@@ -10,7 +10,7 @@ class _Record(BaseModel):
 
 
 class Joint(_Record):
-    """Contact of two parts."""
+    """Contact of the parts `a` and `b`."""
 
     a: str
     b: str
@@ -35,7 +35,7 @@ class Pin(_Record):
 
     @property
     def size(self) -> str:
-        """Length in mm as text; for a key, length and diameter."""
+        """Length in mm as text; for a key, length × diameter in mm."""
         length = f"{round(self.length_mm, 1):g}"
         return f"{length} × {self.diameter_mm:g}" if self.kind == "key" else length
 
@@ -54,11 +54,11 @@ class Step(_Record):
     level
         Level in the assembly; steps of the same level may be done in parallel.
     seam_mm
-        Length of its seams on the outer surface.
+        Length of the step's seams on the outer surface.
     pins
-        Numbers of its pins.
+        Ids of the pins and keys in the joints of the step.
     codes
-        Texts of the marks on its faces.
+        Texts of the marks on the faces that are glued in the step.
     """
 
     number: int
@@ -73,14 +73,14 @@ class Step(_Record):
 
 
 class Assembly(_Record):
-    """Steps in order, and groups of interlocked parts: no order takes them apart."""
+    """Steps of the assembly in order, and groups of interlocked parts, for which no order is known."""
 
     steps: tuple[Step, ...] = ()
     locked: tuple[tuple[str, ...], ...] = ()
 
 
 class Connectors(_Record):
-    """Pins of all steps."""
+    """Pins and keys of all steps."""
 
     pins: tuple[Pin, ...] = ()
 
@@ -100,7 +100,7 @@ class Report(_Record):
     seam_mm
         Length of all seams on the outer surface.
     thin_rims
-        Sentence about rims at seams that are thinner than two walls; empty if there are none.
+        Sentence about rims at seams that are thinner than two printed walls; empty if there are none.
     """
 
     joints: tuple[Joint, ...] = ()

@@ -1,4 +1,4 @@
-"""Figures of a job as text. Pure."""
+"""Figures of a job as named texts, for its report. Pure."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
         rows.insert(1, ("copies printed", format_copies(view)))
     if view.assembly_s is not None:
         rows.append(("assembly" if view.glued else "assembly, expected", format_duration(view.assembly_s)))
-        rows.append(("submission to assembled", format_duration(view.submitted_to_assembled_s)))
+        rows.append(("from submission to assembly", format_duration(view.submitted_to_assembled_s)))
     if len(view.runs) > 1:
         rows.append(
             ("printed in runs", f"{format_runs(view.runs, view.now)}; the time between them is not counted")

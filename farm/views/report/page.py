@@ -21,18 +21,19 @@ from farm.text import format_duration
 from farm.views.charts import lay_out_gantt, list_bars, load_palette, name_outcome
 from farm.views.report.decomposition import Report
 
-_SIGNS = str.maketrans({"^": "", ".": "●"})  # characters of marks, as they look on the parts
+# Characters in the texts of marks, and the signs that appear on the parts instead.
+_SIGNS = str.maketrans({"^": "", ".": "●"})
 _JPEG_PREFIX = b"\xff\xd8"
 
 
 @dataclass(frozen=True, slots=True)
 class JobContents:
-    """Contents of a job's files; the page leaves out missing ones.
+    """Contents of a job's files; the page leaves out those that are missing.
 
     Attributes
     ----------
     pictures
-        PNG of each part, by its id, and stills (PNG or JPEG) by the path of their file.
+        PNG of each part by part id, and stills (PNG or JPEG) by the path of their file.
     assembly_picture
         PNG of all parts in an exploded view; None if there is none.
     decomposition
@@ -57,7 +58,7 @@ class _PartEntry:
 
 @cache
 def load_templates() -> Environment:
-    """Load the templates of this package once."""
+    """Load the templates of this package; later calls return the same object."""
     return load_environment("farm.views.report")
 
 
@@ -68,7 +69,7 @@ def render_page(
     figures: Sequence[tuple[str, str]],
     contents: JobContents,
 ) -> str:
-    """Render the page.
+    """Render the report of a job as HTML.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def render_page(
     history
         Ended prints of all jobs, for the chart.
     now
-        Farm time in the farm's time zone; open prints are drawn until then.
+        Farm time in the farm's time zone; the bars of open prints end there.
     figures
         Names and texts of the job's figures.
     contents
@@ -107,7 +108,7 @@ def render_page(
 
 
 def _list_steps(report: Report) -> list[tuple[str, ...]]:
-    """List number, moved and fixed body, marks, pins and seam of each step of the assembly."""
+    """List the number, moved and fixed body, marks, pins and seam length of each step of the assembly."""
     return [
         (
             str(step.number),
@@ -122,7 +123,7 @@ def _list_steps(report: Report) -> list[tuple[str, ...]]:
 
 
 def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
-    """List part, printer, end, outcome and reason of each failed, bad or cancelled print, by end."""
+    """List the part, printer, end, outcome and reason of each failed, bad or cancelled print, by end."""
     failures = [
         (attempt.ended or "", attempt, outcome)
         for attempt in job.prints
@@ -173,7 +174,7 @@ def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) 
 
 
 def _format_times(last_print: api.PrintView | None, expected_s: float) -> str:
-    """Format the actual and expected printing time of a part."""
+    """Format the actual (if its last print is done) and expected printing time of a part."""
     if (
         last_print is None
         or last_print.state is not PrintState.DONE

@@ -160,7 +160,7 @@ def render_timeline(
         page_url=f"/timeline?{query.format_query()}",
         start=format_start(view),
         change_text=describe_change(view.change, query),
-        describe_shift=describe_shift,
+        describe_delay=describe_delay,
     )
 
 
@@ -183,7 +183,7 @@ def describe_change(change: Change | None, query: TimelineQuery) -> str:
     return f"job {change.job} {' and '.join(filter(None, (place, start)))}"
 
 
-def describe_shift(delay_s: float | None) -> str:
+def describe_delay(delay_s: float | None) -> str:
     """Describe how much later or earlier a job ends."""
     if delay_s is None:
         return "–"

@@ -84,7 +84,7 @@ def test_attended_and_quiet_hours_are_in_the_background():
 def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
     books = make_night_books()
     view = describe_timeline(books, Change(3, is_moved=True, successor=1))
-    delays_s = {shift.job: shift.delay_s for shift in view.shifts}
+    delays_s = {delay.job: delay.delay_s for delay in view.delays}
     assert delays_s[3] < 0.0 < delays_s[1]
     planned_parts = [row.part for row in view.table if row.kind == "planned"]
     assert planned_parts[0] == "3/p01"
@@ -95,7 +95,7 @@ def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
 def test_later_start_delays_only_that_job():
     change = Change(2, not_before_s=NOW_S + 20_000.0)
     view = describe_timeline(make_night_books(), change)
-    delays_s = {shift.job: shift.delay_s for shift in view.shifts}
+    delays_s = {delay.job: delay.delay_s for delay in view.delays}
     assert delays_s[2] > 10_000.0
     assert delays_s[3] <= 0.0
     assert delays_s[1] == 0.0
@@ -105,13 +105,13 @@ def test_held_job_is_forecast_as_if_it_were_approved():
     books = make_night_books()
     held_books = add_planned_job(books, 4, 1, is_held=True)
     assert held_books.jobs[4].state == "held"
-    (shift,) = (
+    (delay,) = (
         row
-        for row in describe_timeline(held_books, Change(4, is_moved=True, successor=None)).shifts
+        for row in describe_timeline(held_books, Change(4, is_moved=True, successor=None)).delays
         if row.job == 4
     )
-    assert shift.end is None
-    assert shift.new_end is not None
+    assert delay.end is None
+    assert delay.new_end is not None
 
 
 def test_unknown_job_is_refused():
@@ -121,7 +121,7 @@ def test_unknown_job_is_refused():
 
 def test_empty_farm_has_an_empty_timeline():
     view = describe_timeline(make_empty_books("abc"))
-    assert (view.table, view.shifts, view.unprintable_parts) == ((), (), ())
+    assert (view.table, view.delays, view.unprintable_parts) == ((), (), ())
     assert view.chart.height > 0
 
 
