@@ -29,7 +29,7 @@ from farm.config import Fleet
 from farm.control import (
     Controller,
     DryRuns,
-    FarmEffects,
+    FarmEffectPerformer,
     Notifier,
     Timers,
     abort_prints,
@@ -106,7 +106,7 @@ class Daemon:
             self._state, self._workers, compute.budget_s, controller.on_plan, controller.planning.on_progress
         )
         self._plate_replanner = PlateReplanner(self._state, self._workers, controller.on_replan)
-        self._effects = FarmEffects(
+        self._effects = FarmEffectPerformer(
             fleet, self._state, self._clock, self._agents, self._planner, self._plate_replanner
         )
         self._timers = Timers(self._clock)
@@ -304,7 +304,9 @@ class Daemon:
         If a print does not end, the farm keeps running, so that a person can inspect the printer.
         """
         planning = self._controller.planning
-        while not is_immediate and (self._inspections or planning.list_running_jobs(self._controller.books)):
+        while not is_immediate and (
+            self._inspections or planning.list_jobs_in_planning(self._controller.books)
+        ):
             await asyncio.sleep(0.1)
         deadline_s = asyncio.get_running_loop().time() + _ABORT_TIMEOUT_S if is_immediate else math.inf
         while printing_printers := sorted(

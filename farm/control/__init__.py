@@ -9,7 +9,7 @@ from farm.control.access import (
     find_key,
 )
 from farm.control.controller import Controller
-from farm.control.effects import FarmEffects
+from farm.control.effects import FarmEffectPerformer
 from farm.control.job_commands import (
     PAGE_DRY_RUN_TIMEOUT_S,
     DryRuns,
@@ -29,7 +29,7 @@ __all__ = [
     "AppKeyRequests",
     "Controller",
     "DryRuns",
-    "FarmEffects",
+    "FarmEffectPerformer",
     "JobCommands",
     "KeyCommands",
     "Notifier",

@@ -1,7 +1,8 @@
 """Controller of the farm: the only entry to its state.
 
-Everything here runs on one thread and never blocks. Every change goes through `Controller.handle`: its events
-are applied and committed, the scheduler runs once, and the effects are performed after that.
+The controller runs on one thread, and waits for nothing but the database. Every change goes through
+`Controller.handle`: events are applied and committed, the scheduler runs once, and then the effects are
+performed.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from itertools import chain
 
 from drivers.clock import Clock
 from farm.config import Fleet
-from farm.control.effects import Effect, Effects
+from farm.control.effects import Effect, EffectPerformer
 from farm.control.job_planning import JobPlanning
 from farm.control.log_subjects import log_event
 from farm.control.scheduler import Scheduler
@@ -45,14 +46,14 @@ log = logging.getLogger(__name__)
 
 
 class Controller:
-    """Controller of the farm's state, and of all decisions about it; its only I/O is the store.
+    """Controller, which owns the farm's state and makes all decisions; its only I/O is the store.
 
     Parameters
     ----------
     fleet
-        The fleet of `fleet.yaml`.
+        The fleet as configured in `fleet.yaml`.
     store
-        The books.
+        Store with the books.
     clock
         The farm's clock.
     find_build_volumes
@@ -71,7 +72,7 @@ class Controller:
         self.fleet = apply_reels(fleet, self.books.printers)
         self._configured_fleet = fleet
         self._store = store
-        self._effects: Effects | None = None
+        self._effects: EffectPerformer | None = None
         self._replanning = ReplanCoordinator()
         self.situations = Situations(self, find_build_volumes)
         self.scheduler = Scheduler(
@@ -80,15 +81,15 @@ class Controller:
         self.forecast = ForecastCache(clock, lambda: self.books, self.situations.build_for_forecast)
         self._job_cache = JobCache()
 
-    def start(self, effects: Effects, restored_s: float | None = None) -> None:
-        """Add printers that are new in the fleet, and abandon the unfinished plans of an earlier daemon.
+    def start(self, effects: EffectPerformer, restored_s: float | None = None) -> None:
+        """Add the new printers of the fleet to the books, and abandon unfinished plans of an earlier daemon.
 
         Nothing is scheduled yet, because no agent has reported.
 
         Parameters
         ----------
         effects
-            Performer of the effects of decisions from now on.
+            Performer of all effects from now on.
         restored_s
             Time of the backup, if the database was damaged and restored from one.
         """
@@ -102,13 +103,13 @@ class Controller:
     def handle(self, *events: ev.AnyEvent) -> None:
         """Apply events, commit each, schedule once, and perform the effects.
 
-        Instructions that agents have not confirmed are repeated by the next tick, because the time to find
-        them grows with the number of printers.
+        Instructions that agents have not confirmed are repeated by the next `tick`, and not here, because the
+        time to find them grows with the number of printers.
 
         Raises
         ------
         StoreError
-            If the books cannot be written. The effects of earlier commits are performed.
+            If the books cannot be written. The effects of the events committed before are performed.
         """
         self._handle_events(events, ())
 
@@ -118,18 +119,18 @@ class Controller:
         repeated_instructions: Iterable[ev.AnyInstruction],
         schedules_now: bool = True,
     ) -> None:
-        """Handle events, repeat instructions to agents, and schedule: now, or at the next tick."""
+        """Commit events, repeat instructions to agents, and schedule: now, or at the next tick."""
         effects: list[Effect] = []
         self.scheduler.next_change_s = -math.inf
         try:
-            instructions = self._schedule() if schedules_now else ()  # begins after the commits
+            instructions = self._schedule() if schedules_now else ()  # a generator: runs after the commits
             for effect in chain(self._commit_events(events), repeated_instructions, instructions):
                 effects.append(effect)  # noqa: PERF402  (after an error, the earlier effects are performed)
         finally:
             self._perform_effects(effects)
 
     def tick(self) -> None:
-        """Schedule if the time has changed a decision, and repeat unconfirmed instructions to agents."""
+        """Schedule if a decision may change with time, and repeat unconfirmed instructions to agents."""
         if self.scheduler.has_later_starts:
             self._handle_events((), ())
         elif self.clock.now() >= self.scheduler.next_change_s:
@@ -139,7 +140,7 @@ class Controller:
 
     @property
     def next_change_s(self) -> float | None:
-        """Farm time at which `tick` schedules next; None if decisions change only by events."""
+        """Farm time at which `tick` schedules next; None if only events change decisions."""
         change_s = self.scheduler.next_change_s
         return change_s if math.isfinite(change_s) else None
 
@@ -186,7 +187,7 @@ class Controller:
             yield from self.scheduler.run()
 
     def _list_unconfirmed_instructions(self, names: Iterable[str] | None) -> Iterator[ev.AnyInstruction]:
-        """Yield the instructions on open prints that agents have not confirmed, for some printers or all."""
+        """Yield the unconfirmed instructions on open prints, of the named printers or, with None, of all."""
         snapshots, find_printer, now_s = (
             self.telemetry.snapshots,
             self.situations.describe_printer,
@@ -197,7 +198,7 @@ class Controller:
         )
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-        """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
+        """Handle the changes in an agent's snapshot; the unchanged rest is only stored as telemetry."""
         name = snapshot.printer
         previous_snapshot = self.telemetry.snapshots.get(name)
         is_in_use = self.situations.describe_printer(name) is not None
@@ -220,9 +221,9 @@ class Controller:
             raise
 
     def on_refusal(self, print_id: str, reason: str, is_late: bool = False) -> None:
-        """Count an agent's refusal to start a print; after several refusals, the print has failed.
+        """Count an agent's refusal to start a print; several refusals end the print as failed.
 
-        The refusal of a request that arrived too late is not counted: its plate is scheduled again.
+        If the request arrived too late, the print is cancelled at once, and its plate is scheduled again.
         """
         attempt, is_final = self.books.prints[print_id], self.telemetry.count_refusal(print_id)
         if attempt.state is not PrintState.ASSIGNED or not (is_late or is_final):
@@ -235,23 +236,23 @@ class Controller:
         return self.books.get_printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        """Record the prints that an agent has made since the backup."""
+        """Record the prints since the backup that an agent's journal contains."""
         self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
 
     def on_plan(self, job_id: int, result: Plan | FarmError) -> None:
-        """Record the plan of a job, or the error that prevents it."""
+        """Record the plan of a job, or the error that prevented it."""
         situation = self.situations.build(self.situations.find_held_back_plates())
         event = self.planning.finish(self.books.get_job(job_id), result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
-        """Record the result of a replan."""
+        """Record the result of replanning a plate, or the error that prevented it."""
         situation = self.situations.build(self.situations.find_held_back_plates())
         event = self._replanning.finish(plate, result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_clock_set(self, step_s: float) -> None:
-        """Handle a step of the host's clock by `step_s` farm seconds, which must not change durations."""
+        """Shift times after the host's clock was set by `step_s` farm seconds; durations stay the same."""
         self.started_s += step_s
         self.forecast.on_clock_set()
         self._replanning.on_clock_set()
@@ -265,7 +266,7 @@ class Controller:
         self.telemetry.warnings[topic] = text
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
-        """Return the data from which views are built."""
+        """Return the present data, from which views are built."""
         ends = self.forecast.find_ends()
         return ViewContext(
             self.fleet,

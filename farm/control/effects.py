@@ -1,4 +1,4 @@
-"""Effects of decisions: instructions from the controller to agents, the planner and the replan worker."""
+"""Effects of the controller's decisions: instructions to agents, the planner and the replan worker."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ log = logging.getLogger(__name__)
 Effect = ev.AnyInstruction | StartPlanning | StartReplan
 
 
-class Effects(Protocol):
-    """Performer of effects, which does not wait for their completion."""
+class EffectPerformer(Protocol):
+    """Performer of effects. It starts them, and does not wait for their completion."""
 
     def perform(self, effect: Effect, books: Books) -> None:
         """Start an effect; `books` are the committed books."""
 
 
-class FarmEffects:
+class FarmEffectPerformer:
     """Performer of effects with the farm's agents, planner and workers."""
 
     def __init__(
@@ -60,13 +60,13 @@ class FarmEffects:
     def _start_planning(self, instruction: StartPlanning, books: Books) -> None:
         job, fleet = books.get_job(instruction.job), apply_reels(self._fleet, books.printers)
         start_s = max(self._clock.now(), job.not_before_s or 0.0)
-        limit_s = job.assembled_by_s if job.done_by_s is None else job.done_by_s
+        deadline_s = job.assembled_by_s if job.done_by_s is None else job.done_by_s
         request = PlanRequest(
             job=job,
             printers=tuple(fleet.find_printer(name) for name in instruction.printers),
             round_count=instruction.round_count,
             time_factors={name: books.get_printer(name).time_factors for name in instruction.printers},
-            time_limit_s=None if limit_s is None else max(0.0, limit_s - start_s),
+            time_limit_s=None if deadline_s is None else max(0.0, deadline_s - start_s),
             assembly_ratio=compute_assembly_ratio(books.jobs.values()),
             is_quick=instruction.is_quick,
         )

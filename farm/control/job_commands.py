@@ -1,4 +1,4 @@
-"""Commands on jobs: submit, approve, pause, cancel; and dry runs, which are cancelled automatically."""
+"""Commands on jobs: submit, approve, pause, cancel; and the cancellation of abandoned dry runs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from farm.text import format_count
 from farm.views.jobs import list_queue
 
 DRY_RUN_TIMEOUT_S = 60.0
-"""Wall seconds without a request after which a dry run is abandoned; a restart of the daemon takes less."""
+"""Wall seconds without a client's request after which a dry run is cancelled; longer than a restart takes."""
 PAGE_DRY_RUN_TIMEOUT_S = 3600.0
-"""Wall seconds for which a dry run is kept after its plan was shown on a page."""
+"""Wall seconds for which a dry run is kept after a page has shown its plan."""
 _CANCELLER = "the farm: nobody is waiting for its plan any more"
 
 
 class JobCommands:
-    """Commands of people on jobs: checked, then handled as events.
+    """Commands of people on jobs, which are checked and then handled as events.
 
     Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
     """
@@ -35,7 +35,7 @@ class JobCommands:
         self._controller, self._printers = controller, printers
 
     def find_submission(self, request_id: str) -> int | None:
-        """Return the job of an earlier request with this id; None if there is none."""
+        """Return the id of the job that a request with this id has submitted; None if there is none."""
         jobs = self._controller.books.jobs.values()
         return next((job.id for job in jobs if job.request_id == request_id), None)
 
@@ -72,7 +72,7 @@ class JobCommands:
         options: JobOptions,
         caller_name: str | None = None,
     ) -> tuple[int, bool]:
-        """Record a job; return its id, and True if an earlier request has already submitted it."""
+        """Submit a job; return its id, and True if the same request has already submitted it before."""
         existing_job = self.find_submission(request_id)
         if existing_job is not None:
             return existing_job, True
@@ -101,7 +101,7 @@ class JobCommands:
         return job_id, False
 
     def cancel(self, job_id: int, caller_name: str) -> None:
-        """Cancel a job: no more of its parts are printed."""
+        """Cancel a job, so that no more of its parts are printed."""
         job = self._controller.books.get_job(job_id)
         if job.state.ended:
             is_printable = job.parts and job.pruned_s is None
@@ -112,7 +112,7 @@ class JobCommands:
         )
 
     def set_paused(self, job_id: int, is_paused: bool, caller_name: str) -> None:
-        """Pause a job, so that its prints pause and no others start, or resume it."""
+        """Pause a job (its prints pause, and none of its plates start), or resume it."""
         books = self._controller.books
         job = books.get_job(job_id)
         if job.state.ended:
@@ -127,7 +127,7 @@ class JobCommands:
         self._controller.handle(ev.JobPaused(at_s=at_s, job=job_id, wanted=is_paused, by=caller_name))
 
     def record_assembly(self, job_id: int, minutes: float, caller_name: str) -> None:
-        """Record the time that a person took to glue the parts of a job; a later report replaces it."""
+        """Record the minutes that a person took to glue the parts of a job, in place of an earlier report."""
         job = self._controller.books.get_job(job_id)
         if job.state not in (JobState.PRINTED, JobState.DONE):
             raise RefusedError(f"job {job_id} is {job.state}: report its assembly once all parts are printed")
@@ -143,7 +143,7 @@ class JobCommands:
         self._controller.handle(ev.JobMoved(at_s=at_s, job=job_id, before=successor, by=caller_name))
 
     def reschedule(self, job_id: int, at: str, caller_name: str) -> None:
-        """Set the time before which no more plates of a job start; "now" removes it.
+        """Set the time `at` before which no plates of a job start; "now" removes this limit.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class JobCommands:
         )
 
     def _list_queue(self, job_id: int) -> list[int]:
-        """Return the ids of the queued jobs, in order. Raises RefusedError if this job is not queued."""
+        """Return the ids of the jobs in the queue, in order. Raises RefusedError if it lacks this job."""
         books = self._controller.books
         if books.get_job(job_id).state.ended:
             raise RefusedError(f"job {job_id} has already ended: it is {books.get_job(job_id).state}")
@@ -174,18 +174,18 @@ class JobCommands:
         return queue
 
     async def approve(self, job_id: int, plan: str, state: StateFolder, caller_name: str) -> None:
-        """Release a held job to print, with exactly the plan and files that a person has reviewed.
+        """Let a held job print, if its plan and files are still those that a person has reviewed.
 
         Parameters
         ----------
         job_id
             The job.
         plan
-            The hash of the reviewed plan; empty for a plan of an earlier version.
+            Hash of the reviewed plan; empty if an earlier version of the farm made the plan.
         state
-            Folder with the files.
+            State folder, with the files.
         caller_name
-            The person who approves it.
+            Name of the person who approves the job.
         """
         job = self._find_held_job(job_id)
         if plan != (job.plan or ""):
@@ -217,16 +217,16 @@ class JobCommands:
         return self.submit(request_id, job.name, model, options, caller_name)[0]
 
     async def release(self, job_id: int, state: StateFolder, caller_name: str, is_operator: bool) -> None:
-        """Release a job from its hold, planned or not; a job that is already printing does not change.
+        """End the hold of a job, even before it is planned; a job that is already printing does not change.
 
         Parameters
         ----------
         job_id
             The job.
         state
-            Folder with the files.
+            State folder, with the files.
         caller_name
-            The person who releases it.
+            Name of the person who releases the job.
         is_operator
             True if the person is an operator. Others may release only their own jobs, and only on a farm
             where jobs need no approval.
@@ -254,37 +254,39 @@ class JobCommands:
 
 
 def find_successor(queue: Sequence[int], job_id: int, move: api.QueueMove) -> int | None:
-    """Find the job before which a job is moved; None for the end of the queue.
+    """Return the id of the job before which a job is put; None for the end of the queue.
 
     Parameters
     ----------
     queue
         Ids of the jobs in the queue, in order.
     job_id
-        The job that is moved, which is in `queue`.
+        The job that is moved; `queue` contains it.
     move
-        The new place: a direction, an end of the queue, or the job before which it is put.
+        New place: a direction, an end of the queue, or another job, before which this job is put.
 
     Raises
     ------
     RefusedError
-        If the job is already at that place, or the other job is not in the queue.
+        If the job is already at that end of the queue, or the other job is not in the queue.
     """
-    place = queue.index(job_id)
+    index = queue.index(job_id)
     other_jobs = [entry for entry in queue if entry != job_id]
     if move.before is not None:
         if move.before not in other_jobs:
-            raise RefusedError(f"job {move.before} is not another job in the queue: `farm queue` lists it")
+            raise RefusedError(
+                f"job {move.before} is not another job in the queue: `farm queue` lists the jobs"
+            )
         return move.before
-    places = {
-        api.QueuePlace.UP: place - 1,
-        api.QueuePlace.DOWN: place + 1,
-        api.QueuePlace.FIRST: 0 if place else -1,
-        api.QueuePlace.LAST: len(other_jobs) if place < len(other_jobs) else len(queue),
+    new_indices = {
+        api.QueuePlace.UP: index - 1,
+        api.QueuePlace.DOWN: index + 1,
+        api.QueuePlace.FIRST: 0 if index else -1,
+        api.QueuePlace.LAST: len(other_jobs) if index < len(other_jobs) else len(queue),
     }
-    target = places[move.to or api.QueuePlace.LAST]
+    target = new_indices[move.to or api.QueuePlace.LAST]
     if not 0 <= target <= len(other_jobs):
-        raise RefusedError(f"job {job_id} is already {'first' if place == 0 else 'last'} in the queue")
+        raise RefusedError(f"job {job_id} is already {'first' if index == 0 else 'last'} in the queue")
     return other_jobs[target] if target < len(other_jobs) else None
 
 
@@ -292,8 +294,8 @@ def abort_prints(controller: Controller) -> None:
     """Cancel every open print and its job; if the job has ended, cancel only the plate of the print."""
     books, now_s = controller.books, controller.clock.now()
     job_ids = sorted({attempt.job for attempt in books.list_open_prints()})
-    open_jobs = [job_id for job_id in job_ids if not books.get_job(job_id).state.ended]
-    controller.handle(*(ev.JobCancelled(at_s=now_s, job=job_id) for job_id in open_jobs))
+    open_job_ids = [job_id for job_id in job_ids if not books.get_job(job_id).state.ended]
+    controller.handle(*(ev.JobCancelled(at_s=now_s, job=job_id) for job_id in open_job_ids))
     plates_of_ended_jobs = [
         attempt.plate for attempt in controller.books.list_open_prints() if attempt.cancel_reason is None
     ]
@@ -326,24 +328,25 @@ def parse_start_and_deadline_s(
 
 
 class DryRuns:
-    """Dry runs, cancelled after their clients disappear. Times are wall seconds of a monotonic clock."""
+    """Cancellation of dry runs whose clients are gone. Times are wall seconds of a monotonic clock."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._expiry_times_s: dict[int, float] = {}
 
-    def keep(self, job: int, now_s: float, timeout_s: float = DRY_RUN_TIMEOUT_S) -> None:
-        """Keep a dry run for some time after a client's request about it."""
-        self._expiry_times_s[job] = max(now_s + timeout_s, self._expiry_times_s.get(job, 0.0))
+    def keep(self, job_id: int, now_s: float, timeout_s: float = DRY_RUN_TIMEOUT_S) -> None:
+        """Keep a dry run for at least `timeout_s` after a client's request about it."""
+        self._expiry_times_s[job_id] = max(now_s + timeout_s, self._expiry_times_s.get(job_id, 0.0))
 
     def cancel_abandoned_runs(self, now_s: float) -> None:
-        """Cancel the dry runs without a recent request."""
+        """Cancel the dry runs about which no client has sent a recent request."""
         jobs = self._controller.books.jobs.values()
-        dry_runs = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
-        self._expiry_times_s = {n: self._expiry_times_s.get(n, now_s + DRY_RUN_TIMEOUT_S) for n in dry_runs}
-        abandoned_jobs = [job_id for job_id, until_s in self._expiry_times_s.items() if now_s > until_s]
-        if abandoned_jobs:
+        dry_run_ids = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
+        default_s = now_s + DRY_RUN_TIMEOUT_S
+        self._expiry_times_s = {job_id: self._expiry_times_s.get(job_id, default_s) for job_id in dry_run_ids}
+        abandoned_ids = [job_id for job_id, expiry_s in self._expiry_times_s.items() if now_s > expiry_s]
+        if abandoned_ids:
             at_s = self._controller.clock.now()
             self._controller.handle(
-                *(ev.JobCancelled(at_s=at_s, job=n, by=_CANCELLER) for n in abandoned_jobs)
+                *(ev.JobCancelled(at_s=at_s, job=job_id, by=_CANCELLER) for job_id in abandoned_ids)
             )

@@ -1,4 +1,4 @@
-"""State of the planning of jobs: the jobs being planned, with their progress and results."""
+"""State of planning: the jobs that are being planned, their progress, and the events of their results."""
 
 from __future__ import annotations
 
@@ -39,10 +39,11 @@ class JobPlanning:
         self.holds: dict[int, Hold] = {}
         self.revisions = PlanRevisions()
         self._admission = JobAdmission()
-        self._started_plans: dict[int, tuple[StartPlanning, float]] = {}  # last of each job, with its time
+        # The latest instruction to plan each job, and the farm time at which the planning began.
+        self._started_plans: dict[int, tuple[StartPlanning, float]] = {}
 
     def on_progress(self, job_id: int, progress: PlanProgress) -> None:
-        """Store the progress of a plan; a job that already has a plan does not wait for free disk space."""
+        """Store the progress of a plan; if the disk is full, stop planning a job that already has a plan."""
         self.progress[job_id] = progress
         if progress.step is PlanStep.NO_ROOM:
             self.revisions.end_replanning(job_id)
@@ -50,14 +51,14 @@ class JobPlanning:
     def find_reservations(
         self, books: Books, situation: Situation, reserved_printers: dict[str, str]
     ) -> dict[str, str]:
-        """Return the free printers that are reserved, each with its purpose: a plate, a spare or a job.
+        """Return the free printers that are reserved, each with its purpose: a plate, a job or a spare.
 
         Parameters
         ----------
         situation
-            The plates that still wait, and the fleet after the current assignment.
+            Situation after the current assignment: the plates that still wait, and the fleet.
         reserved_printers
-            Printers for which plates are being replanned, each with its plate.
+            Printers for which plates are being replanned, each with the id of its plate.
         """
         pending_printers = list_pending_printers(self._admission.list_pending_plans(books))
         revised_printers = self.revisions.reserved_printers
@@ -66,7 +67,7 @@ class JobPlanning:
     def admit(
         self, books: Books, situation: Situation, reserved_printers: dict[str, str], is_starting: bool
     ) -> Iterator[tuple[ev.AnyEvent, StartPlanning | None]]:
-        """Yield the events on queued jobs, each with the instruction to perform once the event is committed.
+        """Yield the events about queued jobs, each with the instruction to perform after its commit, or None.
 
         See `find_reservations` and `farm.scheduling.JobAdmission.decide` for the parameters.
         """
@@ -89,7 +90,7 @@ class JobPlanning:
                 yield ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold), None
 
     def begin(self, instruction: StartPlanning, now_s: float) -> None:
-        """Record that a job is being planned."""
+        """Record that the planning of a job has begun."""
         self._admission.begin_planning(instruction)
         self._started_plans[instruction.job] = instruction, now_s
 
@@ -102,12 +103,12 @@ class JobPlanning:
     def finish(
         self, job: Job, result: Plan | FarmError, books: Books, situation: Situation
     ) -> ev.AnyEvent | None:
-        """Return the event for a finished plan, or for the error that prevents it; None if nothing changes.
+        """Return the event for a finished plan, or for the error that prevented it; None if nothing changes.
 
         Parameters
         ----------
         books, situation
-            The committed books; all waiting plates, and the fleet.
+            The committed books, and the situation with all waiting plates.
         """
         event: ev.AnyEvent | None = None
         if self.revisions.is_running(job.id):
@@ -132,8 +133,8 @@ class JobPlanning:
         changes = {"printers": printers, "planning_s": now_s - start_s}
         return event.model_copy(update=changes)
 
-    def list_running_jobs(self, books: Books) -> list[int]:
-        """List the jobs that are being planned, without those that wait for free disk space."""
+    def list_jobs_in_planning(self, books: Books) -> list[int]:
+        """List the ids of the jobs that are being planned, except those that wait for free disk space."""
         planning_jobs = (job.id for job in books.jobs.values() if job.state is JobState.PLANNING)
         return sorted(job_id for job_id in planning_jobs if not self._waits_for_disk_space(job_id))
 

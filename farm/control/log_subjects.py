@@ -1,4 +1,4 @@
-"""Log lines of events, with the subjects of each event as fields."""
+"""Log lines of events, with the job, plate, printer and person of each event as fields."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ def log_event(log: Logger, event: ev.AnyEvent, books: Books) -> None:
 
 
 def find_subjects(event: object, books: Books) -> dict[str, object]:
-    """Find the job, plate, printer and person of an event, by the names of its fields.
+    """Find the job, plate, printer and person of an event from the fields of the event.
 
     Parameters
     ----------
     event
         Event of `farm.state.events`.
     books
-        The books with the prints that events name by their ids.
+        The books, which contain the prints that events name by id.
 
     Returns
     -------
     dict of str to object
-        The known subjects, by their names in `log_format.SUBJECTS`.
+        The subjects that are known, by their names in `log_format.SUBJECTS`.
     """
     job, plate, printer, user = (getattr(event, name, None) for name in ("job", "plate", "printer", "by"))
     if (attempt := books.prints.get(getattr(event, "print_id", ""))) is not None:

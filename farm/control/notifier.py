@@ -1,4 +1,4 @@
-"""Notifications to people who are away, through apprise: each is sent once, after the commit, in a thread."""
+"""Sender of notices to people who are away, through apprise. A thread sends each once, after the commit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from farm.views import list_due_notices
 
 log = logging.getLogger(__name__)
 
-_MAX_EVENT_AGE_S = 30 * 24 * 3600.0  # farm seconds after which an event is too old to be sent
+_MAX_EVENT_AGE_S = 30 * 24 * 3600.0  # farm seconds after which no notice of an event is sent
 
 
 class Notifier:
@@ -27,11 +27,11 @@ class Notifier:
     Parameters
     ----------
     urls
-        Addresses in the form of apprise. They may contain passwords, so no message shows them.
+        Addresses in apprise's format. They may contain passwords, so they never appear in messages.
     farm
         The farm's name, which is the title of every message.
     file
-        The record of sent notices. If it is missing, earlier events are not sent.
+        File with the record of sent notices. If it is missing, no notices of earlier events are sent.
 
     Raises
     ------
@@ -64,7 +64,7 @@ class Notifier:
         self._queue.put("\n".join(notice.text for notice in notices))
 
     def on_clock_set(self, step_s: float) -> None:
-        """Shift the start of the record after a step back of the clock, so that later events are sent."""
+        """Move the start of the record back if the clock was set back, so that new events are notified."""
         self._record_start_s = min(self._record_start_s, self._record_start_s + step_s)
 
     def _save_record(self) -> None:
@@ -81,7 +81,7 @@ class Notifier:
             for number, channel in enumerate(self._channels, 1):
                 try:
                     is_sent = channel.notify(title=self._title, body=body)
-                except Exception as error:  # an error of a plugin, whose text may contain the address
+                except Exception as error:  # from a plugin; the text may contain the address
                     is_sent = False
                     log.warning("notify: address %d: %s", number, type(error).__name__)
                 if not is_sent:
@@ -89,7 +89,7 @@ class Notifier:
 
 
 def delete_record(file: Path) -> None:
-    """Delete the record of sent notices; earlier events are not sent when a notifier starts again."""
+    """Delete the record of sent notices. A notifier that starts later sends no notices of earlier events."""
     file.unlink(missing_ok=True)
 
 

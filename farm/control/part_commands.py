@@ -18,13 +18,13 @@ _REFUSAL_REASONS = {
     PlateState.CANCELLED: "is already cancelled",
 }
 _PENDING_REASONS = {
-    PlateState.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
+    PlateState.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints the part again",
     PlateState.WAITING: "is already waiting to be printed",
 }
 
 
 class PartCommands:
-    """Commands of people on parts: checked, then handled as events.
+    """Commands of people on parts, which are checked and then handled as events.
 
     Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
     """
@@ -33,7 +33,7 @@ class PartCommands:
         self._controller, self._printers = controller, printers
 
     def reprint(self, job_id: int, part: str, reason: str, caller_name: str) -> str:
-        """Print a part again, unless it is already waiting or being printed; return its name."""
+        """Print a part again, unless it is already waiting or being printed; return the part's name."""
         plate = self._find_plate(job_id, part)
         job = self._controller.books.get_job(job_id)
         if job.pruned_s is not None:
@@ -52,11 +52,11 @@ class PartCommands:
         return plate.parts[0]
 
     def cancel(self, job_id: int, part: str, caller_name: str) -> str:
-        """Cancel a part, which is then not printed; return its name."""
+        """Cancel a part, so that it is not printed; return the part's name."""
         return self._cancel_plate(self._find_plate(job_id, part), caller_name)
 
     def cancel_on_printer(self, printer: str, caller_name: str) -> str:
-        """Cancel the part that a printer is printing; return its name."""
+        """Cancel the part that a printer is printing; return the part's name."""
         attempt = self._printers.find_open_print(printer)
         return self._cancel_plate(self._controller.books.plates[attempt.plate], caller_name)
 
@@ -70,7 +70,7 @@ class PartCommands:
         return plate.parts[0]
 
     def set_paused(self, job_id: int, part: str, is_paused: bool, caller_name: str) -> str:
-        """Pause or resume a part, on its printer or in the queue; return the printer, or an empty string."""
+        """Pause or resume a part; return the printer that prints it, or an empty string if it is queued."""
         plate = self._find_plate(job_id, part)
         printer = self._find_printer(plate)
         if printer is not None:
@@ -91,7 +91,7 @@ class PartCommands:
         return ""
 
     def _find_plate(self, job_id: int, part: str) -> Plate:
-        """Find the plate of a part, whose name may lack the number of the job: 3/p01, p01, 01 or 1."""
+        """Find the plate of a part, which may be named with or without its job: 3/p01, p01, 01 or 1."""
         books = self._controller.books
         job = books.get_job(job_id)
         for name in job.parts:

@@ -1,4 +1,4 @@
-"""Commands on printers: fail or pause a print, clear a bed, load a reel, maintenance, outages."""
+"""Commands on printers: fail or pause a print, clear a bed, load a reel, start maintenance, end an outage."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from farm.text import parse_part_number
 
 
 class PrinterCommands:
-    """Commands of people on printers: checked, then handled as events.
+    """Commands of people on printers, which are checked and then handled as events.
 
     Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
     """
@@ -37,7 +37,7 @@ class PrinterCommands:
         )
 
     def set_paused(self, printer: str, is_paused: bool, caller_name: str) -> None:
-        """Pause or resume a print; one that is still heating is paused when it starts to print."""
+        """Pause or resume a print; a print that is still heating pauses when it starts to print."""
         attempt = self.find_open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise RefusedError(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
@@ -51,7 +51,7 @@ class PrinterCommands:
         )
 
     def refuse_unattended_printers(self, printers: Iterable[str]) -> None:
-        """Raise RefusedError if one of the printers may not print now because nobody is present."""
+        """Raise RefusedError if one of the printers must not print now, because nobody is present."""
         now_s = self._controller.clock.now()
         fleet_printers = [
             p for name in printers if (p := self._controller.situations.describe_printer(name)) is not None
@@ -65,10 +65,10 @@ class PrinterCommands:
             raise RefusedError("; ".join(reasons))
 
     def clear_bed(self, printer: str, request: api.ClearedRequest, caller_name: str) -> api.ClearedResponse:
-        """Record that a person cleared a bed, with the verdict on its part.
+        """Record that a person cleared a bed, and the verdict on the part that was on it.
 
-        `request.good` names the part of a failed print if the part is usable. `request.seen` is the last
-        print on the sender's page: the command is refused if a later print exists.
+        `request.good` names the part of a failed print if the part is usable. `request.seen` is the id of the
+        last print that the person's page showed: the command is refused if there is a later print.
         """
         books = self._controller.books
         books.get_printer(printer)
@@ -108,7 +108,7 @@ class PrinterCommands:
         return api.ClearedResponse(again=plate.parts[0] if plate is not None and is_reprinted else None)
 
     def _find_failed_print(self, printer: str, part: str) -> Print | None:
-        """Return the failed print of a part on a bed; None if its print is recorded as done."""
+        """Return the failed print of a part on a bed; None if the print is recorded as done."""
         books = self._controller.books
         judged_print, failed_print = books.find_print_to_judge(printer), find_failed_print(books, printer)
         attempt = judged_print or failed_print
@@ -123,7 +123,10 @@ class PrinterCommands:
         return failed_print if judged_print is None else None
 
     async def load_reel(self, printer: str, request: api.LoadRequest, caller_name: str) -> Reel:
-        """Record that a reel was loaded or weighed; omitted fields keep their values."""
+        """Record that a person loaded or weighed a reel; omitted fields keep their values.
+
+        If the request names a material or a colour, the reel is new: grams or colour are unknown if omitted.
+        """
         entry = self._controller.books.get_printer(printer)
         self._refuse_printing_printer(printer)
         section = self._controller.fleet.find_printer(printer)
@@ -160,7 +163,7 @@ class PrinterCommands:
             raise RefusedError(f"{printer} is printing: use `farm load` after the print has ended")
 
     def begin_maintenance(self, printer: str, reason: str, caller_name: str) -> None:
-        """Take a printer out of use; its open print continues."""
+        """Take a printer out of use; an open print on it continues."""
         self._controller.books.get_printer(printer)
         at_s = self._controller.clock.now()
         self._controller.handle(ev.MaintenanceStarted(at_s=at_s, printer=printer, why=reason, by=caller_name))
@@ -174,7 +177,7 @@ class PrinterCommands:
         )
 
     def confirm_outage(self, caller_name: str) -> str:
-        """Record that a person has resolved an outage; return its printers."""
+        """Record that a person has resolved the outage; return the names of its printers."""
         outage = self._controller.books.outage
         if outage is None:
             raise RefusedError("there is no outage: give a printer, a job or a part to resume")

@@ -1,4 +1,4 @@
-"""Runs of the scheduler, which start plates, replan plates, and plan jobs when possible."""
+"""Scheduler: its runs start plates, replan plates, and begin the planning of jobs."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ EventCommitter = Callable[[Iterable[ev.AnyEvent]], Collection[Effect]]
 
 
 class Scheduler:
-    """Scheduler of the farm: decides which plates start or are replanned, and which jobs are planned.
+    """Scheduler of the farm, which decides which plates start or are replanned, and which jobs are planned.
 
-    A run assigns plates to all free printers. If many plates start, they start in several portions, between
-    which the farm handles messages. The later portions belong to the same run; starts that have become
-    impossible are left out. All other decisions wait for the next run.
+    A run assigns plates to all free printers. Many plates start in several portions, and the farm handles
+    messages between the portions. Later portions leave out starts that have since become impossible.
+    All other decisions wait for the next run.
 
     Parameters
     ----------
     situations
-        Source of the current situation.
+        Source of the farm's current situation.
     planning, replanning
-        Jobs that are being planned, and plates that are being replanned.
+        State of the jobs that are being planned, and of the plates that are being replanned.
     commit_in_transaction
         Function that commits the events of decisions.
 
@@ -59,17 +59,17 @@ class Scheduler:
         self.next_change_s = -math.inf
         self._situations, self._commit_in_transaction = situations, commit_in_transaction
         self._planning, self._replanning = planning, replanning
-        self._later_starts: Sequence[Assignment] = ()  # starts of the last run that remain
+        self._later_starts: Sequence[Assignment] = ()  # starts of the last run that are still to come
 
     @property
     def has_later_starts(self) -> bool:
-        """True if starts of the last run remain."""
+        """True if some starts of the last run are still to come."""
         return bool(self._later_starts)
 
     def run(self) -> Iterator[Effect]:
-        """Start the next portion of the last run's plates; if none remains, begin the next run.
+        """Start the next portion of the last run's plates; if there is none, begin the next run.
 
-        Yields the effects of each decision once it is committed.
+        Yields the effects of each decision after the decision is committed.
         """
         starts = self._take_later_starts()
         if starts:
@@ -104,7 +104,7 @@ class Scheduler:
         yield from self._admit_jobs(situation)
         if revisions.has_remaining_jobs:
             self.next_change_s = situation.now_s
-        elif not starts:  # a start changes which printers are reserved: the next tick schedules
+        elif not starts:  # after starts, which change the reserved printers, the next tick schedules again
             self.next_change_s = self._find_next_change_s(situation, held_back_plates)
 
     def _find_next_change_s(self, situation: Situation, held_back_plates: Mapping[str, Hold]) -> float:
@@ -137,7 +137,7 @@ class Scheduler:
         )
 
     def _assign_plates(self, situation: Situation) -> list[Assignment]:
-        """Assign plates to printers; jobs that have not started get no printer reserved for a replan."""
+        """Assign plates to printers; leave printers reserved for replans to jobs that have started."""
         return self._replanning.filter_assignments(self._situations.books, assign_plates(situation))
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
@@ -154,7 +154,7 @@ class Scheduler:
         return self._planning.find_reservations(self._situations.books, situation, reserved_printers)
 
     def find_plate_holds(self) -> dict[str, Hold]:
-        """Find the current hold of each waiting plate."""
+        """Return the current hold of each waiting plate, by plate id."""
         situations = self._situations
         revision_holds = self._planning.revisions.list_holds(situations.books, situations.now_s)
         held_back_plates = situations.find_held_back_plates() | self._replanning.list_holds()

@@ -1,4 +1,4 @@
-"""Current situations of the farm, from its fleet, its books and the agents' latest snapshots."""
+"""Source of current situations, built from the farm's fleet and books and the agents' latest snapshots."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from farm.scheduling import (
 from farm.state import Books
 
 CONNECT_GRACE_S = 30.0
-"""Wall seconds in which printers are expected to connect after the farm has started."""
+"""Wall seconds after the start of the farm within which its printers should have connected."""
 
 
 class FarmState(Protocol):
-    """State of the farm in the controller."""
+    """State of the farm, which the controller provides."""
 
     @property
     def clock(self) -> Clock: ...
@@ -82,7 +82,7 @@ class Situations:
         return self.now_s < self.startup_end_s
 
     def find_held_back_plates(self, jobs: Collection[Job] | None = None) -> dict[str, Hold]:
-        """Return the holds of plates that are excluded from assignment, for some jobs or for all."""
+        """Return the holds of plates that are excluded from assignment, for some jobs or (None) for all."""
         farm = self._farm
         jobs = farm.books.jobs.values() if jobs is None else jobs
         return find_plate_holds(
@@ -102,27 +102,27 @@ class Situations:
         ).without(held_back_plates)
 
     def build_for_assignments(self, assignments: Collection[Assignment]) -> Situation:
-        """Return the current situation of only the jobs and printers of some assignments, to save time.
+        """Return the current situation, reduced to the jobs and printers of some assignments to save time.
 
-        It contains all printers if the number of printers that heat up is limited. It reserves no spares,
-        because these must not prevent an assignment that was possible before.
+        If the number of printers that heat up at once is limited, the situation contains all printers. It
+        reserves no spares, because these must not prevent an assignment that was possible before.
         """
         farm, books = self._farm, self._farm.books
-        numbers = dict.fromkeys(books.plates[assignment.plate].job for assignment in assignments)
-        jobs = [job for job in map(books.jobs.__getitem__, numbers) if job.state is JobState.PRINTING]
+        job_ids = dict.fromkeys(books.plates[assignment.plate].job for assignment in assignments)
+        jobs = [job for job in map(books.jobs.__getitem__, job_ids) if job.state is JobState.PRINTING]
         names = [assignment.printer for assignment in assignments]
         printers = (
             self.describe_printers() if farm.rules.max_heating is not None else self._list_printers(names)
         )
-        waiting = self._builder.describe_job_plates(books, jobs).without(self.find_held_back_plates(jobs))
-        return Situation(waiting, printers, farm.rules, self.now_s, farm.clock.scale)
+        plates = self._builder.describe_job_plates(books, jobs).without(self.find_held_back_plates(jobs))
+        return Situation(plates, printers, farm.rules, self.now_s, farm.clock.scale)
 
     def build_for_display(self, held_back_plates: Mapping[str, Hold]) -> Situation:
-        """Return the current situation, with the ends of running prints that are displayed."""
+        """Return the current situation, with the expected ends of open prints as users see them."""
         return update_print_ends(self.build(held_back_plates), self.books, self._farm.telemetry.snapshots)
 
     def build_for_forecast(self) -> Situation:
-        """Return the situation for the forecast, without plates that are paused."""
+        """Return the situation for the forecast, without plates that a person has paused or stopped."""
         codes, held_back_plates = (HoldCode.PAUSED, HoldCode.STOPPED), self.find_held_back_plates()
         return self.build_for_display(
             {name: hold for name, hold in held_back_plates.items() if hold.code in codes}
@@ -130,22 +130,22 @@ class Situations:
 
     def fill_cache(self) -> None:
         """Fill the cache with all printers and plates, so that the first run is as fast as later ones."""
-        waiting = self.build(self.find_held_back_plates()).waiting_plates
-        _ = waiting.planned_printers, waiting.demands  # each job caches its values
+        plates = self.build(self.find_held_back_plates()).waiting_plates
+        _ = plates.planned_printers, plates.demands  # computed and cached by job
 
     def apply_starts(self, situation: Situation, starts: Collection[Assignment]) -> Situation:
-        """Return a situation as it is after some starts, which have just been committed."""
+        """Return a situation updated by some starts, which have just been committed."""
         started_printers = {p.name: p for p in self._list_printers([start.printer for start in starts])}
         printers = tuple([started_printers.get(p.name, p) for p in situation.printers])
         return situation.without({start.plate for start in starts}).with_printers(printers)
 
     def describe_printers(self) -> tuple[FleetPrinter, ...]:
-        """Describe the enabled printers to the scheduler."""
+        """Describe the enabled printers for the scheduler."""
         farm = self._farm
         return self._builder.describe_printers(farm.fleet, farm.books, farm.telemetry.snapshots)
 
     def describe_printer(self, name: str) -> FleetPrinter | None:
-        """Describe a printer to the scheduler; None if it is disabled or unknown."""
+        """Describe a printer for the scheduler; None if it is disabled or unknown."""
         farm = self._farm
         return self._builder.describe_printer(farm.fleet, name, farm.books, farm.telemetry.snapshots)
 
@@ -153,7 +153,7 @@ class Situations:
         return tuple([printer for name in names if (printer := self.describe_printer(name)) is not None])
 
     def find_limits(self, print_id: str) -> PrintLimits:
-        """Find the time limits of a print from the attended and quiet hours."""
+        """Find the time limits that the attended and quiet hours set for a print."""
         attempt = self.books.prints[print_id]
         printer = self.describe_printer(attempt.printer)
         if printer is None:

@@ -1,7 +1,7 @@
 """Telemetry of the printers: the agents' latest snapshots in memory, and the resulting events.
 
-A report of temperatures or progress only replaces the snapshot. Only changes to the books create events, and
-only changes to the fields that the scheduler reads make it run.
+A snapshot with new temperatures or progress only replaces the previous one. Events are created only if the
+books change, and the scheduler runs only if fields that it reads change.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from farm.state import (
     detect_alarm,
     handle_unknown_print,
     list_pending_instructions,
-    observe_idle_printer,
+    reconcile_idle_printer,
     reconcile_print,
 )
 from farm.state import events as ev
@@ -27,11 +27,11 @@ from farm.state.lifecycles import InvalidTransition
 from farm.state.transitions import apply
 
 TEMPERATURE_RETENTION_S = 12 * 3600.0
-"""Farm seconds for which temperatures are kept; they are lost when the daemon ends."""
+"""Farm seconds for which temperatures are kept, in memory only."""
 MAX_REFUSALS = 5
-"""Number of refusals after which a print has failed; an agent also refuses while its port is opening."""
+"""Number of refusals after which a print has failed; an agent also refuses while it opens its port."""
 _READING_INTERVAL_S = 60.0
-_MIN_C, _MAX_C = -99.0, 999.0  # wider than real readings; noise must not stretch a chart
+_MIN_C, _MAX_C = -99.0, 999.0  # limits of stored readings, so that noise does not stretch a chart
 
 
 class Telemetry:
@@ -50,10 +50,10 @@ class Telemetry:
         self.snapshots: dict[str, AgentSnapshot] = {}
         self._temperatures: dict[str, TemperatureRecord] = {}
         self._refusals = Counter[str]()  # number of refusals of each print
-        self._failures: dict[str, str] = {}  # by printer: the error in handling its latest snapshot
+        self._failures: dict[str, str] = {}  # by printer: error in handling its latest snapshot
 
     def list_warnings(self, root: Path) -> tuple[str, ...]:
-        """List the problems of the farm as a whole; `root` is the state folder, whose disk may be full."""
+        """List the problems of the farm as a whole; those of a full disk name `root`, the state folder."""
         failures = (
             f"{reason}; nothing is recorded until there is space in {root}"
             for reason in self._failures.values()
@@ -79,9 +79,9 @@ class Telemetry:
         )
 
     def reject(self, snapshot: AgentSnapshot, previous_snapshot: AgentSnapshot | None, reason: str) -> None:
-        """Record that a snapshot could not be handled, so that its repetition is handled in full.
+        """Record that a snapshot could not be handled, so that the next one is handled in full.
 
-        The previous link is kept, because the loss of a printer is found by comparing both links.
+        The link of the previous snapshot is kept, because the loss of a printer is a change of the link.
         """
         self._failures[snapshot.printer] = reason
         if previous_snapshot is None:
@@ -96,10 +96,10 @@ class Telemetry:
 
 
 class TemperatureRecord:
-    """Readings of one printer in the last twelve hours, at most one for each minute.
+    """Temperature readings of a printer in the last twelve hours, at most one for each minute.
 
-    The hottest reading of a minute is kept, so that peaks are visible. A printer that does not answer adds a
-    reading without values, which is a gap in the chart.
+    The hottest reading of a minute is kept, so that peaks are visible. If the printer does not answer, a
+    reading without values is added, which appears as a gap in the chart.
     """
 
     def __init__(self) -> None:
@@ -118,7 +118,7 @@ class TemperatureRecord:
         snapshot
             Report of the printer's agent.
         now_s
-            Farm time, seconds since the epoch. Later readings are removed: the clock has been set back.
+            Farm time, seconds since the epoch. Later readings are removed, because the clock was set back.
         """
         readings = self._readings
         while readings and readings[-1].at_s > now_s:
@@ -151,16 +151,16 @@ def _find_max_temperature_c(first_c: int | None, second_c: int | None) -> int | 
 
 @dataclass(frozen=True, slots=True)
 class SnapshotChanges:
-    """Result of comparing a snapshot with the books.
+    """Changes that result from a snapshot.
 
     Attributes
     ----------
     events
-        Changes to the books.
+        Events to commit.
     instructions
         Instructions to the printer's agent.
     invalid_transition
-        Error of an event that does not fit the books; the events after it are left out.
+        Error of an event that the books do not allow; this event and later ones are left out.
     """
 
     events: tuple[ev.AnyEvent, ...]
@@ -175,14 +175,14 @@ def compare_snapshot(
     is_in_use: bool,
     now_s: float,
 ) -> SnapshotChanges:
-    """Compare a snapshot with the books.
+    """Compare a snapshot with the books, and derive the changes.
 
     Parameters
     ----------
     books
         The committed books.
     snapshot, previous_snapshot
-        The agent's latest snapshot, and the one before; None if there was none.
+        The agent's latest snapshot, and the snapshot before it; None if there was none.
     is_in_use
         True if the printer is in the fleet and enabled.
     now_s
@@ -204,10 +204,10 @@ def list_unconfirmed_instructions(
     rules: StartRules,
     now_s: float,
 ) -> Iterator[ev.AnyInstruction]:
-    """Yield the instructions on open prints that, according to snapshots, agents have not carried out.
+    """Yield the instructions on open prints that agents have not carried out, according to their snapshots.
 
-    A start is sent again only if the print may still start: neither in an unconfirmed outage nor outside the
-    allowed hours. For a printer removed from the fleet, the agent keeps its time limit.
+    A start is sent again only if the print may still start: not during an unconfirmed outage, and not outside
+    the allowed hours. If the printer was removed from the fleet, the print keeps its time limit.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def list_unconfirmed_instructions(
     find_printer
         Function that describes a printer; it returns None if the printer is no longer enabled.
     rules, now_s
-        Hours, and seconds since the epoch.
+        Rules with the allowed hours, and farm time in seconds since the epoch.
     """
     attempts = books.list_open_prints() if names is None else map(books.find_open_print, names)
     for attempt in [candidate for candidate in attempts if candidate is not None]:
@@ -242,7 +242,7 @@ def list_unconfirmed_instructions(
 
 
 class _Comparison:
-    """Comparison of a snapshot with a copy of the books, to which its events are applied one by one."""
+    """Comparison of a snapshot with a copy of the books, to which each derived event is applied at once."""
 
     def __init__(self, books: Books, snapshot: AgentSnapshot, now_s: float) -> None:
         self._books, self._snapshot, self._now_s = books, snapshot, now_s
@@ -260,7 +260,7 @@ class _Comparison:
                 and snapshot.link is Link.ABSENT
             ):
                 self._add_results([ev.PrinterLost(at_s=now_s, printer=name)])
-            self._add_results(observe_idle_printer(self._books.get_printer(name), snapshot, now_s))
+            self._add_results(reconcile_idle_printer(self._books.get_printer(name), snapshot, now_s))
         elif attempt.cancel_reason is None and is_in_use and printer.unreported_since_s is not None:
             return  # its agent has not listed its prints since the backup
         else:

@@ -1,6 +1,6 @@
-"""Timers on APScheduler, kept in memory; the daemon sets them again at each start.
+"""Timers based on APScheduler, in memory only; the daemon sets them again at each start.
 
-APScheduler uses the host's clock; after a step of that clock, `on_clock_set` recalculates every timer.
+APScheduler uses the host's clock; after that clock is set, `on_clock_set` recalculates every timer.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from drivers.clock import Clock
 
 
 class Timers:
-    """Timers that call functions on the daemon's event loop: at wall intervals, or once at a farm time."""
+    """Timers that call functions on the daemon's event loop, at wall intervals or once at a farm time."""
 
     def __init__(self, clock: Clock) -> None:
-        # A stalled loop delays a timer but never drops it; several missed calls are merged into one.
+        # If the loop is blocked, a timer is delayed but never dropped; several missed calls become one.
         defaults = {"misfire_grace_time": None, "coalesce": True, "max_instances": 1}
         self._scheduler = AsyncIOScheduler(executors={"default": AsyncIOExecutor()}, job_defaults=defaults)
         self._clock = clock
         self._times_s: dict[str, float] = {}  # farm times of the timers set by `call_at`
 
     def call_every(self, interval_s: float, name: str, callback: Callable[[], object]) -> None:
-        """Call a function, plain or async, at this interval until the timers are stopped."""
+        """Call a function, plain or async, at an interval in wall seconds until the timers are stopped."""
         trigger = IntervalTrigger(seconds=interval_s)
         self._scheduler.add_job(_wrap_coroutine(callback), trigger, id=name, replace_existing=True)
 
@@ -43,7 +43,7 @@ class Timers:
         )
 
     def on_clock_set(self) -> None:
-        """Recalculate all timers after a step of the host's clock; a step back would delay them."""
+        """Recalculate all timers after the host's clock was set; a clock set back would delay them."""
         for job in self._scheduler.get_jobs():
             trigger = job.trigger
             if isinstance(trigger, DateTrigger):
@@ -54,8 +54,8 @@ class Timers:
 
     def _make_trigger(self, at_s: float) -> DateTrigger:
         """Return a trigger for a farm time, converted to the host's clock."""
-        remaining_s = timedelta(seconds=self._clock.to_wall_duration_s(at_s - self._clock.now()))
-        return DateTrigger(datetime.now(UTC) + remaining_s)
+        delay = timedelta(seconds=self._clock.to_wall_duration_s(at_s - self._clock.now()))
+        return DateTrigger(datetime.now(UTC) + delay)
 
     def start(self) -> None:
         self._scheduler.start()
@@ -65,7 +65,7 @@ class Timers:
 
 
 def _wrap_coroutine(callback: Callable[[], object]) -> Callable[[], Awaitable[None]]:
-    """Return a coroutine function: APScheduler would run a plain one in a thread."""
+    """Wrap a function in a coroutine function, because APScheduler would run a plain one in a thread."""
 
     async def run() -> None:
         result = callback()

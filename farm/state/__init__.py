@@ -1,4 +1,4 @@
-"""State of the farm: the books, the events that change them, and their consequences. Pure.
+"""State of the farm: the books, the events that change them, and the consequences of events. Pure.
 
 `events` defines the events, `transitions` applies them as the tables in `lifecycles` allow, `storage` keeps
 the books on disk.
@@ -14,7 +14,7 @@ from farm.state.reconciliation import (
     import_agent_journal,
     list_pending_instructions,
     make_refused_print_end,
-    observe_idle_printer,
+    reconcile_idle_printer,
     reconcile_print,
 )
 from farm.state.reels import apply_reel, apply_reels
@@ -45,8 +45,8 @@ __all__ = [
     "list_pending_instructions",
     "list_reprinting_printers",
     "make_refused_print_end",
-    "observe_idle_printer",
     "put",
+    "reconcile_idle_printer",
     "reconcile_print",
     "replace_fields",
     "validate_books",

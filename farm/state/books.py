@@ -1,6 +1,7 @@
-"""Books: every job, part, plate, print and printer. Pure.
+"""Books: the jobs, parts, plates, prints, printers, outages and keys of a farm. Pure.
 
-Books are immutable: `put` returns new ones, and the store finds the changes by identity.
+Books are immutable: `put` returns new books, which share the unchanged entities with the old ones. So the
+store finds the changed entities by identity.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Books:
     outages: Mapping[int, Outage] = field(default_factory=dict)
     keys: Mapping[str, Key] = field(default_factory=dict)
     outage_window_s: float = OUTAGE_WINDOW_S  # depends on the scale of the farm's clock
-    # Indices, which `put` updates: open prints by id and by printer, last ended prints by printer.
+    # Indices, which `put` updates: open prints by id and by printer, and the last ended print by printer.
     _open_prints: Mapping[str, Print] = field(default_factory=dict, compare=False)
     _open_prints_by_printer: Mapping[str, Print] = field(default_factory=dict, compare=False)
     _last_prints: Mapping[str, Print] = field(default_factory=dict, compare=False)
@@ -56,12 +57,12 @@ class Books:
 
     @property
     def outage(self) -> Outage | None:
-        """Outage that has not been confirmed; None if there is none."""
+        """Outage that no person has confirmed yet; None if there is none."""
         return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
     @property
     def lost_hosts(self) -> frozenset[str]:
-        """Hosts whose loss is recorded."""
+        """Hosts that are recorded as lost."""
         losses = (printer.host_loss for printer in self.printers.values())
         return frozenset(loss.host for loss in losses if loss is not None)
 
@@ -71,9 +72,9 @@ class Books:
         except KeyError:
             raise NotFoundError(f"there is no job {job_id}; `farm status` lists them") from None
 
-    def find_job_version(self, job: int) -> object:
-        """Return an object that is replaced at each change of the job, its parts, plates or prints."""
-        return self._job_versions.get(job)
+    def find_job_version(self, job_id: int) -> object:
+        """Return an object that is replaced when the job or one of its parts, plates or prints changes."""
+        return self._job_versions.get(job_id)
 
     def get_printer(self, name: str) -> Printer:
         try:
@@ -93,7 +94,7 @@ class Books:
         return (self.prints[print_id] for print_id in plate.prints)
 
     def list_job_prints(self, job: Job) -> list[Print]:
-        """List the prints of a job's plates, each once: replacements of a plate share its prints."""
+        """List the prints of a job's plates, each once: a plate shares its prints with its replacements."""
         return list({p.id: p for plate in self.list_plates(job) for p in self.list_prints(plate)}.values())
 
     def has_started(self, job_id: int) -> bool:
@@ -107,11 +108,11 @@ class Books:
     def list_plates(self, job: Job) -> Iterator[Plate]:
         return (self.plates[plate_id] for plate_id in job.plates)
 
-    def list_open_prints(self, job: int | None = None) -> Iterator[Print]:
-        """Yield the prints that have not ended, of one job or of all."""
-        if job is None:
+    def list_open_prints(self, job_id: int | None = None) -> Iterator[Print]:
+        """Yield the prints that have not ended, of one job or of all jobs."""
+        if job_id is None:
             return iter(self._open_prints.values())
-        plates = self.list_plates(self.jobs[job]) if job in self.jobs else ()
+        plates = self.list_plates(self.jobs[job_id]) if job_id in self.jobs else ()
         # Replacements of a plate share its prints.
         print_ids = dict.fromkeys(print_id for plate in plates for print_id in plate.prints)
         return (self._open_prints[print_id] for print_id in print_ids if print_id in self._open_prints)
@@ -120,7 +121,7 @@ class Books:
         return self._open_prints_by_printer.get(printer)
 
     def find_print_to_judge(self, printer: str) -> Print | None:
-        """Return the last print of a printer if it is done without a verdict; else None."""
+        """Return the last print of a printer if it is done and has no verdict yet; else None."""
         last_print = self._last_prints.get(printer)
         return (
             last_print
@@ -129,13 +130,13 @@ class Books:
         )
 
     def list_unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
-        """Yield the prints of a printer that ended after the backup and whose verdicts are unknown."""
+        """Yield the prints of a printer that were done since the restored backup and have no verdict."""
         prints = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in prints if p.restored and p.verdict is None)
 
     @property
     def next_print_number(self) -> int:
-        """Number of the next print."""
+        """Sequence number of the next print."""
         return len(self.prints) + 1
 
     def find_last_print(self, printer: str) -> Print | None:
@@ -143,19 +144,19 @@ class Books:
         return self._last_prints.get(printer)
 
     def list_waiting_plates(self) -> Iterator[Plate]:
-        """Yield the plates of printing jobs that wait, in order of submission."""
+        """Yield the waiting plates of printing jobs, in the order in which the jobs were submitted."""
         printing_jobs = (job for job in self.jobs.values() if job.state is JobState.PRINTING)
         for job in sorted(printing_jobs, key=lambda j: j.id):
             yield from (p for p in self.list_plates(job) if self.find_plate_state(p) is PlateState.WAITING)
 
     def list_open_jobs(self) -> list[Job]:
-        """List the jobs that have not ended, in the order in which they are served."""
+        """List the jobs that have not ended, in the order of the queue."""
         return sorted(
             (job for job in self.jobs.values() if not job.state.ended), key=lambda job: job.queue_rank
         )
 
     def list_unplanned_jobs(self) -> list[Job]:
-        """List the jobs in planning, then the queued ones in the order in which they are served."""
+        """List the jobs in planning, then the queued jobs, each in the order of the queue."""
         jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
         return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, j.queue_rank))
 
@@ -168,7 +169,7 @@ def replace_fields(entity: E, **changes: object) -> E:
 
 
 def remove_keys(books: Books, key_ids: Iterable[str]) -> Books:
-    """Return the books without some keys. Keys are the only entities that are ever removed."""
+    """Return the books without the given keys. No other entities are ever removed."""
     removed_ids = set(key_ids)
     if not removed_ids:
         return books
@@ -176,7 +177,7 @@ def remove_keys(books: Books, key_ids: Iterable[str]) -> Books:
 
 
 def put(books: Books, *entities: Entity) -> Books:
-    """Return the books with these entities, which replace those with the same id."""
+    """Return the books with some entities added, in place of those with the same ids."""
     changed_tables: dict[str, dict[object, Entity]] = {}
     job_versions: dict[int, object] = {}
 
@@ -198,7 +199,7 @@ def put(books: Books, *entities: Entity) -> Books:
             open_print = copy_table("_open_prints_by_printer").get(entity.printer)
             if isinstance(open_print, Print) and open_print.id == entity.id:
                 copy_table("_open_prints_by_printer").pop(entity.printer)
-            if _has_ended_last(entity, copy_table("_last_prints").get(entity.printer)):
+            if _is_last_ended_print(entity, copy_table("_last_prints").get(entity.printer)):
                 copy_table("_last_prints")[entity.printer] = entity
     if not changed_tables:
         return books
@@ -207,20 +208,20 @@ def put(books: Books, *entities: Entity) -> Books:
     return replace(books, **changed_tables, _job_versions=job_versions or books._job_versions)  # type: ignore[arg-type]
 
 
-def _has_ended_last(attempt: Print, last_print: Entity | None) -> bool:
-    """Return whether an ended print is its printer's last; prints that never started do not count."""
+def _is_last_ended_print(attempt: Print, last_print: Entity | None) -> bool:
+    """Return whether an ended print is the latest of its printer. Prints that never started do not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
     return not isinstance(last_print, Print) or _make_order_key(attempt) >= _make_order_key(last_print)
 
 
 def _make_order_key(attempt: Print) -> tuple[int, float]:
-    """Return a sort key by time: the number, or the end for prints from versions without numbers."""
+    """Return a key that sorts prints by time: the number, then the end, for old prints without a number."""
     return attempt.number, attempt.ended_s or 0.0
 
 
 def locate_entity(entity: Entity) -> tuple[str, object]:
-    """Return the name of the table of the books for an entity, and its key in that table."""
+    """Return the name of the table in the books that contains an entity, and the entity's key in it."""
     match entity:
         case Job():
             return "jobs", entity.id
@@ -240,7 +241,7 @@ def locate_entity(entity: Entity) -> tuple[str, object]:
 
 
 def list_changed_entities(old_books: Books, new_books: Books) -> Iterable[Entity]:
-    """Yield the entities of the new books that are missing from the old ones or differ there."""
+    """Yield the entities of the new books that are missing from the old books, or are different there."""
     for table in ("jobs", "parts", "plates", "prints", "printers", "outages", "keys"):
         old_table, new_table = getattr(old_books, table), getattr(new_books, table)
         if new_table is not old_table:
@@ -248,7 +249,7 @@ def list_changed_entities(old_books: Books, new_books: Books) -> Iterable[Entity
 
 
 def _list_changes(old_table: Mapping[object, E], new_table: Mapping[object, E]) -> Iterable[E]:
-    """Yield the entities of one table that differ. Fast for tables from `put`, which keeps their order."""
+    """Return the new and replaced entities of a table, quickly if the order is the same, as after `put`."""
     if not all(map(is_, old_table, new_table)):
         return (entity for key, entity in new_table.items() if old_table.get(key) is not entity)
     replaced_entities = compress(new_table.values(), map(is_not, new_table.values(), old_table.values()))

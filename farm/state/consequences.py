@@ -17,13 +17,13 @@ Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
 
 def update_job_state(books: Books, job_id: int, at_s: float, reopen: bool = False) -> Books:
-    """Update a job's state from its plates; a cancelled job changes only if `reopen` is true."""
+    """Update a job's state from those of its plates; a cancelled job changes only if `reopen` is true."""
     job = books.jobs[job_id]
     if not job.plates or (job.state is JobState.CANCELLED and not reopen):
         return books
-    if job.pruned_s is not None:  # its files have been deleted
+    if job.pruned_s is not None:  # its files are deleted, so nothing can be printed again
         return books
-    if job.state is JobState.HELD:  # its plan is frozen until a person approves it
+    if job.state is JobState.HELD:  # it stays held until a person approves its plan
         return books
     state = derive_job_state([books.find_plate_state(plate) for plate in books.list_plates(job)])
     ends_s = [
@@ -62,7 +62,7 @@ def _describe_failures(books: Books, job: Job) -> str:
 
 
 def add_print(books: Books, event: ev.PlateAssigned | ev.PrintFound) -> Books:
-    """Add the new print of a plate, which a printer begins or has begun before a restore."""
+    """Add a print of a plate: one that is assigned now, or one that an agent reported after a restore."""
     plate = books.plates[event.plate]
     attempt = Print(
         id=event.print_id,
@@ -77,13 +77,13 @@ def add_print(books: Books, event: ev.PlateAssigned | ev.PrintFound) -> Books:
 
 
 def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
-    """Return an open print with a cancel reason, and the instruction to its agent."""
+    """Return an open print with the reason to cancel it, and the instruction to its agent."""
     cancelled_print = replace_fields(attempt, cancel_reason=attempt.cancel_reason or reason)
     return cancelled_print, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
 
 
 def request_pause(attempt: Print, is_requested: bool) -> tuple[Print, ev.SendPause]:
-    """Return an open print with its pause requested or revoked, and the instruction to its agent."""
+    """Return an open print that is to pause or to resume, and the instruction to its agent."""
     instruction = ev.SendPause(print_id=attempt.id, printer=attempt.printer, pause=is_requested)
     return replace_fields(attempt, pause_requested=is_requested), instruction
 
@@ -91,8 +91,8 @@ def request_pause(attempt: Print, is_requested: bool) -> tuple[Print, ev.SendPau
 def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     """Cancel a plate and its open prints; the plate is printed again only if a person requests it.
 
-    A printed plate stays printed, and is not printed again if its part is judged bad. If the part is already
-    judged good, only an open reprint is cancelled.
+    A printed plate stays printed; if its part is then judged bad, it is not printed again. If the part is
+    already judged good, only open prints of it are cancelled.
     """
     state = books.find_plate_state(plate)
     if state is PlateState.CANCELLED:
@@ -100,19 +100,19 @@ def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     cancellations = [request_cancel(p, reason) for p in books.list_prints(plate) if not p.state.ended]
     if state is PlateState.GOOD:
         return put(books, *(attempt for attempt, _ in cancellations)), tuple(
-            stop for _, stop in cancellations
+            instruction for _, instruction in cancellations
         )
     books = put(books, replace_fields(plate, cancelled=True), *(attempt for attempt, _ in cancellations))
     return books, tuple(instruction for _, instruction in cancellations)
 
 
 def end_job(books: Books, job_id: int, state: JobState, at_s: float, error: ErrorCode, reason: str) -> Result:
-    """End a job and all of its plates, so that nothing more is printed."""
+    """End a job and cancel all of its plates, so that none of them is printed any more."""
     job = books.get_job(job_id)
     instructions: list[ev.AnyInstruction] = []
     for plate in books.list_plates(job):
-        books, stops = cancel_plate(books, plate, reason)
-        instructions += stops
+        books, cancellations = cancel_plate(books, plate, reason)
+        instructions += cancellations
     job = replace_fields(job, state=state, ended_s=at_s, error=error, reason=reason, hold=None)
     return put(books, job), tuple(instructions)
 
@@ -144,13 +144,13 @@ def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: f
 
 
 def mark_bed_not_clear(books: Books, printer: str) -> Books:
-    """Record that a bed may not be clear; a bed in an unknown state stays unknown."""
+    """Record that something may lie on a bed; an unknown bed stays unknown."""
     entry = books.printers[printer]
     return put(books, replace_fields(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
 
 
 def shift_print_times(books: Books, step_s: float) -> Books:
-    """Shift the times of open prints by a step of the clock, but not the times that a person entered."""
+    """Shift the times of open prints after the clock was set; times that a person entered stay the same."""
     return put(
         books,
         *(

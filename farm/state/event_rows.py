@@ -14,15 +14,15 @@ class EventRow:
     Attributes
     ----------
     number
-        Its number in the log.
+        Number of the event in the log.
     at_s
         Time of the event, on the farm's clock.
     kind
-        Name of its class.
+        Name of the event's class.
     job, plate, printer, print_id
-        Entities that it names; None if it does not name one.
+        Entities that the event names; None for each that it does not name.
     by
-        Name of the person, or of the key.
+        Name of the person, or of the key, that caused the event.
     state, reason
         New state of a print, and the reason.
     """
@@ -74,7 +74,7 @@ PRINTER_QUERY = (
 
 
 def make_row(values: Sequence[Any]) -> EventRow:
-    """Make a row from the values of `EVENTS_QUERY`; an event of an older version may have other types."""
+    """Make a row from the values of `EVENTS_QUERY`. Values of other types, from old versions, become None."""
     number, at_s, kind, job, *texts = values
     plate, printer, print_id, by, state, reason = (text if isinstance(text, str) else None for text in texts)
     return EventRow(

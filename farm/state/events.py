@@ -35,7 +35,7 @@ class PrinterAdded(Event):
 
 
 class ClockSet(Event):
-    """The host's clock was set forward by `by_s` seconds; back if negative."""
+    """The host's clock was set forward by `by_s` seconds, or back if `by_s` is negative."""
 
     by_s: float
 
@@ -47,7 +47,7 @@ class JobSubmitted(Event):
 
 
 class JobHeld(Event):
-    """The reason why a queued job waits has changed."""
+    """The reason for which a queued job waits has changed."""
 
     job: int
     hold: Hold | None
@@ -89,7 +89,7 @@ class JobPlanned(Event):
 
 
 class PlanRevised(JobPlanned):
-    """A job without a started plate was planned for other printers; its plates were replaced."""
+    """A job whose plates had not started was planned again for other printers; its plates were replaced."""
 
 
 class JobApproved(Event):
@@ -127,7 +127,7 @@ class JobPruned(Event):
 
     job: int
     by: str
-    # Small pictures of the parts, by part: names in the file store.
+    # Small pictures of the parts: names in the file store, by part id.
     part_pictures: dict[str, str] = Field(default_factory=dict)
 
 
@@ -147,19 +147,19 @@ class PlateAssigned(Event):
 
 
 class PlateReplaced(Event):
-    """A waiting plate was sliced for another kind of printer, or its part was cut for several printers.
+    """A waiting plate was sliced again for another kind of printer, or its part was cut for several printers.
 
     `parts` are those of the new plates; a part that was only sliced again keeps its name. The new plates keep
-    the prints of the old one, and so its attempts.
+    the prints of the old plate, so that its failures still count.
     """
 
     plate: str
     parts: tuple[Part, ...]
     plates: tuple[Plate, ...]
-    picture: str | None = None  # picture of the whole job, and the GLB, if there are new parts
-    assembly: str | None = None
-    decomposition: str | None = None  # the report on the cut
-    instructions: str | None = None  # the instructions for gluing the pieces
+    picture: str | None = None  # picture of all parts of the job; None if there are no new parts
+    assembly: str | None = None  # GLB file of all parts of the job; None if there are no new parts
+    decomposition: str | None = None  # report on the cut of the part
+    instructions: str | None = None  # instructions for gluing the new parts
 
 
 class PrintProgressed(Event):
@@ -175,12 +175,12 @@ class PauseRequested(Event):
     """A person paused or resumed an open print."""
 
     print_id: str
-    wanted: bool
+    wanted: bool  # True: pause; False: resume
     by: str = UNKNOWN_CALLER
 
 
 class PrintWithdrawn(Event):
-    """A print that its printer cannot start was withdrawn; its plate is free once the agent confirms."""
+    """A print that its printer cannot start was withdrawn; its plate is free once the agent confirms this."""
 
     print_id: str
     reason: str
@@ -197,8 +197,8 @@ class PrintEnded(Event):
     ended_s: float
     extruded: bool
     filament: FilamentState
-    starved_s: float = 0.0
-    printed_share: float | None = None  # share of its layers' time that was printed; None: unknown
+    starved_s: float = 0.0  # time that a simulated printer waited for the host
+    printed_share: float | None = None  # printed share of the time of all its layers; None: unknown
 
 
 class StillKept(Event):
@@ -220,7 +220,7 @@ class PlatePaused(Event):
     """A person paused or resumed a waiting plate."""
 
     plate: str
-    wanted: bool
+    wanted: bool  # True: pause; False: resume
     by: str
 
 
@@ -256,15 +256,15 @@ class JobRescheduled(Event):
 
 
 class JobPaused(Event):
-    """A person paused a job, so that its prints pause and no others start, or resumed it."""
+    """A person paused a job (its prints pause, and none of its plates start), or resumed it."""
 
     job: int
-    wanted: bool
+    wanted: bool  # True: pause; False: resume
     by: str = UNKNOWN_CALLER
 
 
 class JobAssembled(Event):
-    """A person glued the parts of a job, in this many minutes."""
+    """A person glued the parts of a job, and reported the minutes that it took."""
 
     job: int
     minutes: float
@@ -306,11 +306,11 @@ class BedCleared(Event):
     filament: FilamentState | None = None
     verdict: Verdict = Verdict.GOOD
     why: str | None = None
-    whole: str | None = None  # a failed print whose part is complete and good
+    whole: str | None = None  # id of a failed print whose part is complete and good nevertheless
 
 
 class BooksRestored(Event):
-    """The database was restored from a backup made at `copied_s`; the prints since then are unknown."""
+    """The database was restored from a backup made at `copied_s`; later prints are unknown."""
 
     copied_s: float
 
@@ -324,7 +324,7 @@ class PrintFound(Event):
 
 
 class AgentJournalImported(Event):
-    """An agent listed its prints since the backup; `unknown` of them match no waiting plate."""
+    """An agent listed its prints since the backup; `unknown` is the number that match no waiting plate."""
 
     printer: str
     unknown: int
@@ -339,7 +339,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed, or an agent its filament; values that the books know are kept."""
+    """An emulator reported its bed, or an agent its filament; states that the books know do not change."""
 
     printer: str
     bed: Bed
@@ -347,7 +347,7 @@ class BedReported(Event):
 
 
 class PrinterAlarmed(Event):
-    """An agent reported a heater that cannot be switched off, or the action that it took."""
+    """An agent reported a heater that cannot be switched off, or the action that the agent took."""
 
     printer: str
     reason: str

@@ -12,9 +12,9 @@ _MIN_WINDOW_WALL_S = 1.0
 
 
 def compute_outage_window_s(scale: float) -> float:
-    """Return the window in farm seconds, for a clock of `scale` farm seconds per wall second.
+    """Compute the outage window in farm seconds, for a clock with `scale` farm seconds per wall second.
 
-    It is at least the time that the host takes to report several losses one after another.
+    The window is at least the time in which the host reports several losses one after another.
     """
     return max(OUTAGE_WINDOW_S, _MIN_WINDOW_WALL_S * scale)
 
@@ -22,7 +22,7 @@ def compute_outage_window_s(scale: float) -> float:
 def find_printers_lost_together(
     name: str, printers: Iterable[Printer], window_s: float = OUTAGE_WINDOW_S
 ) -> tuple[str, ...]:
-    """Find the printers that were lost together with one printer, each at most `window_s` from another.
+    """Find the printers that were lost together with one printer, within `window_s` of one another.
 
     Parameters
     ----------
@@ -31,24 +31,24 @@ def find_printers_lost_together(
     printers
         The fleet, with the time at which each printer was last lost.
     window_s
-        Farm seconds.
+        Maximum time between two losses with a common cause, in farm seconds.
 
     Returns
     -------
     tuple of str
-        Names of these printers in order, including `name`.
+        Names of these printers in alphabetical order, including `name`.
     """
     lost_at_s = {
         printer.name: printer.disconnected_at_s
         for printer in printers
         if printer.disconnected_at_s is not None
     }
-    group, todo = {name}, [name]
-    while todo:
-        at_s = lost_at_s[todo.pop()]
+    group, unvisited = {name}, [name]
+    while unvisited:
+        at_s = lost_at_s[unvisited.pop()]
         neighbours = {n for n, lost_s in lost_at_s.items() if abs(lost_s - at_s) <= window_s} - group
         group |= neighbours
-        todo += neighbours
+        unvisited += neighbours
     return tuple(sorted(group))
 
 
@@ -64,12 +64,12 @@ def find_first_host_loss_s(
     losses
         Earlier losses.
     window_s
-        Farm seconds.
+        Maximum time between two losses with a common cause, in farm seconds.
 
     Returns
     -------
     float
         Time of the first loss, seconds since the epoch; `at_s` if the window contains no earlier loss.
     """
-    # The notice of the first loss is sent at the end of the window and cannot include a loss at that moment.
+    # A loss at the end of the window is too late: the notice of the first loss is sent at that moment.
     return min((loss.at_s for loss in losses if 0.0 <= at_s - loss.at_s < window_s), default=at_s)

@@ -1,7 +1,7 @@
 """Derivation of the states of plates and jobs. Pure.
 
-A person judges the part of a done print good or bad; after a bad one the plate waits again. A failure counts
-as one of the plate's attempts, unless a person ended the print.
+A person judges the part of a done print good or bad; after a bad verdict the plate waits again. A failure
+counts as one of the plate's attempts, unless the plate is not its cause (`farm.state.faults`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from drivers.errors import Fault
 from farm.model import JobState, Plate, Print, PrintState, Verdict
 
 MAX_ATTEMPTS = 3
-"""Number of failures after which a plate is printed again only on request."""
+"""Number of failures after which a plate is printed again only if a person requests it."""
 
 
 class PlateState(StrEnum):
@@ -29,12 +29,12 @@ class PlateState(StrEnum):
 
 
 def find_successful_print(prints: Iterable[Print]) -> Print | None:
-    """Return the print that produced a plate's parts: done, and not judged bad; None if there is none."""
+    """Return the done print of a plate whose part is not judged bad; None if there is none."""
     return next((p for p in prints if p.state is PrintState.DONE and p.verdict is not Verdict.BAD), None)
 
 
 def find_stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
-    """Return the print that `farm estop` stopped, if its plate still waits for a decision; else None."""
+    """Return the print that `farm estop` stopped, if a person has not resumed its plate yet; else None."""
     last_print = next(reversed(list(prints)), None)
     return last_print if plate.paused and last_print is not None and last_print.fault == Fault.ESTOP else None
 
@@ -65,12 +65,12 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
     )
 
 
-def derive_job_state(plates: Collection[PlateState]) -> JobState:
-    """Derive the state of a planned job: it prints as long as any plate waits or prints."""
-    if PlateState.WAITING in plates or PlateState.PRINTING in plates:
+def derive_job_state(plate_states: Collection[PlateState]) -> JobState:
+    """Derive the state of a planned job from the states of its plates."""
+    if PlateState.WAITING in plate_states or PlateState.PRINTING in plate_states:
         return JobState.PRINTING
-    if PlateState.OUT_OF_ATTEMPTS in plates:
+    if PlateState.OUT_OF_ATTEMPTS in plate_states:
         return JobState.FAILED
-    if PlateState.PRINTED in plates:
+    if PlateState.PRINTED in plate_states:
         return JobState.PRINTED
-    return JobState.DONE if PlateState.GOOD in plates else JobState.CANCELLED
+    return JobState.DONE if PlateState.GOOD in plate_states else JobState.CANCELLED

@@ -23,9 +23,9 @@ def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> It
     attempt
         An open print of the books, on the printer of the snapshot.
     snapshot
-        The agent's latest snapshot. A new agent reads its journal before it reports.
+        The agent's latest snapshot. A new agent reads its journal before it sends its first snapshot.
     now_s
-        Farm time, for events without a time from the agent.
+        Farm time, in seconds; used for events whose time the agent does not report.
     """
     report = snapshot.print
     if report is None or report.print_id != attempt.id:
@@ -62,7 +62,7 @@ def _reconcile_unreported_print(
         return
     has_started = attempt.state is not PrintState.ASSIGNED
     reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
-    # The start request may still be on its way: wait until the agent has the cancel request too.
+    # The start request may still be on its way: wait until the agent has received the cancel request.
     if not has_started and not (
         _has_no_agent(snapshot) or attempt.restored or snapshot.acknowledged_cancel == attempt.id
     ):
@@ -88,7 +88,7 @@ def _reconcile_unreported_print(
 def make_refused_print_end(
     attempt: Print, printer: Printer, reason: str, is_late: bool, now_s: float
 ) -> ev.PrintEnded:
-    """Return the end of a print that its agent refused: failed, or cancelled if the request was late."""
+    """Return the end of a print that its agent refused: cancelled if the request was late, else failed."""
     return ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,
@@ -104,7 +104,7 @@ def make_refused_print_end(
 
 
 def _has_no_agent(snapshot: AgentSnapshot) -> bool:
-    """Return whether no agent remains that could start a print."""
+    """Return whether the printer has no running agent, which could still start a print."""
     return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
 
 
@@ -113,7 +113,7 @@ def list_pending_instructions(
 ) -> Iterator[ev.AnyInstruction]:
     """Derive the instructions that the agent of an open print has not carried out yet.
 
-    They may be repeated: each is idempotent by print id.
+    The instructions may be repeated: each is idempotent by its print id.
 
     Parameters
     ----------
@@ -122,11 +122,11 @@ def list_pending_instructions(
     snapshot
         Its agent's latest snapshot.
     ends_by_s
-        Farm time at which the print has to end; None for no limit.
+        Farm time by which the print has to end; None for no limit.
     """
     report = snapshot.print if snapshot.print is not None and snapshot.print.print_id == attempt.id else None
     if snapshot.link is Link.STARTING:
-        return  # there is no agent to receive it
+        return  # there is no agent to receive instructions
     if report is not None and not report.state.ended and not _is_same_time(report.ends_by_s, ends_by_s):
         yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
     if attempt.cancel_reason is not None:
@@ -142,18 +142,18 @@ def list_pending_instructions(
 
 
 def _is_same_time(first_s: float | None, second_s: float | None) -> bool:
-    """Return whether two times are equal, within the difference of two hosts' clocks."""
+    """Return whether two times are equal, except for the difference of two hosts' clocks."""
     if first_s is None or second_s is None:
         return first_s is second_s
     return abs(first_s - second_s) <= MAX_CLOCK_DIFFERENCE_S
 
 
-def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
-    """Derive the events about bed and filament of an idle printer from its snapshot.
+def reconcile_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """Derive the events about the bed and filament of an idle printer from its agent's snapshot.
 
     An agent reports an external event (a reset, a lost port, a heater switched on by hand) until a person
-    has cleared the bed. After a restart without any movement, the agent still knows the state of the
-    filament. An emulator reports its bed, which is used if the state of the bed is unknown in the books.
+    has cleared the bed. After a restart of the board without any movement, the agent still knows the state of
+    the filament. An emulator reports the state of its bed, which is used if the books do not know it.
     """
     if snapshot.bed_unknown_reason is not None:
         if printer.bed is not Bed.UNKNOWN or printer.attention_reason is None:
@@ -170,7 +170,7 @@ def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float
 
 
 def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
-    """Derive the event of a new alarm (a heater that cannot be switched off), in any state of the printer."""
+    """Derive the event of a new alarm (a heater that cannot be switched off) from a snapshot."""
     if snapshot.alarm is not None and snapshot.alarm != printer.alarm:
         yield ev.PrinterAlarmed(at_s=now_s, printer=printer.name, reason=snapshot.alarm)
 
@@ -178,7 +178,7 @@ def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Ite
 def handle_unknown_print(
     printer: Printer, recorded_print: Print | None, snapshot: AgentSnapshot, now_s: float
 ) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
-    """Derive the events and instructions for an agent's print that is not open in the books.
+    """Derive the events and instructions for a reported print that is not open in the books.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def handle_unknown_print(
         yield ev.SendCancel(print_id=report.print_id, printer=name, reason=reason)
         return
     if recorded_print is None and printer.bed is not Bed.UNKNOWN:
-        reason = "it made a print that is not in the database: check whether its bed is clear"
+        reason = "it printed something that is not in the database: check whether its bed is clear"
         yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
     if report.state.ended:
         yield ev.SendForget(print_id=report.print_id, printer=name)
@@ -211,15 +211,15 @@ def handle_unknown_print(
 def import_agent_journal(
     books: Books, snapshot: AgentSnapshot, prints: Sequence[AgentPrint], now_s: float
 ) -> Iterator[ev.AnyEvent]:
-    """Derive the events of a printer since the backup from its agent's journal.
+    """Derive the events at a printer since the backup from the journal of its agent.
 
     Parameters
     ----------
     snapshot
-        Its agent's latest snapshot.
+        The agent's latest snapshot.
     prints
-        Prints in the journal that had not ended at the backup, in order. Only the last can be open. Prints
-        that match no plate of the books are counted as unknown, for inspection.
+        Prints in the journal that had not ended at the time of the backup, oldest first. Only the last can be
+        open. Prints that match no plate of the books are counted as unknown.
     now_s
         Farm time.
     """
@@ -239,8 +239,8 @@ def import_agent_journal(
     for report in prints:
         attempt = books.prints.get(report.print_id)
         if attempt is None or attempt.printer != name:
-            is_free = attempt is None and books.find_open_print(name) is None
-            plate = find_plate(books, name, report) if is_free else None
+            can_be_added = attempt is None and books.find_open_print(name) is None
+            plate = find_plate(books, name, report) if can_be_added else None
             if plate is None:
                 unknown_count += report.state is PrintState.DONE or not report.state.ended
                 continue
@@ -259,8 +259,8 @@ def import_agent_journal(
 def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
     """Find the plate of a print that is not in the books: an unprinted plate with the same file.
 
-    Plates with the same file are equivalent: waiting ones are preferred, then those planned for this printer.
-    A print that started before a job was planned belongs to another job.
+    Plates with the same file are equivalent: waiting ones are preferred, then those for this printer.
+    Jobs that were planned after the start of the print are ignored.
     """
     if report.sha256 is None or report.started_s is None:
         return None
@@ -279,6 +279,6 @@ def _is_waiting(books: Books, plate: Plate) -> bool:
 
 
 def _may_be_waiting(books: Books, plate: Plate) -> bool:
-    """Return whether a plate may wait again: no agent has confirmed its open prints since the restore."""
+    """Return whether a plate may in fact wait: no agent has confirmed its open prints since the restore."""
     restored_flags = [attempt.restored for attempt in books.list_prints(plate) if not attempt.state.ended]
     return books.find_plate_state(plate) is PlateState.PRINTING and all(restored_flags)

@@ -11,12 +11,12 @@ from farm.model import Plate, Printer, PrintState, Reel
 def compute_used_grams(
     plate: Plate, state: PrintState, has_extruded: bool, printed_share: float | None
 ) -> float:
-    """Compute the grams that an ended print used; the grams of the whole plate if its progress is unknown.
+    """Compute the grams of filament that an ended print used: the whole plate's if its progress is unknown.
 
     Parameters
     ----------
     printed_share
-        Printed share of its layers' time, 0 to 1; None if unknown.
+        Printed share of the time of all layers, 0 to 1; None if unknown.
     """
     if state is PrintState.DONE:
         return plate.grams
@@ -33,14 +33,14 @@ def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:
 
 
 def mark_reel_uncertain(reel: Reel | None) -> Reel | None:
-    """Return the reel with its grams marked as uncertain: unknown prints may have used some."""
+    """Return the reel with its grams marked as uncertain, because unknown prints may have used some."""
     if reel is None or reel.grams is None:
         return reel
     return reel.model_copy(update={"uncertain": True})
 
 
 def apply_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
-    """Return the section of a printer with the loaded reel."""
+    """Return a printer's section of `fleet.yaml` with the filament and nozzle of its loaded reel."""
     if reel is None:
         return section
     kind = reel.kind or (section.material_kind if reel.material == section.material else None)
@@ -49,7 +49,7 @@ def apply_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
 
 
 def apply_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:
-    """Return the fleet with the loaded reels."""
+    """Return the fleet with the filament and nozzle of the loaded reel in each printer's section."""
     sections = tuple(
         apply_reel(section, entry.reel if (entry := printers.get(section.name)) is not None else None)
         for section in fleet.printers

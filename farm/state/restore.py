@@ -1,4 +1,4 @@
-"""Restoration of a backup: unknown states are marked, and agents' journals complete the books. Pure."""
+"""Restoration of a backup: states are marked as unknown, and agents' journals complete the books. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def restore_books(event: ev.BooksRestored, books: Books) -> Books:
     """Mark every bed as not clear, and hold every job until a person has checked which parts are printed.
 
     All keys and sessions are revoked, because some may have been revoked since the backup.
-    Prints since the backup are taken from the agents' journals (`import_agent_journal`).
+    Prints since the backup are then added from the agents' journals (`import_agent_journal`).
     """
     printers = [_restore_printer(printer, event, books) for printer in books.printers.values()]
     prints = [replace_fields(attempt, restored=True) for attempt in books.list_open_prints()]
@@ -33,7 +33,7 @@ def _restore_printer(printer: Printer, event: ev.BooksRestored, books: Books) ->
     if printer.unreported_since_s is not None:
         since_s = min(since_s, printer.unreported_since_s)
     attempt = books.find_open_print(printer.name)
-    if attempt is not None:  # it may have ended before the backup without a report
+    if attempt is not None:  # it may have ended before the backup, unreported
         since_s = min(since_s, attempt.assigned_s)
     return replace_fields(
         printer,
@@ -57,7 +57,7 @@ def _hold_job(job: Job) -> Job:
 
 
 def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:
-    """Record that an agent has listed its prints; those that match no plate need inspection."""
+    """Record that an agent has listed its prints; if any match no plate, request an inspection."""
     printer = replace_fields(books.get_printer(event.printer), unreported_since_s=None)
     if event.unknown:
         prints = "a print that matches" if event.unknown == 1 else f"{event.unknown} prints that match"

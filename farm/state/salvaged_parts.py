@@ -1,4 +1,4 @@
-"""Complete parts of failed prints, whose agents died before they recorded the end. Pure."""
+"""Complete parts of failed prints whose agents died before they recorded that the print was done. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.state.consequences import Result, request_cancel, update_job_state
 from farm.state.plate_state import PlateState
 from farm.state.reels import subtract_grams
 
-_MIN_TIME_SHARE = 0.8  # minimum share of the expected time after which a plate may be complete
+_MIN_TIME_SHARE = 0.8  # share of the expected time after which a plate may be complete
 _UNPRINTED_STATES = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
@@ -20,7 +20,7 @@ def find_part_id(books: Books, ended_print: Print) -> str:
 
 
 def find_failed_print(books: Books, printer: str) -> Print | None:
-    """Return the failed or cancelled print whose part is on a bed; None if there is none."""
+    """Return the failed or cancelled print whose part is still on a printer's bed; None if there is none."""
     last_print = books.find_last_print(printer)
     if (
         last_print is None
@@ -36,10 +36,10 @@ def find_failed_print(books: Books, printer: str) -> Print | None:
 
 
 def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
-    """Return the failed print whose part, still on the bed, may be complete and is needed; else None.
+    """Return the failed print whose part on a printer's bed may be complete and is still needed; else None.
 
-    It is judged by its duration. Its progress is unknown, because its agent died, but the next agent
-    recorded the time at which it switched the heaters off.
+    The duration of the print decides whether the part may be complete. Its progress is unknown, because its
+    agent died, but the next agent recorded the time at which it switched the heaters off.
     """
     failed_print = find_failed_print(books, printer)
     if (
@@ -55,22 +55,22 @@ def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     min_duration_s = _MIN_TIME_SHARE * plate.sliced_s * factor
     if failed_print.ended_s - failed_print.started_s < min_duration_s:
         return None
-    is_missing = any(
+    is_needed = any(
         books.find_plate_state(plate) in _UNPRINTED_STATES
         for plate in list_plates_of_print(books, failed_print)
     )
-    return failed_print if is_missing else None
+    return failed_print if is_needed else None
 
 
 def list_reprinting_printers(books: Books, original_print: Print) -> list[str]:
-    """Return the printers with a reprint of a print's part."""
+    """List the printers that are printing the part of a print again."""
     return sorted(
         reprint.printer for reprint in _list_reprints(books, original_print) if reprint.cancel_reason is None
     )
 
 
 def list_plates_of_print(books: Books, original_print: Print) -> Iterator[Plate]:
-    """Yield the plates to which a print belongs; several if its part was recut."""
+    """Yield the plates to which a print belongs: several if its part was cut into smaller parts."""
     return (p for p in books.list_plates(books.jobs[original_print.job]) if original_print.id in p.prints)
 
 
@@ -80,7 +80,7 @@ def _list_reprints(books: Books, original_print: Print) -> list[Print]:
 
 
 def record_complete_part(books: Books, print_id: str, caller_name: str, at_s: float) -> Result:
-    """Record a failed print as done and good. Reprints that have not started are withdrawn."""
+    """Record a failed print as done and good, and cancel the reprints of its part that have not started."""
     failed_print = books.prints[print_id]
     plate, printer = books.plates[failed_print.plate], books.get_printer(failed_print.printer)
     failure = failed_print.reason or failed_print.fault or "it failed"
@@ -94,9 +94,12 @@ def record_complete_part(books: Books, print_id: str, caller_name: str, at_s: fl
         grams=plate.grams,
     )
     reel = subtract_grams(printer.reel, plate.grams - failed_print.grams)
-    reprints = [p for p in _list_reprints(books, failed_print) if p.state is PrintState.ASSIGNED]
+    unstarted_reprints = [p for p in _list_reprints(books, failed_print) if p.state is PrintState.ASSIGNED]
     cancellations = [
-        request_cancel(p, f"{find_part_id(books, failed_print)} was confirmed good") for p in reprints
+        request_cancel(p, f"{find_part_id(books, failed_print)} was confirmed good")
+        for p in unstarted_reprints
     ]
     books = put(books, completed_print, replace_fields(printer, reel=reel), *(p for p, _ in cancellations))
-    return update_job_state(books, failed_print.job, at_s), tuple(stop for _, stop in cancellations)
+    return update_job_state(books, failed_print.job, at_s), tuple(
+        instruction for _, instruction in cancellations
+    )

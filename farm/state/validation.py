@@ -11,7 +11,7 @@ from farm.state.plate_state import MAX_ATTEMPTS, PlateState, derive_job_state, l
 from farm.text import format_count
 
 _DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
-"""States of a job that are derived from its plates alone."""
+"""States of a job that follow from the states of its plates alone."""
 _UNPLANNED_STATES = (JobState.QUEUED, JobState.PLANNING)
 
 
@@ -26,37 +26,31 @@ def validate_books(books: Books) -> list[str]:
     Returns
     -------
     list of str
-        A sentence for each contradiction, which begins with the entity; empty if there is none.
+        A sentence for each inconsistency, beginning with the entity; empty if there is none.
     """
-    problems = list(_find_missing_entries(books))
-    if problems:  # the other checks need all entities
+    problems = list(_find_dangling_references(books))
+    if problems:  # the other checks follow the references
         return problems
     checks = (_check_jobs, _check_plates, _check_prints, _check_printers, _check_outages)
     return [problem for check in checks for problem in check(books)]
 
 
-def _find_missing_entries(books: Books) -> Iterator[str]:
+def _find_dangling_references(books: Books) -> Iterator[str]:
     for job in books.jobs.values():
-        yield from _find_missing_references(f"job {job.id}: its plate", job.plates, books.plates)
-        yield from _find_missing_references(f"job {job.id}: its part", job.parts, books.parts)
+        yield from _check_references(f"job {job.id}: its plate", job.plates, books.plates)
+        yield from _check_references(f"job {job.id}: its part", job.parts, books.parts)
     for plate in books.plates.values():
-        yield from _find_missing_references(f"plate {plate.id}: its job", (plate.job,), books.jobs)
-        yield from _find_missing_references(f"plate {plate.id}: its part", plate.parts, books.parts)
-        yield from _find_missing_references(f"plate {plate.id}: its print", plate.prints, books.prints)
-        yield from _find_missing_references(
-            f"plate {plate.id}: its replacement", plate.replaced_by, books.plates
-        )
+        yield from _check_references(f"plate {plate.id}: its job", (plate.job,), books.jobs)
+        yield from _check_references(f"plate {plate.id}: its part", plate.parts, books.parts)
+        yield from _check_references(f"plate {plate.id}: its print", plate.prints, books.prints)
+        yield from _check_references(f"plate {plate.id}: its replacement", plate.replaced_by, books.plates)
     for attempt in books.prints.values():
-        yield from _find_missing_references(f"print {attempt.id}: its plate", (attempt.plate,), books.plates)
-        yield from _find_missing_references(f"print {attempt.id}: its job", (attempt.job,), books.jobs)
-        yield from _find_missing_references(
-            f"print {attempt.id}: its printer", (attempt.printer,), books.printers
-        )
+        yield from _check_references(f"print {attempt.id}: its plate", (attempt.plate,), books.plates)
+        yield from _check_references(f"print {attempt.id}: its job", (attempt.job,), books.jobs)
+        yield from _check_references(f"print {attempt.id}: its printer", (attempt.printer,), books.printers)
 
 
-def _find_missing_references(
-    owner: str, names: Iterable[object], entities: Container[object]
-) -> Iterator[str]:
+def _check_references(owner: str, names: Iterable[object], entities: Container[object]) -> Iterator[str]:
     yield from (f"{owner} {name} does not exist" for name in names if name not in entities)
 
 
@@ -111,11 +105,11 @@ def _check_prints(books: Books) -> Iterator[str]:
             yield f"print {attempt.id}: it is open, and job {job.id} is {job.state}"
         if plate.id not in job.plates:
             yield f"print {attempt.id}: it is open, but plate {plate.id} no longer belongs to job {job.id}"
-        if _is_abandoned(books, attempt):
+        if _lacks_cancel_request(books, attempt):
             yield f"print {attempt.id}: its plate {plate.id} is cancelled, and it has no cancel request"
 
 
-def _is_abandoned(books: Books, attempt: Print) -> bool:
+def _lacks_cancel_request(books: Books, attempt: Print) -> bool:
     state = books.find_plate_state(books.plates[attempt.plate])
     return state is PlateState.CANCELLED and attempt.cancel_reason is None
 

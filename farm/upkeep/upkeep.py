@@ -25,7 +25,7 @@ from farm.state.retention import (
     find_keep_reason,
     list_deletable_files,
     list_job_file_names,
-    list_jobs_with_lost_files,
+    list_jobs_pruned_since_backup,
     list_referenced_files,
     select_jobs,
 )
@@ -244,7 +244,7 @@ class Upkeep:
         """
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)
-        for job_id in list_jobs_with_lost_files(controller.books, files):
+        for job_id in list_jobs_pruned_since_backup(controller.books, files):
             log.warning("job %d: its files are gone; it counts as pruned", job_id, extra={"job": job_id})
             controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=job_id, by=FARM_CALLER))
         freed_bytes = 0

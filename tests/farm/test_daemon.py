@@ -114,7 +114,7 @@ def test_farm_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch
     async def shut_down_agents():
         polls_at_end.append(list(polls))
 
-    monkeypatch.setattr(daemon._controller.planning, "list_running_jobs", list_planning)
+    monkeypatch.setattr(daemon._controller.planning, "list_jobs_in_planning", list_planning)
     monkeypatch.setattr("farm.daemon.asyncio.sleep", skip_sleep)
     monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
     asyncio.run(daemon._end_when_idle(now))

@@ -6,7 +6,7 @@ from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, Print, Pr
 
 
 class NoEffects:
-    """Effects of a farm without agents."""
+    """Performer of effects for a farm without agents."""
 
     def perform(self, effect: object, books: object) -> None:
         """Do nothing."""

@@ -17,7 +17,7 @@ _FORBIDDEN_CHARACTERS = re.compile(r"[^A-Za-z0-9._-]+")
 MAX_REQUESTS = 5
 MAX_REQUESTS_PER_ADDRESS = 2
 REQUEST_LIFETIME_S = 300.0
-"""Wall seconds after which a request is deleted, with or without an answer."""
+"""Wall seconds after which a request is deleted, answered or not."""
 
 
 @dataclass(slots=True)
@@ -27,15 +27,15 @@ class AppKeyRequest:
     Attributes
     ----------
     code
-        Short code by which the operator identifies it.
+        Short code by which the operator identifies the request.
     app
-        Name of the program, as the program states it.
+        Name that the program gave, without forbidden characters.
     address
         Network address of the sender.
     expires_s
-        Time at which it expires.
+        Time at which the request expires, on a monotonic clock.
     key
-        Text of the granted key, until the program has fetched it.
+        Text of the granted key; None before the operator grants it.
     """
 
     code: str
@@ -46,7 +46,7 @@ class AppKeyRequest:
 
 
 class AppKeyRequests:
-    """Open requests, which programs identify by secret tokens. `now_s` is the time of a monotonic clock."""
+    """Requests for keys; a program identifies its own by a secret token. Times are of a monotonic clock."""
 
     def __init__(self) -> None:
         self._requests: dict[str, AppKeyRequest] = {}  # by token
@@ -58,7 +58,9 @@ class AppKeyRequests:
             len(open_requests) >= MAX_REQUESTS
             or sum(request.address == address for request in open_requests) >= MAX_REQUESTS_PER_ADDRESS
         ):
-            raise RefusedError("too many programs are requesting a key: wait for five minutes, or paste one")
+            raise RefusedError(
+                "too many programs are requesting a key: wait for five minutes, or paste an existing key"
+            )
         name = _FORBIDDEN_CHARACTERS.sub(" ", app).strip(" ._-")[:_MAX_APP_NAME_LENGTH].strip() or "app"
         code = "".join(secrets.choice(CODE_CHARACTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
@@ -66,14 +68,14 @@ class AppKeyRequests:
         return token
 
     def list_open_requests(self, now_s: float) -> list[AppKeyRequest]:
-        """List the unanswered requests."""
+        """Delete the expired requests, and list the unanswered ones."""
         self._requests = {
             token: request for token, request in self._requests.items() if now_s < request.expires_s
         }
         return [request for request in self._requests.values() if request.key is None]
 
     def find_open_request(self, code: str, now_s: float) -> AppKeyRequest:
-        """Return the unanswered request with a code. Raises NotFoundError."""
+        """Return the unanswered request with this code. Raises NotFoundError if there is none."""
         app_request = next(
             (request for request in self.list_open_requests(now_s) if request.code == code), None
         )
@@ -84,7 +86,7 @@ class AppKeyRequests:
     def grant(
         self, code: str, grant: api.AppKeyGrant, caller_name: str, keys: KeyCommands, now_s: float
     ) -> str:
-        """Add a key for the program whose request has a code, and return the key's name.
+        """Add a key for the program whose request has this code, and return the name of the key.
 
         Raises
         ------
@@ -99,18 +101,24 @@ class AppKeyRequests:
         return key_request.name
 
     def deny(self, code: str, now_s: float) -> None:
-        """Remove a request. Raises NotFoundError."""
+        """Remove an unanswered request. Raises NotFoundError if there is none with this code."""
         denied_request = self.find_open_request(code, now_s)
         self._requests = {
             token: request for token, request in self._requests.items() if request is not denied_request
         }
 
     def take_key(self, token: str, now_s: float) -> str | None:
-        """Return the granted key, only once; None before the operator's answer. Raises NotFoundError."""
+        """Return the granted key, but only once; return None before the operator answers.
+
+        Raises
+        ------
+        NotFoundError
+            If the request was denied, has expired, or is unknown.
+        """
         self.list_open_requests(now_s)
         request = self._requests.get(token)
         if request is None:
-            raise NotFoundError("this request for a key was denied, or is too old: ask again")
+            raise NotFoundError("this request for a key was denied, or has expired: request a key again")
         if request.key is not None:
             del self._requests[token]
         return request.key

@@ -1,7 +1,7 @@
 """Commands that add and revoke keys of callers on the network. Only the SHA-256 of a key's text is stored.
 
-A session is the key of a browser (`farm.control.access.sessions`). Its text begins with a different word, so
-that a session is never accepted as a key, nor a key as a session.
+A session is the key of a browser (`farm.control.access.sessions`). Its text begins with a different word than
+the text of a program's key, so that neither is accepted in place of the other.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
     Parameters
     ----------
     kind
-        The kind of key.
+        KEY for a program, SESSION for a browser.
 
     Returns
     -------
@@ -45,12 +45,12 @@ def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
 
 
 def digest_key(text: str) -> str:
-    """Return the SHA-256 of a key's text, whose 256 random bits need no slow hash."""
+    """Return the SHA-256 of a key's text; no slow hash is needed, because the text has 256 random bits."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def find_key(text: str, keys: Mapping[str, Key], now_s: float, kind: KeyKind = KeyKind.KEY) -> Key | None:
-    """Find the valid key with a text.
+    """Find the valid key that has the given text.
 
     Parameters
     ----------
@@ -59,14 +59,14 @@ def find_key(text: str, keys: Mapping[str, Key], now_s: float, kind: KeyKind = K
     keys
         All keys by their ids.
     now_s
-        The time on the farm's clock.
+        Time on the farm's clock.
     kind
-        The kind that is accepted.
+        The kind of key that is accepted.
 
     Returns
     -------
     Key or None
-        None if the text is not a key of this kind, or the key is unknown, expired or revoked.
+        The key; None if the text is not a key of this kind, or the key is unknown, expired or revoked.
     """
     match = _PATTERNS[kind].fullmatch(text)
     key = keys.get(match[1]) if match else None
@@ -81,7 +81,7 @@ def find_key(text: str, keys: Mapping[str, Key], now_s: float, kind: KeyKind = K
 
 
 class KeyCommands:
-    """Commands of operators about keys."""
+    """Commands of operators that add and revoke keys."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -129,5 +129,5 @@ class KeyCommands:
             If the key is already revoked.
         """
         if self._controller.books.get_key(key_id).revoked_s is not None:
-            raise RefusedError(f"the key {key_id} is revoked already")
+            raise RefusedError(f"the key {key_id} is already revoked")
         self._controller.handle(ev.KeyRevoked(at_s=self._controller.clock.now(), key=key_id, by=caller_name))

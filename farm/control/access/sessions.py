@@ -1,7 +1,7 @@
-"""Sessions of browsers: opened by a key or by a link that works once, extended while in use, and ended.
+"""Sessions of browsers: opened by a key, or by a link that is valid once; extended while they are used.
 
-A user requests the link on the daemon's host, where the kernel reports the user's name. Links are kept in
-memory, by their SHA-256; sessions are keys in the books. A session that a key opened ends with the key.
+A user requests such a link on the daemon's host, where the kernel reports the user's name. Links are kept in
+memory, by their SHA-256; sessions are keys in the books. A session ends with the key that opened it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ MAX_IDLE_S = 12 * 3600.0
 MAX_SESSION_S = 30 * 86400.0
 """Wall seconds after which every session ends."""
 MAX_SESSIONS = 10
-"""Maximum number of open sessions of one user or key; another session ends the oldest."""
-_EXTENSION_INTERVAL_S = 3600.0  # minimum wall seconds between extensions of a session: each is an event
+"""Maximum number of open sessions of one user or key; one more ends the oldest."""
+_EXTENSION_INTERVAL_S = 3600.0  # minimum wall seconds from one extension to the next; each is an event
 _MAX_LINKS = 5  # maximum number of links of one user
 _MAX_LINKS_TOTAL = 100
 _TOKEN_BYTES = 32
@@ -33,7 +33,7 @@ _TOKEN_BYTES = 32
 
 @dataclass(frozen=True, slots=True)
 class LoginLink:
-    """Link that opens a session once, for the user who requested it, until a time on the farm's clock."""
+    """Link that opens one session for the user who requested it; `end_s` is on the farm's clock."""
 
     user: str
     role: Role
@@ -41,7 +41,7 @@ class LoginLink:
 
 
 def list_open_sessions(keys: Iterable[Key], now_s: float, caller: str | None = None) -> list[Key]:
-    """List the open sessions of one caller or of all, the oldest first."""
+    """List the open sessions of one caller, or with None, of all callers, oldest first."""
     sessions = [
         key
         for key in keys
@@ -51,27 +51,27 @@ def list_open_sessions(keys: Iterable[Key], now_s: float, caller: str | None = N
 
 
 def find_session_end_s(created_s: float, now_s: float, scale: float, key: Key | None = None) -> float:
-    """Return the end of a session that is used now, on the farm's clock.
+    """Return the time on the farm's clock at which a session ends if it is not used again.
 
     Parameters
     ----------
     created_s, now_s
-        Time at which it was opened, and the current time, on the farm's clock.
+        Time at which the session was opened, and the current time, on the farm's clock.
     scale
-        Farm seconds in a wall second.
+        Farm seconds per wall second.
     key
-        The key that opened it; None for a link.
+        The key that opened the session; None if a link did.
     """
     end_s = min(now_s + MAX_IDLE_S * scale, created_s + MAX_SESSION_S * scale)
     return end_s if key is None or key.expires_s is None else min(end_s, key.expires_s)
 
 
 class SessionCommands:
-    """Commands about sessions; the socket and the network share one object, which keeps the links."""
+    """Commands about sessions. The farm's two servers, for the socket and the network, share one object."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self._links: dict[str, LoginLink] = {}  # by the digests of their tokens, the oldest first
+        self._links: dict[str, LoginLink] = {}  # by the digest of the token, oldest first
 
     def make_link(self, user: str, role: Role) -> str:
         """Make a link for a user, and return its token, which is not stored.
@@ -79,9 +79,9 @@ class SessionCommands:
         Parameters
         ----------
         user
-            The user's name, which the kernel has reported.
+            Name of the user, as reported by the kernel.
         role
-            The role of the session.
+            Role of the session that the link opens.
         """
         clock = self._controller.clock
         now_s = clock.now()
@@ -97,7 +97,7 @@ class SessionCommands:
         return token
 
     def find_link(self, token: str) -> LoginLink:
-        """Find the link of a token, without invalidating it.
+        """Return the link that has this token; the link stays valid.
 
         Raises
         ------
@@ -112,7 +112,7 @@ class SessionCommands:
         return link
 
     def open(self, token: str) -> str:
-        """Open a session with a link, which becomes invalid, and return the session's text.
+        """Open a session with a link, invalidate the link, and return the text of the session.
 
         Raises
         ------
@@ -124,7 +124,7 @@ class SessionCommands:
         return self._open_session(link.user, link.role, None)
 
     def open_with_key(self, key: Key) -> str:
-        """Open a session that has the role of a valid key and ends with it; return the session's text."""
+        """Open a session with a valid key, whose role and expiry it gets; return the text of the session."""
         return self._open_session(key.name, key.role, key)
 
     def _open_session(self, name: str, role: Role, key: Key | None) -> str:
@@ -153,7 +153,7 @@ class SessionCommands:
         return text
 
     def extend(self, session: Key) -> None:
-        """Extend a session that is in use, at most once an hour."""
+        """Extend a session because it is used; at most once an hour."""
         clock = self._controller.clock
         now_s = clock.now()
         key = self._controller.books.keys.get(session.opened_by or "")

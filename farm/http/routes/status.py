@@ -115,7 +115,7 @@ def _check_farm_is_idle(services: Services) -> None:
         raise RefusedError(
             f"printing: {' '.join(printers)}; use --wait to let them finish, or --now to stop them safely"
         )
-    planning_jobs = services.controller.planning.list_running_jobs(books)
+    planning_jobs = services.controller.planning.list_jobs_in_planning(books)
     if planning_jobs:
         jobs = " ".join(f"job {number}" for number in planning_jobs)
         raise RefusedError(

@@ -1,4 +1,4 @@
-"""Lifecycles of jobs, plates, prints and printers as tables, and the error for events that violate them."""
+"""Lifecycles of jobs, plates, prints and printers as tables, and the error for an event that violates one."""
 
 from farm.state.lifecycles.lifecycle import (
     NO_STATE,

@@ -1,4 +1,4 @@
-"""Records of a lifecycle's table, and the error for an event that violates it. Pure."""
+"""Lifecycle of an entity as a table of transitions, and the error for an event that violates it. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.state.plate_state import PlateState
 
 
 class PrinterState(StrEnum):
-    """Recorded state of a printer: PRINTING with an open print, else the state of its bed."""
+    """Recorded state of a printer: PRINTING while it has an open print, otherwise the state of its bed."""
 
     PRINTING = "printing"
     CLEAR = "clear"
@@ -35,11 +35,11 @@ class Transition:
     Attributes
     ----------
     event_kind
-        Kind of the event.
+        Class of the event.
     start_states
-        States in which the event can happen; NO_STATE if it creates the entity.
+        States in which the event can happen; NO_STATE if the event creates the entity.
     end_states
-        States that it can lead to; None if the state stays the same.
+        States to which the event can lead; None if the state stays the same.
     """
 
     event_kind: EventKind
@@ -62,15 +62,15 @@ class Lifecycle:
     entity_name
         Name of the kind: job, plate, print or printer.
     key_field
-        The field of an event that names the entity.
+        Field of an event that contains the id of the entity.
     states
         All states of the entity.
     transitions
-        Events about the entity itself; all others are errors.
+        Rows of the events about the entity itself; an event that no row allows is an error.
     consequences
-        Events about another entity that change the state of this entity.
+        Rows of the events about another entity that change the state of this entity.
     find_state
-        Returns the state of an entity in the books; NO_STATE if it is not in them.
+        Function that returns the state of an entity; NO_STATE if the books do not contain it.
     """
 
     entity_name: str
@@ -100,13 +100,13 @@ class InvalidTransition(FarmError):
     Attributes
     ----------
     lifecycle, key
-        The entity; None if it is the farm itself.
+        Lifecycle and id of the entity; None if the event is about the farm itself.
     start
-        The state of the entity.
+        State of the entity before the event.
     event
         The rejected event.
     history
-        The entity's last events, oldest first, if the store has added them.
+        Texts of the last events about the entity, oldest first; empty unless the store has added them.
     """
 
     code = ErrorCode.REFUSED

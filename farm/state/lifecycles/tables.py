@@ -1,4 +1,4 @@
-"""Lifecycles of jobs, plates, prints and printers: tables of events and the states they connect. Pure.
+"""Lifecycles of jobs, plates, prints and printers: tables of events and the states that they connect. Pure.
 
 `farm.state.transitions.apply_event` rejects all other transitions. The state diagrams of the documentation
 are generated from these tables.
@@ -82,7 +82,7 @@ JOB_LIFECYCLE = Lifecycle(
     ),
     consequences=(
         _make_row(ev.PrintEnded, [JobState.PRINTING], _DERIVED_STATES),
-        # Losses that prove to be an outage: the failures of their prints no longer count as attempts.
+        # If a loss turns out to be part of an outage, the failures caused by it no longer count as attempts.
         _make_row(ev.PrintEnded, [JobState.FAILED], [JobState.PRINTING]),
         _make_row(ev.PrinterLost, [JobState.FAILED], [JobState.PRINTING]),
         _make_row(ev.BedCleared, [JobState.PRINTING, JobState.PRINTED, JobState.FAILED], _DERIVED_STATES),
@@ -108,7 +108,7 @@ PLATE_LIFECYCLE = Lifecycle(
         _make_row(ev.PlatePaused, [PlateState.WAITING], None),
         _make_row(ev.PlateCancelled, _UNPRINTED_STATES, [PlateState.CANCELLED]),
         _make_row(ev.PlateCancelled, [PlateState.PRINTED, PlateState.GOOD], None),
-        # After `farm estop` the plate already waits; open prints are not ended.
+        # WAITING: after `farm estop` the plate waits paused. A reprint request does not end open prints.
         _make_row(
             ev.ReprintRequested,
             [

@@ -1,4 +1,4 @@
-"""Speed of a printer, learned from its finished prints: one factor, and one for each feature. Pure."""
+"""Time factors of a printer, learned from its finished prints: for all layers, and by feature. Pure."""
 
 from farm.state.printer_speed.feature_factors import (
     MAX_FACTOR,

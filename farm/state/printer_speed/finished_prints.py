@@ -1,4 +1,4 @@
-"""Finished prints from which the speed of a printer is learned."""
+"""Finished prints from which the time factors of a printer are learned. Pure."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from farm.state.printer_speed.feature_factors import MAX_PRINTS, MIN_PRINTS, Tim
 from farm.state.printer_speed.time_factor import is_learnable, update_time_factor
 
 _MAX_CANDIDATES = 4 * MAX_PRINTS
-"""Number of latest prints that are searched for prints which show the speed."""
+"""Number of latest prints that are searched for usable timings."""
 
 
 def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
-    """Return a printer with the factors that follow from a print that has ended.
+    """Return a printer with its time factors updated by a print that is done.
 
     Parameters
     ----------
     books
-        Books with the print.
+        Books that contain the ended print.
     printer
-        Its printer, as already changed by the event.
+        The printer of the print, with all other changes by the event.
     attempt
         The print.
     """
@@ -46,13 +46,13 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
 
 
 def list_timings(books: Books, printer: Printer) -> list[Timing]:
-    """List the latest prints of a printer that show its speed, at most MAX_PRINTS, the newest first."""
+    """List the latest usable timings of a printer's prints, at most MAX_PRINTS, newest first."""
     prints = (p for p in books.prints.values() if p.printer == printer.name)
     return [timing for _, timing in _list_latest_timings(books, prints)]
 
 
 def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Timing]:
-    """List the latest prints of all printers of a plate's family, scaled to the speed of one printer."""
+    """List the latest usable timings of prints for a plate's family, scaled to one printer's time factor."""
     prints = (p for p in books.prints.values() if books.plates[p.plate].family == plate.family)
     return [
         Timing(timing.shares, timing.ratio * printer.time_factor / books.get_printer(name).time_factor)
@@ -61,7 +61,7 @@ def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Ti
 
 
 def _list_latest_timings(books: Books, prints: Iterable[Print]) -> list[tuple[str, Timing]]:
-    """List the printers and timings of the latest prints that show the speed by feature."""
+    """List the printers and timings of the latest prints with a usable timing, newest first."""
     done_prints = (p for p in prints if p.state is PrintState.DONE and not p.paused)
     candidates = heapq.nlargest(_MAX_CANDIDATES, done_prints, key=lambda p: (p.ended_s or 0.0, p.id))
     timings = ((attempt.printer, _make_timing(books, attempt)) for attempt in candidates)
@@ -69,7 +69,7 @@ def _list_latest_timings(books: Books, prints: Iterable[Print]) -> list[tuple[st
 
 
 def _make_timing(books: Books, attempt: Print) -> Timing | None:
-    """Make the timing of a finished print; None if it does not show the speed by feature."""
+    """Make the timing of a finished print; None if factors by feature cannot be learned from it."""
     plate, actual_s = books.plates[attempt.plate], _compute_actual_s(books, attempt)
     shares = plate.feature_shares
     if shares is None or actual_s is None:

@@ -1,4 +1,4 @@
-"""Time factor of a printer: an average over its finished prints, the latest with the largest weight."""
+"""Time factor of a printer: a weighted mean over its finished prints; the latest weighs most. Pure."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ MIN_TIME_FACTOR, MAX_TIME_FACTOR = 0.8, 1.25
 MIN_LEARNED_S = 600.0
 """Minimum duration of a print that updates the factor, because the heat-up dominates in shorter prints."""
 MAX_STARVED_SHARE = 0.01
-"""Maximum share of a print for which a simulated printer may have waited for its host."""
+"""Maximum share of a print's time that a simulated printer may have waited for its host."""
 _IMPLAUSIBLE_RATIO = 2.0
-_MAX_DIFFERENCE = 0.1  # maximum difference of a print's ratio from the factor; larger ones are reduced to it
-_LATEST_WEIGHT = 0.25  # weight of the latest print in the mean
+_MAX_DIFFERENCE = 0.1  # larger differences of a print's ratio from the factor are reduced to this
+_LATEST_WEIGHT = 0.25  # weight of the latest print in the weighted mean
 
 
 def is_learnable(sliced_s: float, actual_s: float, starved_s: float = 0.0) -> bool:
-    """Return whether a factor can be learned from a print's time; see `update_time_factor`.
+    """Return whether the time of a print is usable for learning factors; see `update_time_factor`.
 
-    A time of less than half or more than twice the sliced time is not learned: the print was paused, or the
-    clock was set.
+    Times of less than half or more than twice the sliced time are not usable, because the print was paused or
+    the clock was set.
     """
     if sliced_s < MIN_LEARNED_S or actual_s <= 0.0 or starved_s > MAX_STARVED_SHARE * actual_s:
         return False
@@ -32,11 +32,11 @@ def update_time_factor(factor: float, sliced_s: float, actual_s: float, starved_
     factor
         The factor before this print; 1 for a new printer.
     sliced_s
-        Seconds of the layers according to the slicer, without a factor.
+        Seconds of the layers according to the slicer, not multiplied by a factor.
     actual_s
         Seconds that the layers took, without heat-up, start and end code.
     starved_s
-        Part of `actual_s` for which a simulated printer waited for its host.
+        Seconds within `actual_s` in which a simulated printer waited for its host.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Retention: files that the books refer to, jobs whose files are deleted, nights to a full disk. Pure."""
+"""Retention of files: the files to which the books refer, the jobs to prune, the space on the disk. Pure."""
 
 from farm.state.retention.disk_forecast import (
     DiskUse,
@@ -11,7 +11,7 @@ from farm.state.retention.selection import (
     MIN_AGE_S,
     RetentionRules,
     find_keep_reason,
-    list_jobs_with_lost_files,
+    list_jobs_pruned_since_backup,
     list_prunable_files,
     select_jobs,
 )
@@ -26,7 +26,7 @@ __all__ = [
     "find_keep_reason",
     "list_deletable_files",
     "list_job_file_names",
-    "list_jobs_with_lost_files",
+    "list_jobs_pruned_since_backup",
     "list_prunable_files",
     "list_referenced_files",
     "select_jobs",

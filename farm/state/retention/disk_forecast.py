@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 WARNING_NIGHTS = 2.0
-"""Nights within which a full disk is reported."""
+"""A warning is given if the disk will be full within this number of nights."""
 _WINDOWS_DAYS = (7.0, 2.0)
 _GB = 1e9
 
@@ -25,7 +25,7 @@ class DiskUse:
     prunable_bytes
         Size of the files that pruning may delete.
     daily_bytes
-        Bytes stored per day, on average over the last days.
+        Bytes stored per day: the average of `compute_daily_bytes`.
     """
 
     free_bytes: float
@@ -59,7 +59,7 @@ def estimate_nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: fl
     use
         Space on the disk.
     max_bytes
-        Maximum size of the files of jobs; every night, prunable files beyond it are deleted.
+        Maximum size of the files of jobs; every night, prunable files are deleted until the limit is met.
     reserve_bytes
         Bytes that must stay free.
 
@@ -84,7 +84,7 @@ def describe_shortage(folder: str, use: DiskUse, max_gb: float, reserve_gb: floa
     Parameters
     ----------
     folder
-        The state folder, on that disk.
+        The state folder, which is on this disk.
     use
         Space on the disk.
     max_gb, reserve_gb
@@ -98,5 +98,5 @@ def describe_shortage(folder: str, use: DiskUse, max_gb: float, reserve_gb: floa
     return (
         f"the disk of {folder} {state} ({use.free_bytes / _GB:.1f} GB free, "
         f"{use.daily_bytes / _GB:.1f} GB stored per day): free some space, or lower `fleet.keep` in "
-        "fleet.yaml, start the daemon again and `farm prune`"
+        "fleet.yaml, start the daemon again and run `farm prune`"
     )

@@ -9,13 +9,13 @@ from farm.state.books import Books, replace_fields
 
 
 def list_referenced_files(books: Books) -> frozenset[str]:
-    """List all files to which the books refer, and which must exist; for pruned jobs only the pictures."""
+    """List the files to which the books refer, and which must exist; of pruned jobs, only the pictures."""
     return frozenset().union(*group_file_names_by_job(books).values())
 
 
 def list_deletable_files(books: Books) -> frozenset[str]:
-    """List the files of pruned jobs that no other job needs; they may be deleted."""
-    all_books = Books.from_entities(
+    """List the files of pruned jobs that may be deleted, because no other job needs them."""
+    unpruned_books = Books.from_entities(
         [
             *(replace_fields(job, pruned_s=None) for job in books.jobs.values() if job.pruned_s is not None),
             *books.parts.values(),
@@ -23,16 +23,16 @@ def list_deletable_files(books: Books) -> frozenset[str]:
             *books.prints.values(),
         ]
     )
-    return list_referenced_files(all_books) - list_referenced_files(books)
+    return list_referenced_files(unpruned_books) - list_referenced_files(books)
 
 
 def list_job_file_names(books: Books, job: Job) -> frozenset[str]:
-    """List the files of one job, including those of replaced parts and plates."""
+    """List the files of a job, including those of replaced parts and plates."""
     return group_file_names_by_job(books)[job.id]
 
 
 def group_file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
-    """List the files of each job; several jobs may share a file."""
+    """Return the files of each job, by job id; several jobs may share a file."""
     names = {job.id: _list_own_names(job) for job in books.jobs.values()}
     kept_jobs = {job_id for job_id, job in books.jobs.items() if job.pruned_s is None}
     for part in books.parts.values():

@@ -18,14 +18,14 @@ _PRUNABLE_STATES = (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 @dataclass(frozen=True, slots=True)
 class RetentionRules:
-    """Limits on stored files: maximum days since the end of their job, and bytes of all files."""
+    """Limits on stored files: maximum days since their job ended, and maximum size of all of them."""
 
     max_age_days: float
     max_bytes: float
 
 
 def find_keep_reason(books: Books, job: Job) -> str | None:
-    """Find the reason to keep the files of a job; None if they may be deleted."""
+    """Return the reason for which the files of a job are kept; None if they may be deleted."""
     return _find_keep_reason(books, job, _find_unjudged_jobs(books))
 
 
@@ -40,7 +40,10 @@ def _find_keep_reason(books: Books, job: Job, unjudged_jobs: Mapping[int, str]) 
 
 
 def _find_unjudged_jobs(books: Books) -> dict[int, str]:
-    """Find the jobs with a part on a bed or without a verdict, which is printed again if it is bad."""
+    """Return the jobs with a part that a person has not judged yet, each with the reason to keep its files.
+
+    A part that is judged bad is printed again, from the same files.
+    """
     keep_reasons = {}
     for printer in books.printers.values():
         last_print = books.find_last_print(printer.name)
@@ -57,16 +60,16 @@ def _is_unjudged(attempt: Print) -> bool:
 
 
 def select_jobs(
-    books: Books, sizes: Mapping[str, int], rules: RetentionRules, now_s: float, backup_s: float
+    books: Books, sizes_bytes: Mapping[str, int], rules: RetentionRules, now_s: float, backup_s: float
 ) -> list[int]:
-    """Select the jobs whose files are deleted: those that ended too long ago, then the oldest, to free space.
+    """Select the jobs to prune: those that ended too long ago, then the oldest until all files fit.
 
     Parameters
     ----------
     books
         The books.
-    sizes
-        Bytes of each file in the store.
+    sizes_bytes
+        Size of each file in the store, by name.
     rules
         The limits.
     now_s
@@ -78,12 +81,12 @@ def select_jobs(
     Returns
     -------
     list of int
-        Ids of the jobs, in the order of their ends. Jobs that ended within the last two days are never
+        Ids of the jobs, in the order in which they ended. Jobs that ended within the last two days are never
         selected.
     """
     names = group_file_names_by_job(books)
     reference_counts = Counter(name for job_names in names.values() for name in job_names)
-    total_bytes = sum(sizes.get(name, 0) for name in reference_counts)
+    total_bytes = sum(sizes_bytes.get(name, 0) for name in reference_counts)
     selected_jobs = []
     for job, ended_s in _list_candidates(books, min(backup_s, now_s - MIN_AGE_S)):
         if ended_s >= now_s - rules.max_age_days * DAY_S and total_bytes <= rules.max_bytes:
@@ -92,12 +95,12 @@ def select_jobs(
         for name in names[job.id] - _list_kept_names(job):
             reference_counts[name] -= 1
             if reference_counts[name] == 0:
-                total_bytes -= sizes.get(name, 0)
+                total_bytes -= sizes_bytes.get(name, 0)
     return selected_jobs
 
 
 def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set[str]:
-    """List the files that pruning may delete: those that no open or recently ended job needs."""
+    """List the stored files that pruning may delete, because no open or recently ended job needs them."""
     prunable_jobs = {job.id for job, _ in _list_candidates(books, now_s - MIN_AGE_S)}
     kept_names: set[str] = set()
     for job_id, job_names in group_file_names_by_job(books).items():
@@ -105,26 +108,26 @@ def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set
     return set(names) - kept_names
 
 
-def list_jobs_with_lost_files(books: Books, names: Container[str]) -> list[int]:
-    """List the jobs that were pruned after the backup, found by their missing files.
+def list_jobs_pruned_since_backup(books: Books, stored_names: Container[str]) -> list[int]:
+    """List the jobs that were pruned after the restored backup was made: some of their files are missing.
 
-    Pruning keeps pictures. If these are missing too, the store may be unavailable, so the job is not listed.
+    Pruning keeps pictures. A job without its pictures is not listed, because the store may be unavailable.
     """
     unjudged_jobs = _find_unjudged_jobs(books)
     names_by_job = group_file_names_by_job(books)
-    if not any(name in names for job_names in names_by_job.values() for name in job_names):
+    if not any(name in stored_names for job_names in names_by_job.values() for name in job_names):
         return []
     return [
         job_id
         for job_id, job_names in names_by_job.items()
-        if any(name not in names for name in job_names)
-        and all(name in names for name in _list_kept_names(books.jobs[job_id]))
+        if any(name not in stored_names for name in job_names)
+        and all(name in stored_names for name in _list_kept_names(books.jobs[job_id]))
         and _find_keep_reason(books, books.jobs[job_id], unjudged_jobs) is None
     ]
 
 
 def _list_candidates(books: Books, cutoff_s: float) -> Iterable[tuple[Job, float]]:
-    """List the jobs that ended before a time, and whose files may be deleted, in the order of their ends."""
+    """List the prunable jobs that ended before a time, in the order in which they ended."""
     unjudged_jobs = _find_unjudged_jobs(books)
     ended_jobs = [
         (job, job.ended_s)

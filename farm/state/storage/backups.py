@@ -19,16 +19,16 @@ log = logging.getLogger(__name__)
 
 BACKUP_COUNT = 7
 _MIN_INTERVAL_S = 60.0  # minimum wall seconds between two backups, for fast simulated clocks
-_RESERVE_BYTES = 64 * 2**20  # space beyond two copies of the books that a backup needs
-_BACKUP_HOUR = 4  # local time; later than the change to or from daylight saving time
+_RESERVE_BYTES = 64 * 2**20  # disk space that a backup needs, in addition to two copies of the books
+_BACKUP_HOUR = 4  # local time; after the hour in which daylight saving time begins or ends
 _NAME_FORMAT = "books-%Y%m%dT%H%M%SZ"
 _NAME_PATTERN = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 
 
 def back_up(state: StateFolder, now_s: float) -> Path:
-    """Back up the books, verify the copy, and delete the oldest backup. May run in a thread.
+    """Back up the books, verify the copy, and delete all but the latest backups. May run in a thread.
 
-    If the disk is full, the slice cache is emptied first, because slices can be computed again.
+    If the disk is too full, the slice cache is emptied first, because slices can be computed again.
 
     Raises
     ------
@@ -58,18 +58,18 @@ def back_up(state: StateFolder, now_s: float) -> Path:
 
 
 class NightlyBackup:
-    """Nightly backup of the books; a failure is reported and retried the next night.
+    """Nightly backup of the books. If one fails, this is reported; the next attempt is in the next night.
 
     Parameters
     ----------
     state, clock, zone
         The state folder, the farm's clock, and the time zone of the nights.
     call_at
-        Sets a timer: farm time, its name, the function to call.
+        Sets a timer. Arguments: farm time, name of the timer, function to call.
     report
         Called with a message after a failure, and with None after a success.
     clean_up
-        Called with the newest backup, even after a failure: deletes expired files in the background.
+        Called with the newest backup, even after a failure; deletes old files in the background.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class NightlyBackup:
         self._call_at, self._report, self._clean_up = call_at, report, clean_up
 
     async def begin(self) -> None:
-        """Back up if there is no backup of the last day, and set the timer for the next one."""
+        """Back up if there is no backup of the last 24 hours, and set the timer for the next backup."""
         await self.run(only_if_due=True)
 
     async def run(self, only_if_due: bool = False) -> None:
@@ -94,7 +94,7 @@ class NightlyBackup:
         try:
             if not only_if_due or is_backup_due(self._state, now_s):
                 backup = await asyncio.to_thread(back_up, self._state, now_s)
-                log.info("the database is backed up to %s", backup)
+                log.info("the database was backed up to %s", backup)
                 self._clean_up(backup)
             self._report(None)
         except Exception as error:  # a failed backup must not stop the daemon
@@ -103,16 +103,16 @@ class NightlyBackup:
                 f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
             )
             for backup in list_backups(self._state)[:1]:
-                self._clean_up(backup)  # the disk may be full: older files can be deleted
+                self._clean_up(backup)  # the disk may be full: deleting old files helps
         finally:
             earliest_s = self._clock.now() + _MIN_INTERVAL_S * self._clock.scale
             self._call_at(
-                max(compute_next_backup_s(now_s, self._zone), earliest_s), "copy the books", self.run
+                max(compute_next_backup_s(now_s, self._zone), earliest_s), "back up the books", self.run
             )
 
 
 def list_backups(state: StateFolder) -> list[Path]:
-    """List the backups, the newest first, ignoring other files in the folder."""
+    """List the backups, newest first; other files in the folder are ignored."""
     return sorted(state.backups.glob(_NAME_PATTERN), reverse=True)
 
 
@@ -129,7 +129,7 @@ def compute_next_backup_s(now_s: float, zone: tzinfo) -> float:
 
 
 def is_backup_due(state: StateFolder, now_s: float) -> bool:
-    """Return whether a backup is due: none was made in the last day, for example because the farm was off."""
+    """Return whether there is no backup of the last 24 hours, for example because the farm was off."""
     newest = next(iter(list_backups(state)), None)
     return newest is None or parse_backup_time_s(newest) < now_s - 86400.0
 
@@ -140,13 +140,13 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     Returns
     -------
     store, copied_s
-        The books, and the time up to which they are complete; None if they are complete. Books from a
-        backup are incomplete until the prints since then have been added from the agents' journals.
+        The books, and the time after which their events are missing; None if no events are missing. Books
+        from a backup are incomplete until later prints have been added from the agents' journals.
 
     Raises
     ------
     FarmError
-        If they cannot be opened for another reason, or if no backup is intact.
+        If the books cannot be opened for another reason, or if no backup is intact.
     """
     try:
         if list_backups(state) and not (state.books.is_file() and state.books.stat().st_size):

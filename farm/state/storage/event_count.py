@@ -1,4 +1,4 @@
-"""Number of committed events, in a file beside the books."""
+"""Number of events that were ever committed, in a file beside the books."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ _SUFFIX = "-count"  # appended to the name of the books
 
 
 class EventCount:
-    """File with the number of events that are committed to the books at a path.
+    """File with the number of events that were ever committed to the books at a path.
 
     The number reveals lost commits: if a checksum in the write-ahead log is wrong, SQLite drops the rest of
-    the log without an error. The file is not synced, so its number may be too small after a power cut,
-    but never too large. Disk errors are ignored, because the file is only needed to detect such a loss.
+    the log without an error. The file is not synced to the disk, so its number may be too small after a power
+    cut, but never too large. Disk errors are ignored, because the file serves only to detect lost commits.
     """
 
     def __init__(self, books: Path) -> None:
@@ -36,7 +36,7 @@ class EventCount:
             os.pwrite(self._descriptor, b"%020d" % count, 0)
 
     def remove(self) -> None:
-        """Delete the file with the count, after the database was moved away. Raises OSError."""
+        """Delete the file, because the database whose events it counts was moved away. Raises OSError."""
         self._path.unlink(missing_ok=True)
 
     def close(self) -> None:

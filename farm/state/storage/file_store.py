@@ -1,4 +1,4 @@
-"""Files named by their SHA-256, never changed: models, part meshes, G-code."""
+"""Store of files that are named by their SHA-256 and never changed: models, part meshes, G-code."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def link_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
     Parameters
     ----------
     folder
-        The folder, which is created.
+        The folder, which is created if it is missing.
     store
         The store.
     names
-        Names of the stored files, by the names of their links.
+        Names of the stored files, each by the name of its link.
     """
     folder.mkdir(parents=True, exist_ok=True)
     relative = Path(os.path.relpath(store, folder))
@@ -42,17 +42,17 @@ def link_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
 
 
 def remove_broken_links(jobs: Path) -> None:
-    """Remove the links in the folders of all jobs to files that no longer exist."""
+    """Remove links to missing files from the folders of all jobs."""
     for link in jobs.glob("*/*"):
         if link.is_symlink() and not link.exists():
             link.unlink(missing_ok=True)
 
 
 def store_file(folder: Path, source: Path) -> str:
-    """Move a finished file into the store, under its hash and suffix; return its new name.
+    """Move a complete file into the store, named by its hash and suffix; return the new name.
 
-    The bytes are synced to the disk before the new name exists, so every file with such a name is complete.
-    A file that is stored again counts as new: `delete_files` does not delete it before the books refer to it.
+    The bytes are synced to the disk before the file gets its name, so every file in the store is complete.
+    A file that is stored again counts as new, so that `delete_files` keeps it until the books refer to it.
     """
     name = compute_sha256(source) + source.suffix.lower()
     target = folder / name
@@ -90,8 +90,8 @@ def list_files(folder: Path) -> dict[str, StoredFile]:
         for entry in entries:
             if not entry.name.startswith(".") and entry.is_file(follow_symlinks=False):
                 with suppress(FileNotFoundError):
-                    facts = entry.stat(follow_symlinks=False)
-                    files[entry.name] = StoredFile(facts.st_size, facts.st_mtime)
+                    status = entry.stat(follow_symlinks=False)
+                    files[entry.name] = StoredFile(status.st_size, status.st_mtime)
     return files
 
 
@@ -100,32 +100,32 @@ def delete_files(
 ) -> int:
     """Delete files to which the books do not refer; return the number of freed bytes.
 
-    Recently stored files stay, because the event that refers to them may follow.
+    Recently stored files are kept, because an event that refers to them may still follow.
 
     Parameters
     ----------
     folder
         The store.
     names
-        The files.
+        Names of the files.
     now_s
         Wall time, in seconds since the epoch.
     min_age_s
-        Minimum age of deleted files, in wall seconds since they were stored.
+        Wall seconds for which a file is kept after it was stored.
     """
     freed_bytes = 0
     for name in names:
         with _lock(folder, fcntl.LOCK_EX), suppress(FileNotFoundError):
-            facts = (folder / name).stat()
-            if now_s - facts.st_mtime >= min_age_s:
+            status = (folder / name).stat()
+            if now_s - status.st_mtime >= min_age_s:
                 (folder / name).unlink()
-                freed_bytes += facts.st_size
+                freed_bytes += status.st_size
     return freed_bytes
 
 
 @contextmanager
 def _lock(folder: Path, operation: int) -> Iterator[None]:
-    """Hold the lock of the store's folder: shared for storing a file, exclusive for deleting one."""
+    """Hold a lock on the store's folder: a shared one to store a file, an exclusive one to delete a file."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, operation)

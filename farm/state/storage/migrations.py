@@ -20,12 +20,12 @@ TABLES: dict[type[Entity], str] = {
     Key: "access_key",
 }
 FIRST_VERSIONS: dict[type[Entity], int] = {Key: 4}
-"""First schema version of the tables that version 1 lacks."""
+"""First schema version that has the table, for each table that was added after version 1."""
 _COPIED_TABLE = "copied (at_s REAL NOT NULL)"
 COPIED_TABLE_STATEMENT = f"CREATE TABLE IF NOT EXISTS {_COPIED_TABLE}"
-"""Statement that creates the table with the time of the backup; it has a row in incomplete books."""
+"""Statement that creates the table `copied`; in a backup it has one row, the time of the backup."""
 CHANGED_ROW_QUERY = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
-"""Query for a row whose checksum does not match."""
+"""Query for a row of a table whose body does not match its checksum."""
 
 _TABLE_STATEMENT = "CREATE TABLE {} (id TEXT PRIMARY KEY, body TEXT NOT NULL, crc INTEGER)"
 _INITIAL_SCHEMA = (
@@ -34,7 +34,7 @@ _INITIAL_SCHEMA = (
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
 EXPECTED_TABLE_STATEMENTS = frozenset((*_INITIAL_SCHEMA, f"CREATE TABLE {_COPIED_TABLE}"))
-"""Statements of the tables as SQLite lists them, to detect a damaged table name."""
+"""Statements that create the tables, as SQLite lists them; others show that the schema is damaged."""
 _PRINTS_ON_BEDS_QUERY = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
     FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')
@@ -43,7 +43,7 @@ _PRINTS_ON_BEDS_QUERY = """
         WHERE json_extract(q.body, '$.printer') = printer.id
     )
 """
-_MIGRATION_FROM_1 = (  # verdicts belonged to parts; now they belong to prints, given when a bed is cleared
+_MIGRATION_FROM_1 = (  # verdicts on parts become verdicts on prints, which people give when they clear beds
     "UPDATE part SET body = json_remove(body, '$.verdict')",
     f"CREATE TEMP TABLE on_bed AS {_PRINTS_ON_BEDS_QUERY}",
     "UPDATE print SET body = json_set(body, '$.verdict', 'good')"
@@ -53,7 +53,7 @@ _MIGRATION_FROM_1 = (  # verdicts belonged to parts; now they belong to prints, 
     " AND CAST(id AS INTEGER) NOT IN (SELECT job FROM on_bed)",
     "DROP TABLE on_bed",
 )
-"""Parts removed from their beds before verdicts existed count as good; the others can be judged."""
+"""Parts that were removed from their beds before version 2 count as good; the others can be judged."""
 _MIGRATION_FROM_3 = (_TABLE_STATEMENT.format(TABLES[Key]),)
 _MIGRATION_FROM_2 = (
     *(
@@ -74,4 +74,4 @@ MIGRATIONS = {
     3: _MIGRATION_FROM_3,
     SCHEMA_VERSION: (),
 }
-"""Statements that migrate each version to the current one; 0 is an empty file."""
+"""Statements that migrate books to the current version, by their version; an empty file has version 0."""

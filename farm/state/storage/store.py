@@ -36,7 +36,7 @@ E = TypeVar("E", bound=Entity)
 
 
 class StoreError(FarmError):
-    """Error for books that cannot be opened or written."""
+    """Error for books that cannot be opened, read or written."""
 
 
 class DamagedBooks(StoreError):
@@ -47,21 +47,21 @@ _HISTORY_QUERY = """
     SELECT at_s, kind, json_extract(body, '$.state') FROM event
     WHERE json_extract(body, ?) = ? OR json_extract(body, ?) = ? ORDER BY seq DESC LIMIT 8
 """
-"""Query for the last events about an entity; the first event of a job contains it."""
+"""Query for the last events about an entity; the first event of a job contains the whole job."""
 _ENVIRONMENT_ERRORS = frozenset(
     (
         *(sqlite3.SQLITE_PERM, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_NOMEM),
         *(sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN),
     )
 )
-"""SQLite's errors for a full disk, or missing permissions or memory; all others indicate damaged books."""
+"""SQLite's errors that the host causes: full disk, permissions, memory, locks. Others mean damaged books."""
 
 
 def copy_books(source: Path, target: Path, at_s: float) -> None:
-    """Copy books that may be in use; the copy appears when it is complete. Raises StoreError.
+    """Copy books, even if they are in use; the target appears once the copy is complete. Raises StoreError.
 
-    The copy is marked with its time `at_s` until a `BooksRestored` is committed to it. Until then no bed
-    counts as clear, even if a person restores the copy, or a daemon dies during the restoration.
+    The copy contains its time, `at_s`, until a `BooksRestored` is committed to it. Until then no bed counts
+    as clear, even if a person puts the copy in place, or a daemon dies during the restoration.
     """
     partial = target.with_name(f".{target.name}.half")
     try:
@@ -88,14 +88,14 @@ def read_books(path: Path) -> tuple[Books, int]:
     Returns
     -------
     books, version
-        The entities, and the version of the schema on the disk.
+        The books, and the schema version of the file.
 
     Raises
     ------
     DamagedBooks
         If the file is not a database of the farm, or the checksum of a row does not match.
     StoreError
-        If they cannot be read.
+        If the books cannot be read.
     """
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as db:
@@ -147,16 +147,16 @@ def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
 class Store:
     """Database of the books. Every method may raise StoreError.
 
-    Each entity is a row in the table of its kind, with its fields as JSON. The books are read at the start
-    and kept in memory, so the tables need no columns for single fields. Fields with their default value are
-    left out; these defaults must therefore never change.
+    Each entity is a row in the table of its kind, with its fields as JSON. The daemon reads all books at its
+    start and keeps them in memory, so the tables need no columns for single fields. A field that has its
+    default value is not stored; the defaults must therefore never change.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._count = EventCount(path)
-        self._last_number: int | None = None  # number of the last event of the transaction
-        self._is_writing = False  # True in a block of `transaction`
+        self._last_number: int | None = None  # number of the last event in the current transaction
+        self._is_writing = False  # True inside a block of `transaction`
         is_new = not path.exists() or not path.stat().st_size
         _restrict_access(path)
         try:
@@ -180,10 +180,10 @@ class Store:
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(result.split())}")
             self._create_or_migrate()
             self._check_rows()
-            if is_new:  # the former books were moved away: their count is invalid
+            if is_new:  # the count belongs to former books, which were moved away
                 self._count.remove()
             self._has_lost_events = self._find_last_event_number() < self._count.read()
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # the error's text may be invalid UTF-8
             is_environment_error = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
             message = f"the database {path} cannot be opened: {error}"
             if is_environment_error:
@@ -198,7 +198,7 @@ class Store:
         if version not in MIGRATIONS:
             raise StoreError(
                 f"the database {self._path} was written by a newer version ({version}): upgrade, or "
-                "give --state"
+                "use another folder with --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
         for statement in MIGRATIONS[version]:
@@ -208,7 +208,7 @@ class Store:
         self._db.execute("COMMIT")
 
     def _check_rows(self) -> None:
-        """Raise DamagedBooks if the checksum of a row does not match: SQLite does not detect that."""
+        """Raise DamagedBooks if a row does not match its checksum: SQLite does not detect changed rows."""
         tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
         if {sql for (sql,) in tables} != EXPECTED_TABLE_STATEMENTS:
             raise DamagedBooks(f"the database {self._path} is damaged: it has unexpected tables")
@@ -232,9 +232,9 @@ class Store:
 
     @property
     def copied_s(self) -> float | None:
-        """Time up to which these books are complete; None if they are complete.
+        """Time after which events are missing from these books; None if no events are missing.
 
-        A backup, and books that lost events, are incomplete until a `BooksRestored` is committed.
+        Events are missing from a backup, and after lost commits, until a `BooksRestored` is committed.
         """
         (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
         if at_s is None and self._has_lost_events:
@@ -247,8 +247,8 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Write all commits of a block in one transaction, synced to the disk once; all or none succeed."""
-        if self._is_writing:  # the outer block ends it
+        """Write the commits of a block in one transaction, with one sync to the disk; if it fails, none."""
+        if self._is_writing:  # the outer block ends the transaction
             yield
             return
         self._is_writing, self._last_number = True, None
@@ -258,18 +258,18 @@ class Store:
                 yield
                 self._db.execute("COMMIT")
             except BaseException:
-                if self._db.in_transaction:  # SQLite itself rolls back on a full disk
+                if self._db.in_transaction:  # on a full disk, SQLite itself has rolled back
                     self._db.execute("ROLLBACK")
                 raise
         except sqlite3.Error as error:
             raise StoreError(f"the database cannot be written: {error}; nothing was started") from error
         finally:
             self._is_writing = False
-        if self._last_number is not None:  # a block may be empty, even after failed commits
+        if self._last_number is not None:  # otherwise the block has committed nothing
             self._count.write(self._last_number)
 
     def commit(self, event: Event, old_books: Books, new_books: Books) -> None:
-        """Write an event and the changed entities in one transaction, synced to the disk."""
+        """Write an event and the entities that it changed in one transaction, synced to the disk."""
         with self.transaction():
             self._last_number = self._db.execute(
                 "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
@@ -293,7 +293,7 @@ class Store:
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
     def read_events(self, last_number: int, limit: int) -> list[EventRow]:
-        """Read the events after a number, oldest first, as all users may see them. Raises StoreError."""
+        """Read the events after a number, oldest first, without confidential fields. Raises StoreError."""
         return self._read_rows(EVENTS_QUERY, last_number, limit)
 
     def read_printer_events(self, printer: str, limit: int) -> list[EventRow]:
@@ -307,10 +307,10 @@ class Store:
             raise StoreError(f"the event log cannot be read: {error}") from error
 
     def find_last_deletable_number(self, cutoff_s: float, limit: int) -> int:
-        """Find the number of the last event that may be deleted: too old, or followed by `limit` newer ones.
+        """Return the number of the last event to delete: before `cutoff_s`, or followed by `limit` others.
 
-        The newest event is always kept, because its number shows that no commit is lost. Returns 0 if
-        every event is kept.
+        The newest event is always kept, because its number shows that no commit was lost. Returns 0 if there
+        is no event to delete.
         """
         (newest,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         (first_kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (cutoff_s,)).fetchone()
@@ -320,12 +320,12 @@ class Store:
         return int(last) if last >= oldest > 0 else 0
 
     def count_events(self, last_number: int) -> int:
-        """Count the events up to a number."""
+        """Count the stored events up to an event number."""
         (number,) = self._db.execute("SELECT count(*) FROM event WHERE seq <= ?", (last_number,)).fetchone()
         return int(number)
 
     def delete_events(self, last_number: int, max_count: int = 2000) -> int:
-        """Delete up to `max_count` of the oldest events up to a number; return how many were deleted."""
+        """Delete the oldest events up to a number, at most `max_count`; return how many were deleted."""
         try:
             return self._db.execute(
                 "DELETE FROM event WHERE seq IN (SELECT seq FROM event WHERE seq <= ? ORDER BY seq LIMIT ?)",
@@ -335,13 +335,13 @@ class Store:
             raise StoreError(f"old events cannot be deleted: {error}") from error
 
     def release_space(self, min_bytes: int = 16 * 2**20) -> bool:
-        """Shrink the file if at least half of it is unused; return whether it was shrunk."""
+        """Shrink the database if half of it, at least `min_bytes`, is unused; return whether it shrank."""
         try:
-            (pages,), (unused_pages,), (page_bytes,) = (
+            (page_count,), (unused_page_count,), (page_bytes,) = (
                 self._db.execute(f"PRAGMA {name}").fetchone()
                 for name in ("page_count", "freelist_count", "page_size")
             )
-            if unused_pages * page_bytes < min_bytes or unused_pages < pages // 2:
+            if unused_page_count * page_bytes < min_bytes or unused_page_count < page_count // 2:
                 return False
             self._db.execute("VACUUM")
             self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
@@ -350,7 +350,7 @@ class Store:
         return True
 
     def add_history(self, error: InvalidTransition) -> InvalidTransition:
-        """Return an error with the last events about its entity, oldest first."""
+        """Return the error with the last events about its entity, oldest first."""
         if error.lifecycle is None:
             return error
         path = f"$.{error.lifecycle.key_field}"
@@ -374,11 +374,11 @@ class Store:
 
 
 def _restrict_access(path: Path) -> None:
-    """Restrict access to books to their owner; files that SQLite creates beside them get the same mode.
+    """Let only the owner read and write the books; SQLite creates the files beside them with the same mode.
 
-    Books of an earlier version may be readable by all, in a folder that is open to all.
+    Earlier versions created books that all users could read, in a folder that all users could open.
     """
-    with suppress(OSError):  # SQLite reports that they cannot be created
+    with suppress(OSError):  # if the file cannot be created, SQLite reports that
         os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
     for suffix in ("", "-wal", "-shm"):
         with suppress(OSError):  # missing, or owned by another user

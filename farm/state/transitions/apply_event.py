@@ -1,4 +1,4 @@
-"""Application of one event to the books, as the tables of the lifecycles allow. Pure."""
+"""Application of an event to the books, if the tables of the lifecycles allow it. Pure."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def apply(event: ev.Event, books: Books) -> Result:
     NotFoundError
         If the event names an unknown entity.
     InvalidTransition
-        If the event is not allowed in the state of its entity.
+        If the event is not allowed in the present state of an entity that it concerns.
     """
     subjects = list(find_subjects(event, books))
     changed_books, instructions = change(event, books)
@@ -62,7 +62,7 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
     NotFoundError
         If the event names an unknown entity, and does not create it.
     InvalidTransition
-        If the event is not allowed in the state of one of them.
+        If the event is not allowed in the present state of one of these entities.
     """
     kind = type(event)
     for lifecycle in LIFECYCLES:

@@ -57,7 +57,7 @@ def _(event: ev.PlanRevised, books: Books) -> Result:
 
 
 def _apply_plan(job: Job, event: ev.JobPlanned) -> Job:
-    """Return a job with the figures of its plan."""
+    """Return a job with the parts, plates, times and files of its plan."""
     return replace_fields(
         job,
         parts=tuple(part.id for part in event.parts),
@@ -107,11 +107,15 @@ def _(event: ev.JobFailed, books: Books) -> Result:
 @change.register
 def _(event: ev.JobCancelled, books: Books) -> Result:
     job = books.get_job(event.job)
-    # A planned job that has not started may be being replanned.
-    is_planning = job.state is JobState.PLANNING or not books.has_started(job.id)
+    # A job may be planned again until its first plate is assigned.
+    may_be_planning = job.state is JobState.PLANNING or not books.has_started(job.id)
     reason = f"cancelled by {event.by}"
-    books, commands = end_job(books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, reason)
-    return books, (ev.StopPlanning(job=event.job), *commands) if is_planning else commands
+    books, instructions = end_job(
+        books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, reason
+    )
+    if may_be_planning:
+        instructions = (ev.StopPlanning(job=event.job), *instructions)
+    return books, instructions
 
 
 @change.register
@@ -130,7 +134,7 @@ def _(event: ev.JobPaused, books: Books) -> Result:
     books = put(books, replace_fields(job, paused=event.wanted))
     if not event.wanted:
         books = put(books, *(replace_fields(plate, paused=False) for plate in books.list_plates(job)))
-    # Prints that are being ended are not paused.
+    # Prints with a cancel request are not paused.
     pauses = [
         request_pause(p, event.wanted) for p in books.list_open_prints(event.job) if p.cancel_reason is None
     ]

@@ -25,8 +25,8 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
     if job.state is not JobState.PRINTING:
         raise InvalidTransition(event, JOB_LIFECYCLE, job.id, job.state)
     kept_fields = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
-    plates = [replace_fields(new, **kept_fields) for new in event.plates]
-    names = tuple(new.id for new in plates)
+    new_plates = [replace_fields(new_plate, **kept_fields) for new_plate in event.plates]
+    names = tuple(new_plate.id for new_plate in new_plates)
     old_plate = replace_fields(plate, replaced_by=names)
     job = replace_fields(
         job,
@@ -37,7 +37,7 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
         cuts=_add_file(job.cuts, plate.parts[0], event.decomposition),
         cut_instructions=_add_file(job.cut_instructions, plate.parts[0], event.instructions),
     )
-    return put(books, old_plate, job, *plates, *event.parts), (ev.LinkFiles(job=job.id),)
+    return put(books, old_plate, job, *new_plates, *event.parts), (ev.LinkFiles(job=job.id),)
 
 
 def _add_file(files: Mapping[str, str], part: str, file: str | None) -> Mapping[str, str]:
@@ -47,7 +47,7 @@ def _add_file(files: Mapping[str, str], part: str, file: str | None) -> Mapping[
 def _replace_names(
     names: tuple[str, ...], old_names: tuple[str, ...], new_names: tuple[str, ...]
 ) -> tuple[str, ...]:
-    """Replace old names with new ones, at the position of the first old name."""
+    """Replace the old names in a sequence by the new ones, at the position of the first old name."""
     index = names.index(old_names[0])
     other_names = tuple(name for name in names if name not in old_names)
     return (*other_names[:index], *new_names, *other_names[index:])
@@ -61,8 +61,8 @@ def _(event: ev.PlatePaused, books: Books) -> Result:
 @change.register
 def _(event: ev.PlateCancelled, books: Books) -> Result:
     plate = books.plates[event.plate]
-    books, stops = cancel_plate(books, plate, f"cancelled by {event.by}")
-    return update_job_state(books, plate.job, event.at_s), stops
+    books, instructions = cancel_plate(books, plate, f"cancelled by {event.by}")
+    return update_job_state(books, plate.job, event.at_s), instructions
 
 
 @change.register
@@ -70,9 +70,7 @@ def _(event: ev.ReprintRequested, books: Books) -> Result:
     plate = books.plates[event.plate]
     job = books.get_job(plate.job)
     if job.pruned_s is not None:
-        raise InvalidTransition(
-            event, JOB_LIFECYCLE, job.id, job.state, "pruned: its files are no longer kept"
-        )
+        raise InvalidTransition(event, JOB_LIFECYCLE, job.id, job.state, "pruned: its files were deleted")
     successful_print = find_successful_print(books.list_prints(plate))
     if successful_print is not None:
         books = put(books, replace_fields(successful_print, verdict=Verdict.BAD, verdict_why=event.why))

@@ -35,10 +35,10 @@ def _(event: ev.BedCleared, books: Books) -> Result:
         for attempt in list(books.list_unjudged_restored_prints(printer.name)):
             books = put(books, replace_fields(attempt, verdict=Verdict.GOOD))
             books = update_job_state(books, attempt.job, event.at_s)
-    stops: tuple[ev.AnyInstruction, ...] = ()
+    instructions: tuple[ev.AnyInstruction, ...] = ()
     if event.whole is not None:
-        books, stops = record_complete_part(books, event.whole, event.by, event.at_s)
-    return books, (*stops, ev.SendCleared(printer=printer.name, filament=event.filament))
+        books, instructions = record_complete_part(books, event.whole, event.by, event.at_s)
+    return books, (*instructions, ev.SendCleared(printer=printer.name, filament=event.filament))
 
 
 @change.register
@@ -125,7 +125,7 @@ def _(event: ev.HostConnected, books: Books) -> Result:
 
 
 def _set_host_loss(books: Books, names: Iterable[str], loss: HostLoss | None) -> Books:
-    """Set the loss of the host of some printers; None if the host is connected."""
+    """Record the loss of the host of some printers, or with None, that the host is connected again."""
     printers = (books.printers[name] for name in names if name in books.printers)
     return put(books, *(replace_fields(printer, host_loss=loss) for printer in printers))
 

@@ -39,36 +39,36 @@ def _(event: ev.PrintProgressed, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintWithdrawn, books: Books) -> Result:
-    cancelled_print, stop = request_cancel(_get_continuing_print(event, books), event.reason)
-    return put(books, cancelled_print), (stop,)
+    cancelled_print, instruction = request_cancel(_get_uncancelled_print(event, books), event.reason)
+    return put(books, cancelled_print), (instruction,)
 
 
 @change.register
 def _(event: ev.PauseRequested, books: Books) -> Result:
-    paused_print, instruction = request_pause(_get_continuing_print(event, books), event.wanted)
+    paused_print, instruction = request_pause(_get_uncancelled_print(event, books), event.wanted)
     return put(books, paused_print), (instruction,)
 
 
 @change.register
 def _(event: ev.PrintFailRequested, books: Books) -> Result:
-    attempt = replace_fields(_get_continuing_print(event, books), fail_reason=event.why)
-    cancelled_print, stop = request_cancel(attempt, event.why)
-    return put(books, cancelled_print), (stop,)
+    attempt = replace_fields(_get_uncancelled_print(event, books), fail_reason=event.why)
+    cancelled_print, instruction = request_cancel(attempt, event.why)
+    return put(books, cancelled_print), (instruction,)
 
 
-def _get_continuing_print(
+def _get_uncancelled_print(
     event: ev.PrintWithdrawn | ev.PauseRequested | ev.PrintFailRequested, books: Books
 ) -> Print:
-    """Return the print of an event, which must not be ending.
+    """Return the print of an event, if it has no cancel request.
 
     Raises
     ------
     InvalidTransition
-        If its agent was sent a cancel request.
+        If the farm has requested that the print be cancelled.
     """
     attempt = books.prints[event.print_id]
     if attempt.cancel_reason is not None:
-        reason = f"{attempt.state} and being ended ({attempt.cancel_reason})"
+        reason = f"{attempt.state} and being stopped ({attempt.cancel_reason})"
         raise InvalidTransition(event, PRINT_LIFECYCLE, attempt.id, attempt.state, reason)
     return attempt
 
@@ -76,8 +76,8 @@ def _get_continuing_print(
 @change.register
 def _(event: ev.StillKept, books: Books) -> Result:
     attempt = books.prints[event.print_id]
-    others = tuple(still for still in attempt.stills if still.moment is not event.still.moment)
-    return put(books, replace_fields(attempt, stills=(*others, event.still))), ()
+    other_stills = tuple(still for still in attempt.stills if still.moment is not event.still.moment)
+    return put(books, replace_fields(attempt, stills=(*other_stills, event.still))), ()
 
 
 @change.register
@@ -100,7 +100,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     if attempt.state is PrintState.FAILED:
         reason = attempt.reason or attempt.fault or "its print failed"
         printer = replace_fields(printer, attention_reason=reason, attention_since_s=event.ended_s)
-        if attempt.fault == Fault.ESTOP:  # its plate waits until a person resumes it
+        if attempt.fault == Fault.ESTOP:  # the plate waits until a person resumes it
             books = put(books, replace_fields(plate, paused=True))
     books = put(books, printer)
     # A failed print may have extruded without reporting it.
@@ -113,19 +113,19 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
 
 
 def _is_end_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
-    """Return whether a restored print may have been done, or ended by a person, since the backup."""
+    """Return whether it is unknown how a restored print ended; it may have been done, for example."""
     is_lost = event.fault == FarmFault.PRINT_LOST or event.state is PrintState.CANCELLED
     return attempt.restored and is_lost
 
 
 def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
-    """Return an ended print, with its state, fault and filament, and whether it counts as an attempt."""
+    """Return a print with the state, fault and filament of its end; `charged` if it counts as an attempt."""
     state, fault, reason = event.state, event.fault, event.reason
     has_started = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_reason is not None:
         state, fault, reason = PrintState.FAILED, FarmFault.BY_A_PERSON, attempt.fail_reason
     elif state is PrintState.CANCELLED and attempt.cancel_reason is None and has_started:
-        state = PrintState.FAILED  # not requested by the farm
+        state = PrintState.FAILED  # the farm did not request the cancellation
     # A print may end before the request to fail it reaches its agent.
     if state is PrintState.DONE and attempt.fail_reason is not None:
         attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)

@@ -1,7 +1,8 @@
 """Rules for events that move a job in the queue, or change its start time. Pure.
 
-A moved job takes the priority of the job that follows it, and a rank between its neighbours. The rank of a
-job that was never moved is its id, so later jobs follow all earlier jobs of their priority.
+A moved job takes the priority of the job that follows it (at the end of the queue, of the last job), and a
+rank between those of its neighbours. The rank of a job that was never moved is its id, so that it follows all
+earlier jobs of its priority.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ def _(event: ev.JobMoved, books: Books) -> Result:
     if event.before is not None and event.before not in job_ids:
         target = books.get_job(event.before)
         raise InvalidTransition(event, JOB_LIFECYCLE, target.id, target.state, "not in the queue")
-    place = len(other_jobs) if event.before is None else job_ids.index(event.before)
-    return put(books, *_place_job(books.get_job(event.job), other_jobs, place, max(books.jobs))), ()
+    index = len(other_jobs) if event.before is None else job_ids.index(event.before)
+    return put(books, *_place_job(books.get_job(event.job), other_jobs, index, max(books.jobs))), ()
 
 
 @change.register
@@ -33,16 +34,16 @@ def _(event: ev.JobRescheduled, books: Books) -> Result:
 
 
 def _place_job(job: Job, other_jobs: list[Job], index: int, last_id: int) -> Iterator[Job]:
-    """Yield a job with its new rank, and the other jobs with new ranks if no rank between them is free.
+    """Yield a job with its new rank; if its neighbours leave no rank free, yield all jobs with new ranks.
 
     Parameters
     ----------
     other_jobs
-        The other open jobs, in their order.
+        The other open jobs, in the order of the queue.
     index
         Index in `other_jobs` before which the job is put.
     last_id
-        Largest id of any job, and thus the largest rank of a job that was not moved.
+        Largest id of all jobs, and thus the largest rank of a job that was never moved.
     """
     jobs_before, jobs_after = other_jobs[:index], other_jobs[index:]
     if not other_jobs:

@@ -12,7 +12,7 @@ from farm.state.plate_state import PlateState
 from farm.state.reconciliation import (
     handle_unknown_print,
     list_pending_instructions,
-    observe_idle_printer,
+    reconcile_idle_printer,
     reconcile_print,
 )
 
@@ -26,15 +26,15 @@ def test_manual_use_makes_bed_and_filament_unknown():
         bed_unknown_reason="its board was reset, but not by the farm",
     )
     books, _ = apply_events(
-        make_planned_books(), *observe_idle_printer(make_planned_books().printers["a"], snapshot, 5.0)
+        make_planned_books(), *reconcile_idle_printer(make_planned_books().printers["a"], snapshot, 5.0)
     )
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
     assert "reset" in printer.attention_reason
-    assert list(observe_idle_printer(printer, snapshot, 6.0)) == []
+    assert list(reconcile_idle_printer(printer, snapshot, 6.0)) == []
     # Not even an emulator's report replaces the inspection.
     assert (
-        list(observe_idle_printer(printer, snapshot.model_copy(update={"bed_unknown_reason": None}), 7.0))
+        list(reconcile_idle_printer(printer, snapshot.model_copy(update={"bed_unknown_reason": None}), 7.0))
         == []
     )
 
@@ -49,11 +49,11 @@ def test_restarted_agent_knows_the_filament_but_not_the_bed():
     parked_snapshot = first_snapshot.model_copy(update={"filament": FilamentState.PARKED})
     books = make_planned_books()
     for at_s, snapshot in enumerate((first_snapshot, parked_snapshot, parked_snapshot, parked_snapshot)):
-        books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
+        books, _ = apply_events(books, *reconcile_idle_printer(books.printers["a"], snapshot, float(at_s)))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.PARKED)
     assert "not watched" in printer.attention_reason
-    assert list(observe_idle_printer(printer, parked_snapshot, 9.0)) == []
+    assert list(reconcile_idle_printer(printer, parked_snapshot, 9.0)) == []
     cleared_books, _ = apply_events(books, ev.BedCleared(at_s=10.0, printer="a", by="ann"))
     printer = cleared_books.printers["a"]  # no person had to state the position of the filament
     assert (printer.bed, printer.filament) == (Bed.CLEAR, FilamentState.PARKED)
@@ -62,15 +62,15 @@ def test_restarted_agent_knows_the_filament_but_not_the_bed():
 def test_bed_of_an_emulator_is_used_only_if_unknown():
     snapshot = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     books, _ = apply_events(Books(), *make_fleet_events(Bed.UNKNOWN))
-    books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], snapshot, 5.0))
+    books, _ = apply_events(books, *reconcile_idle_printer(books.printers["a"], snapshot, 5.0))
     assert books.printers["a"].bed is Bed.CLEAR
-    assert list(observe_idle_printer(books.printers["a"], snapshot, 6.0)) == []
+    assert list(reconcile_idle_printer(books.printers["a"], snapshot, 6.0)) == []
 
 
 def test_real_printer_does_not_report_its_bed():
     snapshot = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
     books, _ = apply_events(Books(), *make_fleet_events(Bed.UNKNOWN))
-    assert list(observe_idle_printer(books.printers["a"], snapshot, 5.0)) == []
+    assert list(reconcile_idle_printer(books.printers["a"], snapshot, 5.0)) == []
 
 
 def make_report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
@@ -277,7 +277,7 @@ def test_unconfirmed_pause_is_repeated(wanted, state, repeated_value):
 
 def test_cancelled_print_is_not_paused():
     books, _ = apply_events(make_assigned_books(), ev.JobCancelled(at_s=3.0, job=1))
-    with pytest.raises(InvalidTransition, match="print x is assigned and being ended"):
+    with pytest.raises(InvalidTransition, match="print x is assigned and being stopped"):
         apply_events(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
     books, instructions = apply_events(
         make_assigned_books(),
@@ -294,7 +294,7 @@ def test_emulator_provides_the_unknown_bed_or_filament(known_field):
     fields = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
     fields[known_field] = Bed.NOT_CLEAR if known_field == "bed" else FilamentState.AT_NOZZLE
     printer = Printer(name="a", **fields)
-    (event,) = observe_idle_printer(printer, snapshot, 5.0)
+    (event,) = reconcile_idle_printer(printer, snapshot, 5.0)
     books, _ = apply_events(Books.from_entities([printer]), event)
     printer = books.printers["a"]
     bed = Bed.NOT_CLEAR if known_field == "bed" else Bed.CLEAR

@@ -11,14 +11,14 @@ from farm.state import events as ev
 def test_unfit_snapshot_is_logged_and_other_printers_continue(tmp_path, monkeypatch, caplog):
     farm = Farm(tmp_path / "farm")
     farm.report_ready("a", "b", bed_clear=False)
-    observe = telemetry.observe_idle_printer
+    reconcile = telemetry.reconcile_idle_printer
 
-    def observe_unfit_snapshot(printer, snapshot, now_s):
+    def reconcile_unfit_snapshot(printer, snapshot, now_s):
         if printer.name == "a":
             yield ev.PrinterAdded(at_s=now_s, printer="a", bed=Bed.CLEAR)
-        yield from observe(printer, snapshot, now_s)
+        yield from reconcile(printer, snapshot, now_s)
 
-    monkeypatch.setattr(telemetry, "observe_idle_printer", observe_unfit_snapshot)
+    monkeypatch.setattr(telemetry, "reconcile_idle_printer", reconcile_unfit_snapshot)
     old_books = farm.controller.books
     with caplog.at_level(logging.ERROR):
         farm.report_ready("a", nozzle_c=31.0)

@@ -16,7 +16,7 @@ from farm.state.retention import (
     find_keep_reason,
     list_deletable_files,
     list_job_file_names,
-    list_jobs_with_lost_files,
+    list_jobs_pruned_since_backup,
     list_prunable_files,
     list_referenced_files,
     select_jobs,
@@ -130,19 +130,18 @@ def test_replaced_parts_keep_their_files_while_the_job_is_open():
 def test_jobs_with_missing_files_are_found_after_a_restore():
     books = make_old_books((JobState.DONE, 100), (JobState.PRINTING, 0))
     files = list_referenced_files(books) - {"1-p02.stl", "2-p02.stl"}
-    assert list_jobs_with_lost_files(books, files) == [1]
-    assert list_jobs_with_lost_files(prune_job(books, 1), files) == []
+    assert list_jobs_pruned_since_backup(books, files) == [1]
+    assert list_jobs_pruned_since_backup(prune_job(books, 1), files) == []
 
 
 def test_no_job_counts_as_lost_if_the_store_is_unavailable():
     """Keep all jobs if the disk is not mounted, or if a person has moved the folder."""
     books = make_old_books((JobState.DONE, 100), (JobState.PRINTING, 0))
-    assert list_jobs_with_lost_files(books, set()) == []
-    assert (
-        list_jobs_with_lost_files(books, list_referenced_files(books) - {"picture-1.png", "1-p01.stl"}) == []
-    )
+    assert list_jobs_pruned_since_backup(books, set()) == []
+    other_files = list_referenced_files(books) - {"picture-1.png", "1-p01.stl"}
+    assert list_jobs_pruned_since_backup(books, other_files) == []
     unplanned_books = put(books, replace_fields(books.jobs[1], picture=None, parts=(), plates=()))
-    assert list_jobs_with_lost_files(unplanned_books, set()) == []
+    assert list_jobs_pruned_since_backup(unplanned_books, set()) == []
 
 
 _job_lists = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), min_size=1, max_size=8)
