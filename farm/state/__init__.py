@@ -1,7 +1,7 @@
 """State of the farm: the books, the events that change them, and the consequences of events. Pure.
 
-`events` defines the events, `transitions` applies them as the tables in `lifecycles` allow, `storage` keeps
-the books on disk.
+`events` defines the events, `transitions` applies those that the tables in `lifecycles` allow, and `storage`
+keeps the books on disk.
 """
 
 from farm.state.books import Books, put, replace_fields

@@ -20,7 +20,7 @@ def describe_printer(
     Parameters
     ----------
     context
-        The farm.
+        Present data of the farm.
     section
         Section of the printer in `fleet.yaml`.
     hold

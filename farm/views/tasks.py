@@ -109,7 +109,7 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
     Parameters
     ----------
     context, section
-        The farm and the printer.
+        Present data of the farm, and the printer's section of `fleet.yaml`.
     is_lost
         True if the printer is part of an outage, which has one task for all its printers.
     """

@@ -13,7 +13,7 @@ from farm.text import flatten_text
 from farm.views.context import ViewContext
 from farm.views.dashboard.figures import Figures, group_figures, name_month, sum_figures
 from farm.views.history import make_history_row
-from farm.views.jobs import measure_times
+from farm.views.jobs import compute_job_times
 from farm.wording import describe_material
 
 _DAY_S = 86400.0
@@ -92,7 +92,7 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
     Parameters
     ----------
     context
-        The farm.
+        Present data of the farm.
     history_filter
         Filter that selects the prints.
     max_rows
@@ -163,7 +163,7 @@ def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
         state=job.state,
         ended=context.format_time(job.ended_s),
         expected_s=job.expected_s,
-        actual_s=measure_times(context, job).makespan_s if is_printed else None,
+        actual_s=compute_job_times(context, job).makespan_s if is_printed else None,
         assembled=context.format_time(job.assembled_s),
         assembly_expected_s=job.assembly_s,
         assembly_s=job.gluing_s,

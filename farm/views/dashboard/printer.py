@@ -80,7 +80,7 @@ def describe_printer_page(
     Parameters
     ----------
     context
-        The farm.
+        Present data of the farm.
     name
         The printer.
     readings

@@ -11,9 +11,11 @@ from farm.views.jobs.description import (
 )
 from farm.views.jobs.queue import count_waiting_plates, describe_queue, list_queue
 from farm.views.jobs.timeline import describe_timeline
-from farm.views.jobs.times import measure_assembly, measure_times
+from farm.views.jobs.times import compute_assembly_times, compute_job_times
 
 __all__ = [
+    "compute_assembly_times",
+    "compute_job_times",
     "count_waiting_plates",
     "describe_job",
     "describe_jobs",
@@ -22,7 +24,5 @@ __all__ = [
     "describe_timeline",
     "group_waits",
     "list_queue",
-    "measure_assembly",
-    "measure_times",
     "summarise_jobs",
 ]

@@ -23,7 +23,7 @@ from farm.state import Books
 from farm.views.accounting import compute_job_totals
 from farm.views.context import ViewContext
 from farm.views.job_cache import PartsAndPlates
-from farm.views.jobs.times import Run, measure_assembly, measure_times
+from farm.views.jobs.times import Run, compute_assembly_times, compute_job_times
 
 _TEMPORARY_HOLDS = {
     HoldCode.NOT_FIRST, HoldCode.PRINTER_BUSY, HoldCode.JOB_PRINTER_LIMIT, HoldCode.PRINTER_CONNECTING,
@@ -88,8 +88,8 @@ def _describe_figures(
     """Describe a job as a whole, without its parts and plates."""
     books = context.books
     totals = context.job_cache.totals.find(books, job.id, lambda: compute_job_totals(books, job))
-    times = measure_times(context, job)
-    assembly = measure_assembly(job, times.end_s, assembly_ratio)
+    times = compute_job_times(context, job)
+    assembly = compute_assembly_times(job, times.end_s, assembly_ratio)
     return api.JobOverview(
         id=job.id,
         name=job.name,

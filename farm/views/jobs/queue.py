@@ -6,7 +6,7 @@ from farm import api
 from farm.model import Job, JobState
 from farm.state import Books, PlateState
 from farm.views.context import ViewContext
-from farm.views.jobs.times import measure_times
+from farm.views.jobs.times import compute_job_times
 
 
 def list_queue(books: Books) -> list[Job]:
@@ -33,7 +33,7 @@ def describe_queue(context: ViewContext) -> api.Queue:
                 name=job.name,
                 state=job.state,
                 waiting=count_waiting_plates(context.books, job),
-                eta=context.format_time(measure_times(context, job).end_s),
+                eta=context.format_time(compute_job_times(context, job).end_s),
                 submitted_by=job.submitted_by,
             )
             for job in list_queue(context.books)

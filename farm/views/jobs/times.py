@@ -71,7 +71,7 @@ class JobTimes:
     starved_share: float | None
 
 
-def measure_times(context: ViewContext, job: Job) -> JobTimes:
+def compute_job_times(context: ViewContext, job: Job) -> JobTimes:
     """Compute the actual and expected times of a job."""
     prints = context.books.list_job_prints(job)
     plates = [(plate, context.books.find_plate_state(plate)) for plate in context.books.list_plates(job)]
@@ -187,8 +187,8 @@ class AssemblyTimes:
     end_s: float | None
 
 
-def measure_assembly(job: Job, printed_s: float | None, ratio: float) -> AssemblyTimes:
-    """Return the reported or expected times of gluing the parts of a job.
+def compute_assembly_times(job: Job, printed_s: float | None, ratio: float) -> AssemblyTimes:
+    """Compute the times of gluing the parts of a job: reported, or expected.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ from farm.state.books import put, replace_fields
 from farm.views import describe_job, list_history, list_jobs, list_tasks
 from farm.views.context import ViewContext
 from farm.views.dashboard import HistoryFilter, describe_history, write_csv
-from farm.views.jobs import measure_assembly
+from farm.views.jobs import compute_assembly_times
 from farm.views.report import list_figures
 from farm.web.notes import User
 from farm.web.pages.fleet.history import render_history
@@ -126,15 +126,13 @@ def test_page_of_a_job_names_its_instructions(books):
 
 def test_expected_gluing_time_of_other_jobs_follows_the_reports():
     other_job = make_job().model_copy(update={"assembly_s": 1000.0})
-    assert measure_assembly(other_job, 50.0, 1.2).end_s == pytest.approx(1250.0)
+    assert compute_assembly_times(other_job, 50.0, 1.2).end_s == pytest.approx(1250.0)
     failed_job = other_job.model_copy(update={"state": JobState.FAILED})
-    assert measure_assembly(failed_job, 50.0, 1.2).end_s is None
+    assert compute_assembly_times(failed_job, 50.0, 1.2).end_s is None
     glued_job = other_job.model_copy(update={"gluing": Gluing(minutes=10.0, at_s=70.0, by="ann")})
-    assert (measure_assembly(glued_job, 50.0, 9.0).work_s, measure_assembly(glued_job, 50.0, 9.0).end_s) == (
-        600,
-        70,
-    )
-    assert measure_assembly(make_job(), 50.0, 1.0).work_s is None
+    reported_times = compute_assembly_times(glued_job, 50.0, 9.0)
+    assert (reported_times.work_s, reported_times.end_s) == (600, 70)
+    assert compute_assembly_times(make_job(), 50.0, 1.0).work_s is None
 
 
 def test_first_plate_to_be_glued_is_served_first_among_equally_long_ones(books):

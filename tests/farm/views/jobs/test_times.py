@@ -13,7 +13,7 @@ from farm.model import Verdict
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.views import ViewContext
-from farm.views.jobs.times import list_runs, measure_times
+from farm.views.jobs.times import compute_job_times, list_runs
 
 FLEET = Fleet.model_validate(
     {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in "abc"]}
@@ -23,7 +23,7 @@ DAY_S = 86400.0
 
 def compute_times(books, now_s):
     context = ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s)
-    return measure_times(context, books.get_job(1))
+    return compute_job_times(context, books.get_job(1))
 
 
 def make_attempt_events(name, plate, printer, started_s, ended_s):
