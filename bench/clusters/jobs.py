@@ -40,7 +40,7 @@ PRINTER_MODEL = "ultimaker2_plus"
 MODEL_KIND, MODEL_SEED = "organic", 1
 SIDE_MM = 200.0  # longest side of the model for 20 printers; parts are small, so slices take only seconds
 BUDGET_S = 5.0
-PARALLEL_TASKS = {"slice_part", "draw_overview", "draw_step_range", "draw_job_parts", "try_grid"}
+PARALLEL_TASKS = {"slice_part", "draw_overview", "draw_step_range", "draw_job_parts", "make_attempt"}
 """Tasks of which several run at the same time."""
 
 

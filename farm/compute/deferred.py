@@ -1,4 +1,4 @@
-"""References to functions whose modules are loaded at the call, with the files that a call needs."""
+"""References to functions whose modules are imported only when they are called, with the files of a call."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class DeferredFunction:
     target
         Module and function, as ``package.module:function``.
     list_files
-        Lists the files of a call, from its arguments; None for work that stays on this computer.
+        Function that lists the files of a call, from its arguments; None if calls must run on this computer.
     """
 
     target: str

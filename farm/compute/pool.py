@@ -32,7 +32,7 @@ class Pool(Protocol):
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
-        """Run a function in a worker. Cancelling the call ends the function, and the engine that it runs.
+        """Run a function in a worker. Cancelling the call ends the function and its CuraEngine process.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """Pool of worker processes for decomposition and slicing. They have a low priority and end with the daemon.
 
-Each task runs alone in a process. If its job is cancelled or its time is over, that process is killed and
-replaced by a new one; a crash affects no other task. Groups of tasks, such as the jobs that are being
-planned, share the workers evenly; urgent tasks have one more worker, which starts when all others are busy.
+Each process runs one task at a time. If the task is cancelled or exceeds its time limit, the process is
+killed and replaced by a new one; a crash affects no other task. Groups of tasks, such as the tasks of
+one job, share the workers evenly; urgent tasks have one more worker, which starts when all others are busy.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ T = TypeVar("T")
 _MAX_ATTEMPTS = 2
 _RETRY_INTERVAL_S = 5.0
 _GB = 2**30
-_CLOSED_MESSAGE = "the daemon is shutting down: submit it again after `farm up`"
+_CLOSED_MESSAGE = "the daemon is shutting down: submit the job again after `farm up`"
 
 
 def compute_worker_memory_bytes(count: int, memory_gb: float | None) -> int:
@@ -40,8 +40,8 @@ def compute_worker_memory_bytes(count: int, memory_gb: float | None) -> int:
     count
         Number of workers.
     memory_gb
-        Memory of each worker, from `fleet.yaml`; None for a share of the machine that suffices for a large
-        model.
+        Memory of each worker, from `fleet.yaml`; None for a share of the machine's memory that suffices for a
+        large model.
     """
     if memory_gb is not None:
         return int(memory_gb * _GB)
@@ -64,7 +64,8 @@ class WorkerPool:
     Parameters
     ----------
     scratch
-        Folder of the pool, with a folder for the temporary files of each worker, removed with the worker.
+        Folder of the pool. It contains a folder for the temporary files of each worker, which is removed when
+        the worker ends.
     count
         Number of workers, without the one for urgent tasks; by default, the number of cores.
     memory_gb
@@ -158,8 +159,8 @@ class WorkerPool:
                 raise answer.error
             return answer  # type: ignore[no-any-return]
         raise FarmError(
-            f"{limit.work_name} ended its worker process {_MAX_ATTEMPTS} times ({exit_text}): most often "
-            "too little memory; scale the model down or simplify its mesh",
+            f"{limit.work_name} ended its worker process {_MAX_ATTEMPTS} times ({exit_text}), usually "
+            "because of too little memory: scale the model down or simplify its mesh",
             ErrorCode.LIMIT,
         )
 

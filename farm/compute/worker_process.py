@@ -26,14 +26,14 @@ WarmUp = Callable[[Callable[[str], object]], None]
 _PR_SET_PDEATHSIG = 1
 _EXIT_TIMEOUT_S = 2.0  # maximum wall seconds from the closing of the pipe to the exit of the process
 _START_NICE, _WORK_NICE = 5, 19
-"""Niceness while a process starts, and while it works. With the latter, a start would take minutes on a busy
-host."""
+"""Niceness while a process starts, and while it works. With that of the work, a start would take minutes on a
+busy host."""
 _STEP_FILE = "step"
 
 
 @dataclass(frozen=True, slots=True)
 class RaisedError:
-    """Exception that the work raised."""
+    """Exception that a function raised in the process."""
 
     error: Exception
 
@@ -49,7 +49,7 @@ class Worker:
     scratch
         Folder in which the process gets a folder for its temporary files.
     memory_bytes
-        Limit on its data memory.
+        Limit on its data memory (RLIMIT_DATA).
     warm_up
         Function that the process calls first; None if there is none.
     """
@@ -79,7 +79,7 @@ class Worker:
         Returns
         -------
         Any
-            The result of the work, `RaisedError`, or a MemoryError.
+            The result of the function, a `RaisedError`, or a MemoryError.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Worker:
         return signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
 
     def end(self) -> None:
-        """Kill the process, and with it the engine that it runs (see `slicing.engine`)."""
+        """Kill the process, and with it a CuraEngine that it has started (see `slicing.engine`)."""
         self._process.kill()
         self._process.join()
         # The pipe is closed once the thread that may still read from it has seen the end of file.
@@ -115,7 +115,7 @@ def _serve_calls(
         try:
             warm_up((folder / _STEP_FILE).write_text)
         except Exception:
-            traceback.print_exc()  # a task that needs the missing module fails with a message
+            traceback.print_exc()  # a task that needs what could not be loaded fails with a message
     os.nice(_WORK_NICE - _START_NICE)
     (folder / _STEP_FILE).unlink(missing_ok=True)
     while True:

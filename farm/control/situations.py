@@ -18,7 +18,7 @@ from farm.scheduling import (
     SituationBuilder,
     StartRules,
     count_spares,
-    find_plate_holds,
+    find_held_back_plates,
     find_print_limits,
     update_print_ends,
 )
@@ -85,7 +85,7 @@ class Situations:
         """Return the holds of plates that are excluded from assignment, for some jobs or (None) for all."""
         farm = self._farm
         jobs = farm.books.jobs.values() if jobs is None else jobs
-        return find_plate_holds(
+        return find_held_back_plates(
             farm.books, jobs, farm.fleet.printers, self.now_s, self._builder.may_hold_back
         )
 

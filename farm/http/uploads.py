@@ -21,7 +21,7 @@ from farm.control import Controller
 from farm.errors import ErrorCode, FarmError, NotFoundError, RefusedError
 from farm.model import JobOptions
 from farm.paths import StateFolder
-from farm.planning import InspectedSubmission, name_step_file
+from farm.planning import InspectedSubmission, make_inspection_step_path
 from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 
@@ -185,7 +185,7 @@ class Uploads:
             if upload.request_id == request_id:
                 step = "sending" if upload.missing_bytes else self._describe_wait()
                 with suppress(OSError):  # the inspection has not started, or has ended
-                    step = name_step_file(path).read_text() or step
+                    step = make_inspection_step_path(path).read_text() or step
                 return api.UploadView(
                     step=step, received=upload.size_bytes - upload.missing_bytes, size=upload.size_bytes
                 )
@@ -287,4 +287,4 @@ class Uploads:
 def _delete_files(path: Path) -> None:
     """Delete the file of an upload, and the file with the step of its inspection."""
     path.unlink(missing_ok=True)
-    name_step_file(path).unlink(missing_ok=True)
+    make_inspection_step_path(path).unlink(missing_ok=True)

@@ -29,7 +29,7 @@ class DecomposeProgress(BaseModel):
 
 
 class ProgressRate:
-    """Rate of a decomposition since its first report above 0."""
+    """Rate at which a decomposition uses its budget, measured from its first report above 0."""
 
     def __init__(self) -> None:
         self._first_report: tuple[float, float] | None = None  # its share and time

@@ -1,4 +1,4 @@
-"""Conversion of errors of decompose, slicing and drivers into farm errors with a code."""
+"""Conversion of errors of the packages decompose, slicing and drivers into farm errors with a code."""
 
 from __future__ import annotations
 

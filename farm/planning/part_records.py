@@ -1,4 +1,4 @@
-"""Records of one part in the stages of planning: decomposed, to be sliced, sliced."""
+"""Records of one part at the stages of planning: decomposed, to be sliced, sliced."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class DecomposedPart:
     Attributes
     ----------
     stl
-        File in printing pose.
+        STL file of the part in its printing pose.
     price_s
-        Printing time of the part by the cost model of the decomposition.
+        Printing time of the part, as estimated by the cost model of the decomposition.
     printer
         Name of the printer for which the part was cut.
     glue_rank
-        Place in the order in which parts are glued, from 1; None if it has none.
+        Position in the order in which parts are glued, from 1; None if the part has none.
     """
 
     id: str
@@ -50,7 +50,7 @@ class DecomposedPart:
 
     @staticmethod
     def from_part(part: DecompositionPart, folder: Path, glue_rank: int | None = None) -> DecomposedPart:
-        """Describe a part of a decomposition that was written into a folder."""
+        """Make the record of a part from a decomposition whose files are in a folder."""
         low, high = part.solid.bounds_mm
         return DecomposedPart(
             id=part.id,
@@ -85,23 +85,23 @@ class DecomposedPart:
 
 @dataclass(frozen=True, slots=True)
 class SliceTask:
-    """Work for a slicing worker: one part, to be printed alone.
+    """Task to slice one part, which is printed alone.
 
     Attributes
     ----------
     part_name
         Name of the part, for messages.
     stl
-        File in printing pose.
+        STL file of the part in its printing pose.
     settings
         Settings of the quality, for which `usable_volumes` were computed. The brim, the first layer and the
         layer height of the part may differ from them.
     usable_volumes
-        Boxes of the bed that the part may fill.
+        Boxes above the bed that the part may fill.
     out
         The G-code file to write.
     cache
-        Folder of earlier slices; None for none.
+        Folder of earlier slices; None for no cache.
     """
 
     part_name: str
@@ -127,7 +127,7 @@ class SliceBatch:
     folder
         Folder for the G-code.
     cache
-        Folder of earlier slices; None for none.
+        Folder of earlier slices; None for no cache.
     """
 
     parts: tuple[DecomposedPart, ...]
@@ -152,11 +152,11 @@ class SlicedPart:
 
     @property
     def features(self) -> FeatureSeconds:
-        """Sliced seconds of each feature of its layers."""
+        """Printing time of each feature of its layers (walls, infill, ...), according to the slice."""
         return FeatureSeconds(**asdict(self.result.features))
 
     def compute_expected_s(self, time_factors: TimeFactors = NOMINAL_TIME_FACTORS) -> float:
-        """Return the seconds from the first command of its print to the last; see `compute_plate_seconds`."""
+        """Return the expected time of its print in seconds; see `compute_plate_seconds`."""
         settings = self.task.settings
         return compute_plate_seconds(
             PROFILES[self.printer.model],

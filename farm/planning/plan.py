@@ -1,6 +1,6 @@
-"""Records of a job in the stages of planning: inspected, to be decomposed, decomposed, sliced, planned.
+"""Records of a job at the stages of planning: inspected, to be decomposed, decomposed, sliced, planned.
 
-There are no partial plans. For the order of the steps see `farm.planning`.
+If a step fails, the job gets no plan. For the order of the steps see `farm.planning`.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from farm.model import (
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 MIN_REBALANCE_DELAY_S, MIN_REBALANCE_DELAY_SHARE = 120.0, 0.01
-"""Cuts are moved if the last printer ends later than the mean by at least this time, and by at least this
-share of the longest time."""
+"""The cuts are moved if the last printer ends later than the mean of all printers: by at least this time, and
+by at least this share of the longest printing time."""
 
 
 class TooFewPrinters(FarmError):
-    """Error for a model that needs more parts than its job has printers."""
+    """Error for a model that needs more parts than its job has printers; `needed_count` printers suffice."""
 
     def __init__(self, message: str, needed_count: int) -> None:
         super().__init__(message, ErrorCode.NO_FIT)
@@ -41,8 +41,8 @@ class TooFewPrinters(FarmError):
         return TooFewPrinters, (str(self), self.needed_count)
 
 
-def name_step_file(upload: Path) -> Path:
-    """Return the path of the file beside an upload that contains the current step of its inspection."""
+def make_inspection_step_path(upload: Path) -> Path:
+    """Return the path of the file, beside an upload, that contains the current step of its inspection."""
     return upload.with_name(f"{upload.name}.step")
 
 
@@ -52,8 +52,12 @@ class InspectedSubmission:
 
     Attributes
     ----------
+    file
+        Name in the file store.
     repairs
         Repairs and other changes, in sentences.
+    scale
+        Factor by which the model was scaled.
     """
 
     file: str
@@ -73,12 +77,8 @@ class PlanRequest:
         The printers for which it is planned.
     round_count
         Number of rounds of printing: the maximum number of parts per printer.
-    time_factors
-        Time factors of the printers, learned from their prints, by name.
-    time_limit_s
-        Time within which the job must be printed; None for no limit.
-    assembly_ratio
-        Ratio of reported to expected times of assembly.
+    time_factors, time_limit_s, assembly_ratio
+        See `DecomposeTask`.
     is_quick
         True if planning is expected to take seconds, and must not wait for other work.
     """
@@ -98,21 +98,24 @@ class DecomposeTask:
 
     Attributes
     ----------
+    job
+        Id of the job.
     model
         The model that `inspect_model` stored.
     folder
         Scratch folder of the plan.
     time_factors
-        Time factors of the printers, learned from their prints, by name; nominal for other printers.
+        Time factors that were learned from prints, by the name of the printer; printers without an entry have
+        nominal factors.
     time_limit_s
         Time within which the job must be printed (`--done-by`), or printed and glued (`--assembled-by`);
         None for no limit.
     assembly_ratio
-        Ratio of reported to expected times of assembly.
+        Ratio of the assembly times that people reported to the expected times.
     budget_s
-        Budget of the search for parts; None for the decomposition's default.
+        Time budget of the search for parts; None for the default of the decomposition.
     may_pause
-        True to return a `PausedDecomposition` before a round of several attempts of the search.
+        True to return a `PausedDecomposition` before each round in which the search makes several attempts.
     """
 
     job: int
@@ -160,11 +163,11 @@ class DecomposedJob:
     Attributes
     ----------
     serial_price_s
-        Price of the whole model in one piece, including the heat-up.
+        Printing time of the whole model in one piece, as estimated by the cost model, including the heat-up.
     drawing_record
-        File for `draw_job_parts` (farm.planning.parts.job_drawing).
+        File that `draw_job_parts` reads (farm.planning.parts.job_drawing).
     cut_record
-        File for `rebalance_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
+        File that `rebalance_parts` reads (farm.planning.parts.cut_record); None if the cuts cannot be moved.
     assembly_s
         A person's time to glue the parts; None for a single part.
     step_count
@@ -206,13 +209,14 @@ class SlicedJob:
     def should_rebalance(self) -> bool:
         """Return whether the last printer ends late enough to justify moving the cuts and reslicing.
 
-        The result is False if a printer has several parts, because equal parts would then not be equal loads.
+        The result is False if a printer has several parts, because moving the cuts makes the times of the
+        parts equal, not those of the printers.
         """
         printer_times_s = self.compute_printer_times_s()
         delay_s = self.compute_makespan_s() - sum(printer_times_s.values()) / len(printer_times_s)
         min_delay_s = max(MIN_REBALANCE_DELAY_S, MIN_REBALANCE_DELAY_SHARE * self.compute_makespan_s())
-        is_movable = self.decomposed_job.cut_record is not None and len(printer_times_s) == len(self.parts)
-        return is_movable and delay_s >= min_delay_s
+        can_move_cuts = self.decomposed_job.cut_record is not None and len(printer_times_s) == len(self.parts)
+        return can_move_cuts and delay_s >= min_delay_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Builder of one plan: decompose, slice, move the cuts to balance the sliced times, store the files."""
+"""Builder of one plan: decompose, slice, move the cuts to balance the printers, store the files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _POLL_INTERVAL_S = 0.5  # wall seconds between two readings of the progress of a
 
 
 class PlanBuilder:
-    """Builder of the plan of one job, in the workers.
+    """Builder of the plan of one job; the workers do the computations.
 
     Parameters
     ----------
@@ -125,11 +125,11 @@ class PlanBuilder:
         return SlicedJob(task, decomposed_job, await slice_batch(self._workers, batch, count_slice))
 
     async def _rebalance_job(self, sliced_job: SlicedJob) -> SlicedJob:
-        """Move the cuts as long as the slowest printer may end sooner; return the best job by its slices.
+        """Move the cuts as long as the slowest printer may end sooner; return the job that ends soonest.
 
-        If a part takes longer after a move than its price says, the next move takes that into account.
+        If a part takes longer after a move than estimated, the next move takes that into account.
         """
-        job, best_job = sliced_job.task.job, sliced_job
+        job_id, best_job = sliced_job.task.job, sliced_job
         for _ in range(_MAX_REBALANCES):
             if not sliced_job.should_rebalance():
                 break
@@ -145,10 +145,10 @@ class PlanBuilder:
                     continue
                 await self._drawings.finish(sliced_job.task, decomposed_job)
             except FarmError as error:
-                log.warning("job %d: its cuts are not moved: %s", job, error, extra={"job": job})
+                log.warning("job %d: its cuts are not moved: %s", job_id, error, extra={"job": job_id})
                 break
             except Exception:  # the plan is valid without moved cuts
-                log.exception("job %d: its cuts are not moved", job, extra={"job": job})
+                log.exception("job %d: its cuts are not moved", job_id, extra={"job": job_id})
                 break
             await self._drawings.stop(best_job.task.folder)
             best_job = sliced_job
@@ -157,13 +157,13 @@ class PlanBuilder:
     async def _move_cuts(
         self, sliced_job: SlicedJob, best_job: SlicedJob, folder: Path
     ) -> DecomposedJob | None:
-        """Move the cuts, while idle workers draw the best parts, because these may stay unchanged."""
+        """Move the cuts; meanwhile, idle workers draw the best parts so far, which may be the final ones."""
         best_ratio = best_job.compute_makespan_s() / sliced_job.compute_makespan_s()
         move_future = asyncio.ensure_future(
             self._workers.run(rebalance_parts, sliced_job, folder, best_ratio, limit=DECOMPOSING_LIMIT)
         )
         try:
-            await asyncio.sleep(0)  # lets the move take a worker before the drawings
+            await asyncio.sleep(0)  # lets the move take a worker before the drawings do
             if self._workers.has_idle_worker:
                 self._drawings.start(best_job.task, best_job.decomposed_job)
             decomposed_job = await move_future

@@ -1,4 +1,4 @@
-"""Recording of a plan: records of its parts and plates, with their files in the store."""
+"""Storage of a plan: its files are put into the file store, its parts and plates become records."""
 
 from __future__ import annotations
 
@@ -31,7 +31,15 @@ class PlateNames:
 
 
 def store_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: Part | None = None) -> Part:
-    """Put a part's file into the store and return its record."""
+    """Put a part's file into the store and return the record of the part.
+
+    Parameters
+    ----------
+    files
+        The store.
+    cut_from
+        The planned part from which this piece was cut; None for a part of the first plan.
+    """
     return Part(
         id=names.part,
         job=names.job,
@@ -127,7 +135,9 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
 
 
 def _estimate_serial_s(sliced_job: SlicedJob) -> float:
-    """Estimate the time of the whole model in one piece: its price, scaled by the slices of the parts.
+    """Estimate the time of the whole model in one piece.
+
+    This is the estimate of the cost model, times the ratio of sliced to estimated times of the parts.
 
     Slicing the whole model would take minutes, and no printer could print the result.
     """

@@ -25,7 +25,10 @@ from farm.state import events as ev
 def build_planned_event(
     job: Job, plan: Plan, printers: Iterable[FleetPrinter], books: Books, rules: StartRules, now_s: float
 ) -> ev.JobPlanned:
-    """Build the event of a plan, with its expected time, including waits for rounds, hours or heating."""
+    """Build the event that records a plan, with its expected time on idle printers.
+
+    The time includes the waits between rounds of printing, for permitted hours, and for the heating limit.
+    """
     used_printers = {plate.printer for plate in plan.plates}
     printers = list(printers)
     fleet = [make_idle_printer(printer) for printer in printers if printer.name in used_printers]
@@ -73,7 +76,7 @@ def build_planned_event(
 def _describe_missed_deadlines(
     job: Job, print_end_s: float, gluing_s: float, rules: StartRules, now_s: float
 ) -> Iterator[str]:
-    """Yield a sentence for each deadline that will be missed; `gluing_s` is the time to glue the parts."""
+    """Yield a sentence for each deadline that will be missed; gluing the parts takes `gluing_s`."""
     deadlines = (
         ("printed", job.done_by_s, print_end_s),
         ("assembled", job.assembled_by_s, print_end_s + gluing_s),

@@ -30,7 +30,7 @@ def compute_plate_seconds(
     nozzle_c, bed_c
         First-layer temperatures. The start code heats the bed first, then the nozzle.
     time_factor
-        Time factor of the printer, for the layers only (`update_time_factor`).
+        Factor by which the printer's layers take longer than sliced (farm.state.printer_speed).
     """
     bed_s = max(0.0, profile.bed.compute_heating_s(bed_c) - HOMING_S)
     return (
@@ -43,23 +43,23 @@ def compute_plate_seconds(
 
 
 def compute_overhead_s(section: PrinterSection, settings: EngineSettings) -> float:
-    """Return the time of a plate on a printer apart from its layers, in seconds."""
+    """Return the seconds that a plate takes on a printer in addition to the time of its layers."""
     return compute_plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
 
 
 def reassign_loads(
     loads_s: Mapping[str, float], kinds: Mapping[str, Hashable], time_factors: Mapping[str, float]
 ) -> dict[str, str]:
-    """Exchange the loads of equal printers so that the fastest has the largest.
+    """Exchange the loads of printers of one kind, so that the fastest printer has the largest load.
 
     Parameters
     ----------
     loads_s
-        Load of each printer in the plan, in seconds; 0 for missing printers.
+        Load of each printer in the plan, in seconds, by name; 0 for a printer without an entry.
     kinds
-        Kind of each usable printer; loads are exchanged only between printers of one kind.
+        Kind of each usable printer, by name.
     time_factors
-        Time factors of the printers, by name; 1 for a printer that is not named.
+        Time factors of the printers, by name; 1 for a printer without an entry.
 
     Returns
     -------

@@ -15,12 +15,12 @@ from slicing.settings import EngineSettings, Resources, SettingsRequest, find_re
 
 
 def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -> list[PrinterSection]:
-    """Return the enabled printers, at least one, that have a job's material and colour and are in its `only`.
+    """Return the enabled printers that have a job's material and colour; with `only`, those that it names.
 
     Raises
     ------
     RefusedError
-        If no printer matches; the message says why.
+        If there is no such printer; the message says why.
     """
     enabled_sections = [section for section in printers if section.enabled]
     matching_sections = [
@@ -39,7 +39,7 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
                 f"{' '.join(options.only)} is disabled{lack}: send the file to the address of another printer"
             )
         raise RefusedError(
-            f"no printer of the fleet has {filament}; it has {', '.join(available)}"
+            f"no printer of the fleet has {filament}; the fleet has {', '.join(available)}"
             if available
             else "all printers of the fleet are disabled"
         )
@@ -114,7 +114,7 @@ def find_usable_volumes(section: PrinterSection, brim_mm: float) -> tuple[Usable
 def list_max_part_sizes_mm(
     usable_volumes: tuple[UsableVolume, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
-    """Return the largest sizes (x, y, z) in mm that a part may have before shrinkage compensation."""
+    """Return for each volume the largest size (x, y, z) of a part in mm, before shrinkage compensation."""
     xy, z = settings.scale_xy, settings.scale_z
     return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in usable_volumes))
 
@@ -123,7 +123,7 @@ def list_max_part_sizes_mm(
 def list_bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:
     """Return the boxes in which a printer can print.
 
-    Each is (min_x, min_y, max_x, max_y, height) in mm from the bed's centre.
+    Each box is (min_x, min_y, max_x, max_y, height), in mm from the centre of the bed.
     """
     return tuple(
         (box.rect.min_x_mm, box.rect.min_y_mm, box.rect.max_x_mm, box.rect.max_y_mm, box.height_mm)

@@ -7,21 +7,18 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from farm.compute import SLICING_LIMIT, PoolShare
-from farm.planning.part_records import SliceBatch, SlicedPart
-from farm.planning.tasks import slice_part
-
-if TYPE_CHECKING:
-    from farm.planning.part_records import DecomposedPart, SliceTask
-    from slicing.plate import PlateResult
-
 from farm.planning.error_translation import translate_errors
-from farm.planning.part_records import SliceTask
+from farm.planning.part_records import DecomposedPart, SliceBatch, SlicedPart, SliceTask
 from farm.planning.printer_settings import (
     build_settings_request,
     find_usable_volumes,
     resolve_printer_settings,
 )
+from farm.planning.tasks import slice_part
 from slicing.settings import find_engine, find_resources
+
+if TYPE_CHECKING:
+    from slicing.plate import PlateResult
 
 
 async def slice_batch(

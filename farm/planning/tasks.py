@@ -1,6 +1,6 @@
-"""Functions of planning that run in worker processes; their modules load numpy, meshes and Cura there.
+"""Planning functions that run in worker processes. Only the workers import their modules, which load numpy.
 
-Functions with a list of their files can also run on a computer without a shared disk.
+A function whose files are listed by one of the functions below can also run on another computer.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def list_decompose_files(task: DecomposeTask) -> TaskFiles:
-    """List the files of `decompose_job`: the model, and the folder of the plan with its progress."""
+    """List the files of `decompose_job`: the model, and the plan's folder with the progress file."""
     return TaskFiles(
         input_files=(task.model,),
         output_folders=(task.folder,),
@@ -28,7 +28,7 @@ def list_decompose_files(task: DecomposeTask) -> TaskFiles:
 
 
 def list_attempt_files(task: DecomposeTask, record: Path, _number: int, folder: Path) -> TaskFiles:
-    """List the files of `try_grid`: the model, the record of the search, the folder of the attempt."""
+    """List the files of `make_attempt`: the model, the record of the search, the folder of the attempt."""
     return TaskFiles(
         input_files=(task.model, record), output_folders=(folder,), live_files=(folder / PROGRESS_FILE_NAME,)
     )
@@ -49,7 +49,7 @@ def list_overview_files(drawing_record: Path, out: Path) -> TaskFiles:
     return TaskFiles(input_files=(drawing_record,), output_files=(out,))
 
 
-def list_step_files(drawing_record: Path, _first: int, _end: int, out: Path) -> TaskFiles:
+def list_step_range_files(drawing_record: Path, _first: int, _end: int, out: Path) -> TaskFiles:
     """List the files of `draw_step_range`: the record of the parts, and the pictures."""
     return TaskFiles(input_files=(drawing_record,), output_files=(out,))
 
@@ -79,7 +79,7 @@ def list_slice_files(task: SliceTask) -> TaskFiles:
 
 
 def list_cut_files(task: ReplanTask) -> TaskFiles:
-    """List the files of `cut_part`: all parts of the copy, the job's reports, and the pieces' folder."""
+    """List the files of `cut_part`: all parts of that copy of the model, reports, and the pieces' folder."""
     names = (*(part.file for part in (task.part, *task.other_parts)), *task.reports)
     return TaskFiles(input_files=tuple(task.files / name for name in names), output_folders=(task.folder,))
 
@@ -89,7 +89,7 @@ if TYPE_CHECKING:
     from farm.planning.inspection.own_gcode import plan_gcode
     from farm.planning.parts.decompose_job import decompose_job, warm_up_planning
     from farm.planning.parts.job_drawing import draw_job_parts, draw_overview, draw_step_range
-    from farm.planning.parts.paused_decomposition import continue_job, try_grid
+    from farm.planning.parts.paused_decomposition import continue_job, make_attempt
     from farm.planning.parts.rebalance_parts import rebalance_parts
     from farm.planning.parts.slice_part import slice_part
     from farm.planning.replanning.cut_part import cut_part
@@ -101,13 +101,17 @@ else:
     decompose_job = DeferredFunction("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
     draw_job_parts = DeferredFunction("farm.planning.parts.job_drawing:draw_job_parts", list_draw_files)
     draw_overview = DeferredFunction("farm.planning.parts.job_drawing:draw_overview", list_overview_files)
-    draw_step_range = DeferredFunction("farm.planning.parts.job_drawing:draw_step_range", list_step_files)
+    draw_step_range = DeferredFunction(
+        "farm.planning.parts.job_drawing:draw_step_range", list_step_range_files
+    )
     rebalance_parts = DeferredFunction(
         "farm.planning.parts.rebalance_parts:rebalance_parts", list_rebalance_files
     )
     warm_up_planning = DeferredFunction("farm.planning.parts.decompose_job:warm_up_planning")
     plan_gcode = DeferredFunction("farm.planning.inspection.own_gcode:plan_gcode")
-    try_grid = DeferredFunction("farm.planning.parts.paused_decomposition:try_grid", list_attempt_files)
+    make_attempt = DeferredFunction(
+        "farm.planning.parts.paused_decomposition:make_attempt", list_attempt_files
+    )
     slice_part = DeferredFunction("farm.planning.parts.slice_part:slice_part", list_slice_files)
     cut_part = DeferredFunction("farm.planning.replanning.cut_part:cut_part", list_cut_files)
 
@@ -119,9 +123,9 @@ __all__ = [
     "draw_overview",
     "draw_step_range",
     "inspect_submission",
+    "make_attempt",
     "plan_gcode",
     "rebalance_parts",
     "slice_part",
-    "try_grid",
     "warm_up_planning",
 ]

@@ -25,7 +25,7 @@ from farm.scheduling.assignment import (
 )
 from farm.scheduling.forecast import Forecast, Slot, compute_printing_s, forecast_prints, make_idle_printer
 from farm.scheduling.forecast_cache import ForecastCache
-from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
+from farm.scheduling.holds import find_held_back_plates, find_next_change_s, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
 from farm.scheduling.matching import (
     Capabilities,
@@ -89,9 +89,9 @@ __all__ = [
     "describe_plates",
     "estimate_remaining_s",
     "find_filament_shortage",
+    "find_held_back_plates",
     "find_holds",
     "find_next_change_s",
-    "find_plate_holds",
     "find_print_limits",
     "forecast_prints",
     "join_names",

@@ -1,4 +1,4 @@
-"""Admission of jobs to planning: the printers for which each job is planned, and the order of jobs. Pure.
+"""Admission of jobs to planning: for which printers each job is planned, and in which order. Pure.
 
 A job is planned as soon as it is submitted, even while no printer is free, so that its time and filament are
 known while its plates wait. Quick jobs never wait for others.
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from farm.model import Hold, HoldCode, Job, JobState, Link
 from farm.scheduling.assignment import Assignment, assign_plates
 from farm.scheduling.holds import join_names
-from farm.scheduling.matching import FleetPrinter, Requirements
+from farm.scheduling.matching import TEMPORARY_CODES, FleetPrinter, Requirements
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import derive_job_requirements
 from farm.state import Books
@@ -23,18 +23,12 @@ MAX_QUICK_FACES = 200_000
 """Maximum number of triangles of a model that is planned in seconds, if it fits into one printer."""
 SPARE_PURPOSE = "a failed part (--spares)"
 """Purpose of a spare printer, for messages."""
-_BRIM_MM = 10.0  # brim on each side of a part, only to estimate whether a model fits
-_TEMPORARY_CODES = (
-    HoldCode.PRINTER_BUSY,
-    HoldCode.BED_NOT_CLEAR,
-    HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.REEL_UNCERTAIN,
-)
+_BRIM_MM = 10.0  # width of the brim, only to estimate whether a model fits
 
 
 @dataclass(frozen=True, slots=True)
 class PrinterChoice:
-    """Printers for which a job is planned, and the number of rounds: the maximum number of parts for each."""
+    """Printers for which a job is planned, and the number of rounds; a printer prints one part per round."""
 
     printers: tuple[str, ...]
     round_count: int = 1
@@ -55,8 +49,8 @@ class JobRequest:
     spare_count
         Number of free printers to leave idle, as long as the job has at least one printer.
     starts_later
-        True if the job waits for a start time or for approval. Busy printers then count too, because
-        the queue at that time is unknown.
+        True if the job waits for a start time or for approval. It is then planned for busy printers too,
+        because nobody knows which printers will be free at its start.
     """
 
     requirements: Requirements
@@ -81,18 +75,18 @@ class PendingPlan:
 
 @dataclass(frozen=True, slots=True)
 class Availability:
-    """Availability of the fleet to a job in the queue.
+    """Availability of the printers to a job that is to be planned.
 
     Attributes
     ----------
     printers
-        The fleet; at least one printer matches.
+        The fleet; at least one of its printers matches the job.
     reservations
         Free printers that are reserved, each with its purpose: a plate or a job.
     replan_printers
         Printers for which plates are being replanned: chosen only if there are no others.
     is_starting
-        True just after the start of the farm: jobs wait for printers that are still connecting.
+        True just after the start of the farm, when jobs wait for printers that are still connecting.
     attended_only_printers
         Printers on which no print may start while nobody is present: chosen only if there are no others.
     """
@@ -104,7 +98,7 @@ class Availability:
     attended_only_printers: frozenset[str] = frozenset()
 
     def with_pending_plans(self, pending_plans: Iterable[PendingPlan]) -> Availability:
-        """Return the availability in which the printers of some pending plans are reserved too."""
+        """Return the availability if the printers of these plans are reserved too."""
         return replace(self, reservations={**list_pending_printers(pending_plans), **self.reservations})
 
 
@@ -128,11 +122,12 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
 
 
 def choose_printers(request: JobRequest, availability: Availability) -> PrinterChoice | Hold:
-    """Choose the printers that a job is planned for.
+    """Choose the printers for which a job is planned.
 
-    All matching printers that are idle and clear are chosen. If there are none, or they cannot print the job
-    in one round (one part each), printers that are busy or wait for a person are added; absent or broken
-    printers only if there are no others. If even these cannot print the job in one round, it gets several.
+    These are all matching idle printers with a clear bed. If there are none, or they cannot print the job in
+    one round (one part each), printers that are busy or wait for a person are added. Absent or broken
+    printers are used only if there are no others. If all of these cannot print the job in one round, it is
+    printed in several rounds.
     """
     matching_printers = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
@@ -163,9 +158,12 @@ def choose_printers(request: JobRequest, availability: Availability) -> PrinterC
 def list_usable_printers(
     matching_printers: list[FleetPrinter], availability: Availability
 ) -> list[FleetPrinter]:
-    """List the matching printers that are free or need no repair to become free; all if there are none."""
+    """List the matching printers that are free, or become free without a repair; all if there are none.
+
+    Of these, `attended_only_printers` and `replan_printers` are listed only if there are no others.
+    """
     usable_printers = [
-        p for p in matching_printers if (hold := p.find_obstacle()) is None or hold.code in _TEMPORARY_CODES
+        p for p in matching_printers if (hold := p.find_obstacle()) is None or hold.code in TEMPORARY_CODES
     ]
     attended_only = availability.attended_only_printers
     startable = [p for p in usable_printers if p.name not in attended_only] or usable_printers
@@ -180,10 +178,10 @@ def choose_unreserved_printers(
     priority: int,
     pending_plans: Iterable[PendingPlan],
 ) -> PrinterChoice | Hold:
-    """Choose the printers of a job while others are being planned.
+    """Choose the printers for which a job is planned, while other jobs are being planned.
 
-    The printers of these jobs are not available to jobs of the same or a lower priority, and to other jobs
-    only if no other matching printer is free.
+    The printers of those jobs are not available to jobs of the same or a lower priority. They are available
+    to a job of a higher priority only if no other matching printer is free.
 
     Parameters
     ----------
@@ -192,7 +190,7 @@ def choose_unreserved_printers(
     priority
         The job's priority.
     pending_plans
-        The reserved printers of the jobs that are being planned.
+        The jobs that are being planned, with their printers.
     """
     plans = list(pending_plans)
     all_reserved = availability.with_pending_plans(plans)
@@ -205,7 +203,7 @@ def choose_unreserved_printers(
 
 
 def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
-    """Return whether planning takes seconds: for own G-code, or a small model that fits into one printer."""
+    """Return whether planning takes seconds: for own G-code, and small models that fit into one printer."""
     if job.own_gcode is not None:
         return True
     options, size = job.options, job.size
@@ -223,7 +221,7 @@ def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class StartPlanning:
-    """Instruction to plan a job for these printers; see `PrinterChoice` and `is_quick`."""
+    """Instruction to plan a job for some printers; see `PrinterChoice` and `is_quick`."""
 
     job: int
     printers: tuple[str, ...]
@@ -247,10 +245,10 @@ class JobAdmission:
 
     def __init__(self) -> None:
         self._min_parts: dict[int, int] = {}
-        self._planned_printers: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
+        self._planned_printers: dict[int, frozenset[str]] = {}  # for each job that is being planned
 
     def set_min_parts(self, job: int, part_count: int) -> None:
-        """Store the number of parts that a job needs according to an attempt to plan it."""
+        """Store the number of parts that a job needs, as found by an attempt to plan it."""
         self._min_parts[job] = part_count
 
     def begin_planning(self, decision: StartPlanning) -> None:
@@ -271,7 +269,7 @@ class JobAdmission:
     def decide(
         self, books: Books, situation: Situation, availability: Availability
     ) -> Iterator[StartPlanning | HoldJob]:
-        """Yield a decision on each queued job: to start its planning, or to hold it for a reason.
+        """Yield a decision on each queued job: start its planning, or hold it for a reason.
 
         Parameters
         ----------
@@ -329,7 +327,8 @@ def list_reservations(situation: Situation, replan_printers: Mapping[str, str]) 
         Printers for which plates are being replanned, each with the plate.
     """
     assignments: Iterable[Assignment] = ()
-    if situation.rules.max_heating is not None:  # plates that start once another printer has heated up
+    if situation.rules.max_heating is not None:
+        # A plate that waits only because of the heating limit reserves its printer.
         assignments = assign_plates(replace(situation, rules=replace(situation.rules, max_heating=None)))
     return {
         **dict.fromkeys(situation.spare_printers, SPARE_PURPOSE),
@@ -339,7 +338,7 @@ def list_reservations(situation: Situation, replan_printers: Mapping[str, str]) 
 
 
 def limit_availability(availability: Availability, situation: Situation, job: Job) -> Availability:
-    """Return the availability at a job's start; if nobody is present then, some printers are chosen last."""
+    """Return the availability at a job's start; if nobody is present then, set `attended_only_printers`."""
     start_s = max(situation.now_s, job.not_before_s or 0.0)
     is_attended = job.options.hold or situation.rules.is_attended(start_s)
     attended_only_printers = frozenset(

@@ -14,7 +14,7 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import find_filament_shortage
 
 LARGE_FLEET_SIZE = 200
-"""Number of printers above which the scheduler runs only once a second, because its runs take long."""
+"""Number of printers above which the scheduler runs only once a second, because a run takes long."""
 MAX_STARTS = 15
 """Maximum number of starts in one commit. The daemon handles messages between two commits."""
 
@@ -32,10 +32,10 @@ def assign_plates(situation: Situation) -> list[Assignment]:
 
     Plates are assigned by priority, then in order of submission, then the longest first (LPT). A plate
     gets the printer of its plan if that is free. Otherwise it gets a matching free printer, preferably one
-    for which no waiting plate was planned, then the one with the lowest build height. If all of these are
-    taken, an earlier plate moves to another matching printer (an augmenting path), so that no printer stays
-    idle because of the order. A plate returns to a printer on which it failed only if no other is free. A
-    job never prints on more printers at the same time than it requested.
+    for which no waiting plate was planned, and of those the one with the lowest build height. If all matching
+    printers are taken, an earlier plate moves to another matching printer (an augmenting path), so that no
+    printer stays idle because of the order. A plate returns to a printer on which it failed only if no
+    other is free. A job never prints on more printers at the same time than it requested.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def assign_plates(situation: Situation) -> list[Assignment]:
 
 
 def select_possible_assignments(assignments: Iterable[Assignment], situation: Situation) -> list[Assignment]:
-    """Select the assignments of an earlier situation that are still possible together in this one."""
+    """Select the assignments of an earlier situation that can be made together in the current one."""
     free, fleet = {p.name for p in situation.free_printers}, situation.fleet
     waiting = {plate.id: plate for plate in situation.waiting_plates}
     limit, started_by_job = _count_allowed_starts(situation), Counter[int]()
@@ -74,7 +74,7 @@ def select_possible_assignments(assignments: Iterable[Assignment], situation: Si
 
 
 def _can_take_plate(situation: Situation, printer: FleetPrinter, plate: WaitingPlate) -> bool:
-    """Return whether a plate may start now on a printer that is free."""
+    """Return whether a plate may start now on this free printer."""
     return (
         plate.requirements.matches(printer.capabilities)
         and find_filament_shortage(plate, printer) is None

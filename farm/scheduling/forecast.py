@@ -1,4 +1,4 @@
-"""Forecast of the printer and the time of each waiting plate, with a lower bound of the end. Pure."""
+"""Forecast of the printer and the time of each waiting plate, with a lower bound on the end. Pure."""
 
 from __future__ import annotations
 
@@ -9,22 +9,21 @@ from collections import Counter
 from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from farm.model import Bed, FilamentState, HoldCode, Link
-from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate, choose_spares
+from farm.model import Bed, FilamentState, Link
+from farm.scheduling.matching import (
+    TEMPORARY_CODES,
+    Capabilities,
+    FleetPrinter,
+    WaitingPlate,
+    choose_spares,
+)
 from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates
 from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
 CLEARING_TIME_S = 900.0
 """Time that a person needs to clear a bed."""
-_TEMPORARY_CODES = (
-    None,
-    HoldCode.PRINTER_BUSY,
-    HoldCode.BED_NOT_CLEAR,
-    HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.REEL_UNCERTAIN,
-)
-_CHANGES_PER_STEP = 400  # about 5 ms
+_CHANGES_PER_STEP = 400  # they take about 5 ms
 _HORIZON_S = 15 * 86400.0  # if no plate starts within this time, no plate ever will
 _PRINT_END, _HEATING_END, _CLEARING_END, _JOB_START = range(4)
 """Kinds of change; simultaneous changes are handled in this order."""
@@ -32,7 +31,7 @@ _PRINT_END, _HEATING_END, _CLEARING_END, _JOB_START = range(4)
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """Time of a plate on a printer, in seconds since the epoch."""
+    """Start and end of a plate on a printer, in seconds since the epoch."""
 
     plate: str
     printer: str
@@ -46,19 +45,20 @@ class Forecast:
 
     slots: tuple[Slot, ...]
     unprintable_plates: tuple[str, ...]
-    end_s: float  # end of the last slot; now if there is none
-    lower_bound_s: float  # lower bound of the end for any order of the plates
+    end_s: float  # end of the last slot; the current time if there is none
+    lower_bound_s: float  # lower bound on the end, for any assignment and order of the plates
 
     @property
     def start_s(self) -> float:
+        """Start of the first slot; the current time if there is none."""
         return min((slot.start_s for slot in self.slots), default=self.end_s)
 
 
 def forecast_prints(situation: Situation, include_bound: bool = True) -> Forecast:
     """Forecast the prints of all waiting plates by simulating the farm's decisions.
 
-    Plates are matched with printers by the code of `farm.scheduling.assignment` whenever a printer becomes
-    free or has heated up, a job may use another printer, or attended or quiet hours begin or end. Between two
+    Plates are matched with printers as by `assign_plates` whenever a printer becomes free or has heated up, a
+    job may use another printer, or attended or quiet hours begin or end. Between two
     plates on a printer, a person must be present to clear its bed. Absent or broken printers are used only if
     there are no others. If all printers are alike and free, a job takes at most 4/3 of the shortest possible
     time (Graham 1969, LPT), plus the few seconds by which the order of gluing may change the order of plates
@@ -69,7 +69,7 @@ def forecast_prints(situation: Situation, include_bound: bool = True) -> Forecas
     situation
         Waiting plates, fleet and rules. The result does not depend on the order of plates and printers.
     include_bound
-        True to compute a lower bound; else the bound is the current time.
+        True to compute the lower bound; if False, it is the current time.
     """
     steps = forecast_in_steps(situation, include_bound)
     while True:
@@ -83,12 +83,12 @@ def forecast_prints(situation: Situation, include_bound: bool = True) -> Forecas
 def forecast_in_steps(situation: Situation, include_bound: bool = True) -> Generator[None, None, Forecast]:
     """Forecast the prints of all waiting plates, as `forecast_prints` does, in short steps.
 
-    Yields after each step, and returns the forecast.
+    The generator yields after each step, and returns the forecast.
     """
     rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
     usable_printers = [
-        p for p in fleet if ((hold := p.find_obstacle()) and hold.code) in _TEMPORARY_CODES
+        p for p in fleet if (hold := p.find_obstacle()) is None or hold.code in TEMPORARY_CODES
     ] or fleet
     simulation = _Simulation(situation, usable_printers)
     yield from simulation.run()
@@ -115,7 +115,7 @@ class _Simulation:
 
     def __init__(self, situation: Situation, usable_printers: Sequence[FleetPrinter]) -> None:
         self.slots: list[Slot] = []
-        self.queue = {job.rank: {p.id: p for p in job.plates} for job in situation.waiting_plates.jobs}
+        self.queue = {job.queue_rank: {p.id: p for p in job.plates} for job in situation.waiting_plates.jobs}
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         # Number of plates to print by job, including those being printed.
         self._remaining_plates = Counter(plate.job for plate in situation.waiting_plates)
@@ -170,8 +170,8 @@ class _Simulation:
                 self._now_s = edge_s
                 self._blocked_printers.clear()
                 edge_s = self._find_next_edge_s()
-                if change_s == self._now_s:  # first, a job may get another printer when its print ends
-                    continue
+                if change_s == self._now_s:
+                    continue  # handle the change first: when a print ends, its job may use another printer
             elif change_s == math.inf:
                 return
             else:
@@ -206,7 +206,7 @@ class _Simulation:
             self._blocked_printers.clear()
 
     def _match_plates(self) -> bool:
-        """Start the plates that can start; return whether there were any."""
+        """Start the plates that can start now; return whether there were any."""
         if self._spares:
             self._blocked_printers.clear()  # the spares depend on the waiting plates
         free = self._idle - self._blocked_printers
@@ -264,7 +264,7 @@ class _Simulation:
 
 
 def make_idle_printer(printer: FleetPrinter) -> FleetPrinter:
-    """Return a printer as if it were idle and clear, for the simulation."""
+    """Return a printer as if it were idle with a clear bed, for the simulation."""
     return replace(
         printer,
         bed=Bed.CLEAR,
@@ -278,14 +278,14 @@ def make_idle_printer(printer: FleetPrinter) -> FleetPrinter:
 
 
 def compute_printing_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
-    """Compute the printing time of a plate from the time factors of a printer and of the planned printer."""
+    """Compute the printing time of a plate on a printer from its expected time on the planned printer."""
     layers_s = plate.expected_s - plate.overhead_s
     factor = printer.time_factors.compute_factor(plate.feature_shares)
     return plate.overhead_s + layers_s * factor / plate.time_factor
 
 
 def _find_ready_time_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
-    """Return the time at which a printer is idle and clear."""
+    """Return the time at which a printer will be idle with a clear bed."""
     if printer.find_obstacle() is None:
         return now_s
     return rules.find_clearing_end_s(max(now_s, printer.print_end_s or now_s), CLEARING_TIME_S)
@@ -317,10 +317,11 @@ def _compute_lower_bound_s(
     rules: StartRules,
     now_s: float,
 ) -> float:
-    """Return a lower bound of the end of any schedule on these printers.
+    """Return a lower bound on the end of any schedule on these printers.
 
-    The larger of two bounds: the end of each plate on the printer where it ends soonest; and, for each set of
-    printers, the total time of the plates that fit only these, divided among them once each is ready.
+    It is the largest of these bounds: the end of each plate on the printer on which it ends soonest; and, for
+    each set of printers, the time at which they end if the plates that fit no other printer are divided
+    evenly among them.
     """
     bound_s = now_s
     work_s: dict[frozenset[str], float] = {}
@@ -345,7 +346,7 @@ def _compute_lower_bound_s(
 
 
 def _compute_completion_s(work_s: float, ready_times_s: Sequence[float]) -> float:
-    """Return the time at which machines, ready at these ascending times, finish an amount of work."""
+    """Return the time at which printers, ready at these ascending times, finish an amount of work."""
     level_s = ready_times_s[0]
     for count, next_s in enumerate([*ready_times_s[1:], float("inf")], 1):
         capacity_s = (next_s - level_s) * count
@@ -353,4 +354,4 @@ def _compute_completion_s(work_s: float, ready_times_s: Sequence[float]) -> floa
             return level_s + work_s / count
         work_s -= capacity_s
         level_s = next_s
-    raise AssertionError("the last machine takes the remaining work")
+    raise AssertionError("the last printer takes the remaining work")

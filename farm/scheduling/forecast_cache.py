@@ -1,4 +1,4 @@
-"""Cache of the forecast: the expected ends of all waiting plates, and the time of their forecast."""
+"""Cache of the forecast: the expected ends of all waiting plates, and the time at which it was made."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ExpectedEnds:
     ends_by_plate_s
         End of each plate that a printer can take, in seconds since the epoch.
     at_s
-        Farm time of the forecast; minus infinity before the first.
+        Farm time at which the forecast was made; minus infinity before the first.
     """
 
     ends_by_plate_s: Mapping[str, float] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class ForecastCache:
     clock
         The farm's clock.
     find_books, find_situation
-        Return the committed books, and the situation to forecast.
+        Functions that return the committed books, and the situation to forecast.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class ForecastCache:
         return self._ends
 
     def find_background_work(self) -> Iterator[None] | None:
-        """Return the steps that compute the forecast of a large queue; None if no forecast is due."""
+        """Return the steps that compute the forecast of a large queue; None if there are none to do."""
         steps = self._find_due_work()
         return steps if self._is_large else None
 

@@ -30,14 +30,14 @@ def may_hold_back(books: Books, job: Job) -> bool:
     return False
 
 
-def find_plate_holds(
+def find_held_back_plates(
     books: Books,
     jobs: Iterable[Job],
     printers: Iterable[PrinterSection],
     now_s: float,
     may_hold: Callable[[Books, Job], bool] = may_hold_back,
 ) -> dict[str, Hold]:
-    """Find the waiting plates that are excluded from assignment, with the reasons.
+    """Find the waiting plates that are excluded from assignment, even if a printer is free for them.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def find_plate_holds(
     now_s
         Farm time, seconds since the epoch.
     may_hold
-        `may_hold_back`, or a function that caches its answers.
+        `may_hold_back`, or a function that caches its results.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def find_plate_holds(
 
 
 def _find_loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
-    """Return the earliest end of the holds for lost printers (JUST_LOST); infinity without such a hold."""
+    """Return the earliest end of a hold with the code JUST_LOST; infinity if there is none."""
     lost_prints = (
         books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST
     )
@@ -86,7 +86,7 @@ def _find_loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
 def find_next_change_s(
     situation: Situation, books: Books, held_back_plates: Mapping[str, Hold], other_times_s: Iterable[float]
 ) -> float:
-    """Return the next time at which a decision changes without an event; infinity for never.
+    """Return the next time at which a decision may change without an event; infinity for never.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def find_next_change_s(
     books
         The committed books.
     held_back_plates
-        The plates that are excluded from assignment.
+        The plates that are excluded from assignment, with the reasons.
     other_times_s
         Other times at which decisions may change.
     """
@@ -109,7 +109,10 @@ def find_next_change_s(
 
 
 def _has_not_reported(books: Books, printer: str) -> bool:
-    """Return whether an agent has not listed its prints since the backup; False in maintenance."""
+    """Return whether an agent has not reported its prints since the database was restored from a backup.
+
+    The result is False for a printer in maintenance.
+    """
     entry = books.get_printer(printer)
     return entry.unreported_since_s is not None and entry.maintenance is None
 
@@ -117,7 +120,7 @@ def _has_not_reported(books: Books, printer: str) -> bool:
 def _find_hold(books: Books, job: Job, plate: Plate, unreported_printers: str, now_s: float) -> Hold | None:
     """Find the hold of a plate that may not start on any printer; None if it may.
 
-    `unreported_printers` names the printers that may have printed the plate since the backup.
+    `unreported_printers` are the names of the printers that may have printed the plate since the backup.
     """
     state = books.find_plate_state(plate)
     if state is PlateState.OUT_OF_ATTEMPTS:
@@ -159,18 +162,18 @@ _MAX_NAMES = 4  # maximum number of names in a sentence; the others are counted
 
 @dataclass(frozen=True, slots=True)
 class _PrinterGroup:
-    """Printers that match the same plates, with the properties that apply to all of these plates.
+    """Printers that match the same plates, with their state, which all of these plates share.
 
     Attributes
     ----------
     names
-        The printers.
+        Names of the printers.
     idle_printers
-        The printers that are idle and clear, and get no other plate now, by name.
+        Names of the idle printers with a clear bed to which no plate is assigned now.
     busy_hold
         Hold for busy printers; None if none is busy.
     obstacle
-        Obstacle of the first printer that cannot take a plate; None if all can.
+        Reason of the first printer on which no print can start; None if prints can start on all.
     """
 
     names: frozenset[str]
@@ -187,11 +190,11 @@ class HoldReasons:
     situation
         The current situation.
     assigned_printers
-        Printers that are assigned a plate now.
+        Printers to which plates are assigned now.
     spare_printers
         Free printers that are kept as spares for failed plates.
     heating_limit
-        Limit on printers that heat at the same time, if it is reached; else None.
+        Limit on printers that heat at the same time; None if it is not reached.
     """
 
     def __init__(
@@ -210,11 +213,13 @@ class HoldReasons:
         fleet = situation.fleet
         self._obstacles = {name: printer.find_obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
-        self._groups: dict[tuple[Capabilities, ...], _PrinterGroup] = {}  # by the kinds that do not match
+        # The key of a group is the capabilities that do not match its plates.
+        self._groups: dict[tuple[Capabilities, ...], _PrinterGroup] = {}
         idle_printers = frozenset(name for name, hold in self._obstacles.items() if hold is None)
         self._idle_printers = idle_printers - assigned_printers
 
     def make_job_limit_hold(self) -> Hold:
+        """Make the hold for a job that prints on as many printers as it may use."""
         return Hold(
             code=HoldCode.JOB_PRINTER_LIMIT,
             text="its job already uses as many printers as it may (--printers)",
@@ -269,7 +274,7 @@ class HoldReasons:
         return planned_hold or reel_hold or group.obstacle or _make_all_assigned_hold()
 
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
-        """Return why an idle, clear printer does not get a plate; None if another plate was assigned."""
+        """Return the reason why an idle printer does not get a plate; None if there is none."""
         printer = self._situation.fleet[name]
         reel_hold = find_filament_shortage(plate, printer)
         if reel_hold is not None:
@@ -289,7 +294,7 @@ class HoldReasons:
         return None
 
     def _make_busy_hold(self, names: tuple[str, ...]) -> Hold | None:
-        """Make the hold for busy printers, with its expected end and a way to start earlier."""
+        """Make the hold for busy printers: until when they print, and how a plate could start earlier."""
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:

@@ -1,4 +1,4 @@
-"""Parsing of times, and weekly windows on the calendar. Pure."""
+"""Weekly hours as spans on the calendar, and parsing of times that a user enters. Pure."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from functools import lru_cache
 
 from farm.week_windows import DAYS, Window
 
-_SEARCH_DAYS = 15  # two weeks contain a whole span of any weekly windows
+_SEARCH_DAYS = 15  # in two weeks, every weekly window occurs as a whole
 _MAX_SPAN_S = 8 * 86400.0  # a longer span has no gap and never ends
 Span = tuple[float, float]
-"""Start and end of a window on the calendar, in seconds since the epoch."""
+"""Start and end of windows that touch or overlap, in seconds since the epoch."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hours:
-    """Weekly windows in a time zone. Times are seconds since the epoch.
+    """Weekly windows in a time zone, such as the attended hours.
 
     A local time that daylight saving time skips is moved an hour later. At a local time that occurs twice,
     windows start at the first occurrence and end at the second, so that they include every minute.
@@ -29,7 +29,7 @@ class Hours:
     zone: tzinfo
 
     def find_span(self, at_s: float) -> Span | None:
-        """Return the half-open span around `at_s`, or None. The end of a span that never ends is infinity."""
+        """Return the half-open span that contains `at_s`; None if there is none. It may end at infinity."""
         return next((span for span in self._list_spans_near(at_s) if span[0] <= at_s < span[1]), None)
 
     def find_next_span(self, at_s: float) -> Span | None:
@@ -37,7 +37,7 @@ class Hours:
         return next((span for span in self._list_spans_near(at_s) if span[0] > at_s), None)
 
     def find_next_edge_s(self, at_s: float) -> float | None:
-        """Return the next start or end of a window; None if there is none."""
+        """Return the next start or end of a span; None if there is none."""
         current, next_span = self.find_span(at_s), self.find_next_span(at_s)
         if current is not None:
             return None if math.isinf(current[1]) else current[1]
@@ -50,7 +50,7 @@ class Hours:
 
 @lru_cache(maxsize=64)
 def _list_spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, ...]:
-    """Return the merged spans in order, starting on the day before `day`."""
+    """Return the spans of two weeks in order, from the day before `day`, the ordinal of a date."""
     spans = []
     for ordinal in range(day - 1, day + _SEARCH_DAYS):
         date = datetime.fromordinal(ordinal).replace(tzinfo=zone)
@@ -83,7 +83,7 @@ _TIME_PATTERN = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
 
 
 def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
-    """Parse a time as its next occurrence, in seconds since the epoch.
+    """Parse a time that a user enters; return its next occurrence, in seconds since the epoch.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Printers, waiting plates, the match of capabilities and requirements, and spare printers. Pure."""
+"""Printers and waiting plates: capabilities that must match requirements, and spare printers. Pure."""
 
 from __future__ import annotations
 
@@ -9,12 +9,20 @@ from functools import cached_property
 from farm.model import NOMINAL_TIME_FACTORS, Bed, FilamentState, Hold, HoldCode, Link, Shares, TimeFactors
 
 Demand = tuple[str | None, str | None, float | None, str | None, tuple[str, ...]]
-"""Material, colour, nozzle diameter in mm, family and printers that a plate requires; None or empty: any."""
+"""Requirements of a plate apart from its size: material, colour, nozzle diameter in mm, printer family, and
+names of printers; None or empty for any."""
 Box = tuple[float, float, float, float, float]
 """min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
 
 TOLERANCE_MM = 0.05
 """Tolerance of comparisons with the extents of a slice, which are rounded."""
+TEMPORARY_CODES = (
+    HoldCode.PRINTER_BUSY,
+    HoldCode.BED_NOT_CLEAR,
+    HoldCode.FILAMENT_UNKNOWN,
+    HoldCode.REEL_UNCERTAIN,
+)
+"""Codes of obstacles (`FleetPrinter.find_obstacle`) that end by themselves or by a person's quick action."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +34,7 @@ class Capabilities:
     build_boxes
         Boxes in which the printer can print; one of them must contain all extrusion of a plate.
     family
-        Printer family, whose members accept the same G-code; None: any.
+        Family of printers that accept the same G-code; None if unknown.
     requested_name
         Name of the printer if an open job requests it; else None, so that printers of one kind are equal.
     """
@@ -40,7 +48,7 @@ class Capabilities:
     requested_name: str | None = None
 
     def has_material(self, material: str | None) -> bool:
-        """Return whether the printer has a material, requested by the name of its file or its kind."""
+        """Return whether the printer has a material, given by its kind or by the name of its file."""
         return material in (None, self.material, self.material_kind)
 
     @cached_property
@@ -48,7 +56,7 @@ class Capabilities:
         return max((height_mm for *_, height_mm in self.build_boxes), default=0.0)
 
     def meets(self, demand: Demand) -> bool:
-        """Return whether a plate with this demand matches, apart from its size."""
+        """Return whether the printer meets a demand."""
         material, colour, nozzle_mm, family, allowed_printers = demand
         return (
             self.has_material(material)
@@ -79,28 +87,28 @@ last part by little more than this."""
 
 @dataclass(frozen=True)
 class FleetPrinter:
-    """Printer with all data that determine whether it can take a plate."""
+    """Printer, with all data that determine whether a plate can be assigned to it."""
 
     name: str
     capabilities: Capabilities
     bed: Bed
     filament: FilamentState
     link: Link
-    is_booked: bool  # an open print is assigned to it
-    attention_reason: str | None  # reason why a person has to inspect it
-    maintenance: str | None = None  # reason why a person has taken it out of use
+    is_booked: bool  # a print that has not ended is assigned to it
+    attention_reason: str | None  # reason why a person must inspect it; None if none
+    maintenance: str | None = None  # reason why a person took it out of use
     is_heating: bool = False
     print_end_s: float | None = None  # expected end of its print
     job: int | None = None  # id of the job that it is printing
     heating_end_s: float | None = None  # expected end of its heat-up
-    grams: float | None = None  # filament on its reel that its open print does not need; None: unknown
+    grams: float | None = None  # filament on its reel, without what its print needs; None: unknown
     is_reel_uncertain: bool = False  # `grams` may be too high
     time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints
     may_print_unattended: bool = True  # may print while nobody is present
     attended_reason: str = ""  # reason why it may not print unattended
 
     def find_obstacle(self) -> Hold | None:
-        """Return the reason why no print can start now; None if the printer is idle and clear."""
+        """Return the reason why no print can start now; None if the printer is idle and its bed is clear."""
         return self._obstacle
 
     @cached_property
@@ -161,7 +169,7 @@ class Requirements:
         return capabilities.meets(self.demand) and (self.box is None or capabilities.can_contain(self.box))
 
     def describe(self, mismatched_capabilities: tuple[Capabilities, ...] = ()) -> str:
-        """Describe the requirements that any of the capabilities fails to meet; all if none are given."""
+        """Describe the requirements that some of these capabilities do not meet; all if there are none."""
         texts = []
         if self.material and (
             not mismatched_capabilities
@@ -187,20 +195,20 @@ class Requirements:
         ):
             texts.append(" or ".join(self.allowed_printers))
         if self.box is not None:
-            x0, y0, x1, y1, height = self.box
-            width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
-            needs_height = any(height > kind.height_mm + TOLERANCE_MM for kind in mismatched_capabilities)
-            needs_width = any(not kind.can_contain((x0, y0, x1, y1, 0.0)) for kind in mismatched_capabilities)
+            x0, y0, x1, y1, height_mm = self.box
+            area = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
+            needs_height = any(height_mm > kind.height_mm + TOLERANCE_MM for kind in mismatched_capabilities)
+            needs_area = any(not kind.can_contain((x0, y0, x1, y1, 0.0)) for kind in mismatched_capabilities)
             if not mismatched_capabilities:
-                texts.append(f"{width} and {height:.0f} mm of height")
+                texts.append(f"{area} and {height_mm:.0f} mm of height")
             else:
-                texts += [f"{height:.0f} mm of height"] * needs_height + [width] * needs_width
+                texts += [f"{height_mm:.0f} mm of height"] * needs_height + [area] * needs_area
         return ", ".join(texts)
 
 
 @dataclass(frozen=True)
 class WaitingPlate:
-    """Plate that waits for a printer."""
+    """Plate that waits for a printer, with all data that determine its assignment."""
 
     id: str
     requirements: Requirements
@@ -214,11 +222,11 @@ class WaitingPlate:
     time_factor: float = 1.0  # factor of the planned printer, included in `expected_s`
     feature_shares: Shares | None = None  # shares of the features in the time of its layers
     first_layer_s: float = 0.0  # time from its start to the end of its first layer
-    failed_on: frozenset[str] = frozenset()
-    is_repeat: bool = False  # it was printed before, but the print failed or its part is bad
+    failed_on: frozenset[str] = frozenset()  # printers on which its prints failed
+    is_reprint: bool = False  # it was printed before, but the print failed or its part is bad
     extra_printer_count: int | None = None  # number of further printers that its job may use; None: no limit
-    not_before_s: float | None = None
-    glue_rank: int = 0  # place in the order in which the parts of its job are glued; 0: none
+    not_before_s: float | None = None  # start time of its job; None: as soon as possible
+    glue_rank: int = 0  # position of its part in the order of gluing; 0: none
 
     @cached_property
     def priority_key(self) -> tuple[int, float, int, float, int, float, str]:
@@ -231,7 +239,7 @@ class WaitingPlate:
 
     @cached_property
     def demand(self) -> Demand:
-        """Its requirements without the size; thousands of plates have few distinct demands."""
+        """Requirements without the size; thousands of plates have few distinct demands."""
         return self.requirements.demand
 
     @cached_property
@@ -243,14 +251,14 @@ class WaitingPlate:
 def choose_spares(
     printers: Iterable[FleetPrinter], planned_printers: Collection[str], spare_count: int
 ) -> frozenset[str]:
-    """Return the `spare_count` largest free printers for which no waiting plate was planned."""
+    """Choose the tallest free printers for which no waiting plate was planned, at most `spare_count`."""
     free = [p for p in printers if p.name not in planned_printers and p.find_obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
     return frozenset(printer.name for printer in free[:spare_count])
 
 
 def may_take_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:
-    """Return whether a plate may take a spare: it failed elsewhere, or its own printer is out of use."""
+    """Return whether a plate may take a spare printer: it failed, or its planned printer is out of use."""
     planned_printer = fleet.get(plate.planned_printer)
     if (
         plate.failed_on

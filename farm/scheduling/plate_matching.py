@@ -11,7 +11,7 @@ from farm.scheduling.plate_queue import QueueRank
 from farm.scheduling.start_rules import StartRules, StartWindow, compute_needed_grams
 
 Queue = Iterable[tuple[QueueRank, Iterable[WaitingPlate]]]
-"""Waiting plates by job; jobs and their plates in the order in which they are served."""
+"""Waiting plates by job, as `PlateQueue` orders them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class FleetOrder:
     rank_by_name
         Rank of each printer in order of build height, then of name.
     kind_by_name
-        Number of each printer's kind; printers of one kind differ only in name and reel.
+        Number that identifies the kind of each printer; printers of one kind differ only in name and reel.
     """
 
     rank_by_name: Mapping[str, int]
@@ -31,7 +31,7 @@ class FleetOrder:
 
     @classmethod
     def from_printers(cls, printers: Iterable[FleetPrinter]) -> FleetOrder:
-        """Create the order of these printers."""
+        """Determine the order and the kinds of printers."""
         by_height = sorted(printers, key=lambda p: (p.capabilities.height_mm, p.name))
         numbers: dict[tuple[Capabilities, bool], int] = {}
         return cls(
@@ -45,14 +45,14 @@ class FleetOrder:
 
 @dataclass(frozen=True, slots=True)
 class MatchingInputs:
-    """Input of the matching: state of the printers and limits at one time.
+    """Input of the matching: state of the printers, and limits, at a given time.
 
     Attributes
     ----------
     fleet
         All printers by name, in their current state.
     free_printers
-        Printers to match: idle and clear.
+        Names of the printers to match, which are idle and have a clear bed.
     order
         Order and kinds of the printers.
     planned_printers
@@ -118,14 +118,15 @@ class _PrinterKind:
 
     capabilities: Capabilities
     names: list[str]
-    # The worst first, for plates planned for other printers; it may still contain assigned printers.
+    # In reverse order of preference, for plates that were planned for other printers. Printers that were
+    # assigned meanwhile may still be in it.
     unassigned_printers: list[str]
     max_grams: float  # largest amount on a reel
     window: StartWindow
 
     @classmethod
     def from_printers(cls, names: list[str], inputs: MatchingInputs) -> _PrinterKind:
-        """Create the kind from its free printers."""
+        """Describe a kind by the names of its free printers."""
         first = inputs.fleet[names[0]]
         max_grams = max(_get_available_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.find_start_window(first.may_print_unattended, inputs.now_s)
@@ -137,7 +138,7 @@ class _PrinterKind:
 
 
 class _Matching:
-    """Bipartite matching of plates and free printers that grows by augmenting paths."""
+    """Bipartite matching of plates and free printers, which is extended along augmenting paths."""
 
     def __init__(self, inputs: MatchingInputs) -> None:
         self.plate_by_printer: dict[str, WaitingPlate] = {}
@@ -157,7 +158,7 @@ class _Matching:
         return False
 
     def place(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate, moving placed plates if necessary; return whether one was found."""
+        """Find a printer for a plate, and move other plates if necessary; return whether one was found."""
         return self._augment(plate, set())
 
     def place_on_any_printer(self, plate: WaitingPlate) -> bool:
@@ -169,6 +170,7 @@ class _Matching:
         return False
 
     def _augment(self, plate: WaitingPlate, visited_printers: set[str]) -> bool:
+        """Extend the matching by a plate along an augmenting path; return whether there was one."""
         if not plate.failed_on:  # most plates find an unassigned printer, without a list of all choices
             name = self._find_unassigned_printer(plate)
             if name is not None:
@@ -213,7 +215,7 @@ class _Matching:
         return best
 
     def _rank_choice(self, plate: WaitingPlate, name: str) -> tuple[bool, bool, int]:
-        """Return the sort key of a plate's choices: the smallest is the best."""
+        """Return the sort key of a printer among the choices of a plate; the smallest is the best."""
         return (
             name != plate.planned_printer,
             name in self._inputs.planned_printers,

@@ -1,4 +1,4 @@
-"""Queue of waiting plates by job, in the order in which they are served. Pure."""
+"""Queue of waiting plates by job, in the order in which they are assigned. Pure."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from operator import attrgetter
 from farm.scheduling.matching import Demand, WaitingPlate
 
 QueueRank = tuple[int, float, int]
-"""Negative priority, rank and id of a job; the smallest is served first."""
+"""Sort key of a job in the queue: its negative priority, its rank among jobs of that priority, and its id."""
 
 
 @dataclass(frozen=True)
 class JobPlates:
-    """Waiting plates of one job, in the order in which they are served, with their common properties.
+    """Waiting plates of one job in the order of the queue, with the sets of their properties.
 
     Instances are cached, because most jobs do not change from one situation to the next.
     """
@@ -25,12 +25,12 @@ class JobPlates:
 
     @classmethod
     def from_plates(cls, plates: Iterable[WaitingPlate]) -> JobPlates:
-        """Create the record of a job from its waiting plates in any order."""
+        """Sort the waiting plates of a job."""
         return cls(tuple(sorted(plates, key=attrgetter("priority_key"))))
 
     @cached_property
-    def rank(self) -> QueueRank:
-        """Rank of the job."""
+    def queue_rank(self) -> QueueRank:
+        """Sort key of the job."""
         return self.plates[0].queue_rank
 
     @property
@@ -39,12 +39,13 @@ class JobPlates:
         return self.plates[0].job
 
     @cached_property
-    def ids(self) -> frozenset[str]:
+    def plate_ids(self) -> frozenset[str]:
+        """Ids of the plates."""
         return frozenset({plate.id for plate in self.plates})
 
     @cached_property
     def planned_printers(self) -> frozenset[str]:
-        """Printers for which the plates were planned."""
+        """Names of the printers for which the plates were planned."""
         return frozenset({plate.planned_printer for plate in self.plates})
 
     @cached_property
@@ -58,13 +59,13 @@ class JobPlates:
         return frozenset({plate.not_before_s for plate in self.plates if plate.not_before_s is not None})
 
     @cached_property
-    def repeats(self) -> tuple[WaitingPlate, ...]:
+    def reprints(self) -> tuple[WaitingPlate, ...]:
         """Plates that were printed before."""
-        return tuple(plate for plate in self.plates if plate.is_repeat)
+        return tuple(plate for plate in self.plates if plate.is_reprint)
 
     @cached_property
     def extra_printer_counts(self) -> dict[int, int]:
-        """Number of additional printers for the job, by its id; empty for no limit."""
+        """Number of additional printers that the job may use, by its id; empty for no limit."""
         return {
             plate.job: plate.extra_printer_count
             for plate in self.plates
@@ -74,14 +75,14 @@ class JobPlates:
 
 @dataclass(frozen=True)
 class PlateQueue(Collection[WaitingPlate]):
-    """Waiting plates of all jobs, in the order in which they are served."""
+    """Waiting plates of all jobs, in the order in which they are assigned."""
 
     jobs: tuple[JobPlates, ...] = ()
 
     @classmethod
     def from_jobs(cls, jobs: Iterable[JobPlates]) -> PlateQueue:
         """Create a queue from the plates of jobs in any order; jobs without plates are left out."""
-        return cls(tuple(sorted((job for job in jobs if job.plates), key=attrgetter("rank"))))
+        return cls(tuple(sorted((job for job in jobs if job.plates), key=attrgetter("queue_rank"))))
 
     @classmethod
     def from_plates(cls, plates: Iterable[WaitingPlate]) -> PlateQueue:
@@ -101,34 +102,34 @@ class PlateQueue(Collection[WaitingPlate]):
         return isinstance(plate, WaitingPlate) and any(plate in job.plates for job in self.jobs)
 
     def without(self, plates: Collection[str]) -> PlateQueue:
-        """Return the queue without some plates."""
+        """Return the queue without the plates with these ids."""
         if not plates:
             return self
         jobs = (
             job
-            if job.ids.isdisjoint(plates)
+            if job.plate_ids.isdisjoint(plates)
             else JobPlates(tuple(plate for plate in job.plates if plate.id not in plates))
             for job in self.jobs
         )
         return PlateQueue(tuple(job for job in jobs if job.plates))
 
     def limit_to_rank(self, rank: QueueRank) -> PlateQueue:
-        """Return the queue up to and including the job of a rank."""
-        return PlateQueue(tuple(job for job in self.jobs if job.rank <= rank))
+        """Return the queue without the jobs after a rank."""
+        return PlateQueue(tuple(job for job in self.jobs if job.queue_rank <= rank))
 
     def list_plates_with_demands(
         self, demands: Collection[Demand]
     ) -> Iterator[tuple[QueueRank, Sequence[WaitingPlate]]]:
-        """Yield the rank of each job that has plates with these demands, with those plates."""
+        """Yield each job that has plates with these demands: its rank, and those plates."""
         for job in self.jobs:
             if job.demands.issubset(demands):
-                yield job.rank, job.plates
+                yield job.queue_rank, job.plates
             elif not job.demands.isdisjoint(demands):
-                yield job.rank, [plate for plate in job.plates if plate.demand in demands]
+                yield job.queue_rank, [plate for plate in job.plates if plate.demand in demands]
 
     @cached_property
     def planned_printers(self) -> frozenset[str]:
-        """Printers for which the plates were planned."""
+        """Names of the printers for which the plates were planned."""
         return frozenset().union(*(job.planned_printers for job in self.jobs))
 
     @cached_property
@@ -142,9 +143,9 @@ class PlateQueue(Collection[WaitingPlate]):
         return frozenset().union(*(job.earliest_starts_s for job in self.jobs))
 
     @property
-    def repeats(self) -> Iterator[WaitingPlate]:
+    def reprints(self) -> Iterator[WaitingPlate]:
         """Plates that were printed before."""
-        return chain.from_iterable(job.repeats for job in self.jobs)
+        return chain.from_iterable(job.reprints for job in self.jobs)
 
     @property
     def extra_printer_counts(self) -> dict[int, int]:

@@ -1,4 +1,4 @@
-"""Input of all scheduling decisions: the state of the farm at one time. Pure."""
+"""Input of all scheduling decisions: the state of the farm at a given time. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Situation:
     Attributes
     ----------
     waiting_plates
-        The plates that may go to a printer, in the order in which they are served.
+        The plates that may be assigned to a printer, in the order in which they are assigned.
     printers
         The fleet, in any order.
     rules
@@ -26,7 +26,7 @@ class Situation:
     now_s
         Farm time, seconds since the epoch.
     time_scale
-        Farm seconds per wall second, to convert the duration of work in processes, which is in wall seconds.
+        Farm seconds per wall second, to convert the duration of computations, which is in wall seconds.
     spares
         Number of free printers that each printing job keeps for parts that fail while nobody is present
         (`--spares`), by the id of the job.
@@ -46,7 +46,7 @@ class Situation:
 
     @cached_property
     def free_printers(self) -> tuple[FleetPrinter, ...]:
-        """Printers that are idle and clear, by name."""
+        """Idle printers with a clear bed, in the order of their names."""
         return tuple(printer for printer in self.fleet.values() if printer.find_obstacle() is None)
 
     @cached_property
@@ -57,11 +57,11 @@ class Situation:
         return choose_spares(self.printers, self.waiting_plates.planned_printers, max(self.spares.values()))
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
-        """Return whether fleet.yaml and the plate's start time let it start on a printer now."""
+        """Return whether the rules and its start time allow a plate to start on a printer now."""
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
 
     def find_next_change_s(self) -> float:
-        """Return the next time at which the set of plates that can start changes; infinity for never.
+        """Return the next time at which the rules allow other plates to start; infinity for never.
 
         Until then, scheduling the same plates and printers gives the same result.
         """
@@ -69,7 +69,7 @@ class Situation:
         return min((self.rules.find_next_change_s(self.waiting_plates, self.printers, self.now_s), *starts_s))
 
     def without(self, plates: Collection[str]) -> Situation:
-        """Return the situation without some of the waiting plates."""
+        """Return the situation without the waiting plates with these ids."""
         return replace(self, waiting_plates=self.waiting_plates.without(plates)) if plates else self
 
     def with_waiting_plates(self, plates: Iterable[WaitingPlate]) -> Situation:

@@ -1,4 +1,4 @@
-"""Builder of situations from fleet, books and the agents' latest snapshots.
+"""Descriptions of printers and plates for the scheduler, from fleet, books and the agents' latest snapshots.
 
 Pure except for the cache of `SituationBuilder`: unchanged printers and jobs are not described again.
 """
@@ -38,11 +38,11 @@ def _describe_printer(
     section: PrinterSection,
     books: Books,
     snapshot: AgentSnapshot | None,
-    attempt: Print | None,
+    open_print: Print | None,
     find_build_volumes: BuildVolumeFinder,
 ) -> FleetPrinter:
     entry = books.get_printer(section.name)
-    attention_reason = entry.attention_reason
+    attention_reason, time_factors = entry.attention_reason, entry.time_factors
     if snapshot is not None and snapshot.link is Link.FAULT and attention_reason is None:
         attention_reason = snapshot.reason or "its agent reports a fault"
     attended_reason = _find_attended_reason(section, snapshot)
@@ -52,18 +52,18 @@ def _describe_printer(
         bed=entry.bed,
         filament=entry.filament,
         link=snapshot.link if snapshot is not None else Link.STARTING,
-        is_booked=attempt is not None,
+        is_booked=open_print is not None,
         attention_reason=attention_reason,
         maintenance=entry.maintenance,
-        is_heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
-        print_end_s=None if attempt is None else _compute_expected_end_s(books, attempt, entry.time_factors),
-        job=None if attempt is None else attempt.job,
+        is_heating=open_print is not None and open_print.state in (PrintState.ASSIGNED, PrintState.HEATING),
+        print_end_s=None if open_print is None else _compute_expected_end_s(books, open_print, time_factors),
+        job=None if open_print is None else open_print.job,
         heating_end_s=None
-        if attempt is None
-        else _find_start_s(attempt) + books.plates[attempt.plate].overhead_s,
-        grams=_compute_free_grams(books, entry, attempt),
+        if open_print is None
+        else _find_start_s(open_print) + books.plates[open_print.plate].overhead_s,
+        grams=_compute_free_grams(books, entry, open_print),
         is_reel_uncertain=entry.reel is not None and entry.reel.uncertain,
-        time_factors=entry.time_factors,
+        time_factors=time_factors,
         may_print_unattended=not attended_reason,
         attended_reason=attended_reason,
     )
@@ -82,7 +82,7 @@ def describe_capabilities(section: PrinterSection, find_build_volumes: BuildVolu
 
 
 def _find_attended_reason(section: PrinterSection, snapshot: AgentSnapshot | None) -> str:
-    """Return why a printer prints only while attended; empty if it may print unattended."""
+    """Return the reason why a printer prints only in attended hours; empty if it may print unattended."""
     firmware = PROFILES[section.model].firmware
     if snapshot is not None and not snapshot.reset_verified:
         return "a reset of its board has not been verified"
@@ -91,33 +91,33 @@ def _find_attended_reason(section: PrinterSection, snapshot: AgentSnapshot | Non
     return "" if section.unattended else "`unattended: false` in fleet.yaml"
 
 
-def _compute_free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | None:
-    """Return the grams on a reel, minus those of its open print; None if unknown."""
-    if entry.reel is None or entry.reel.grams is None or attempt is None:
+def _compute_free_grams(books: Books, entry: Printer, open_print: Print | None) -> float | None:
+    """Return the grams on a printer's reel, minus those of its open print; None if unknown."""
+    if entry.reel is None or entry.reel.grams is None or open_print is None:
         return None if entry.reel is None else entry.reel.grams
-    return max(0.0, entry.reel.grams - books.plates[attempt.plate].grams)
+    return max(0.0, entry.reel.grams - books.plates[open_print.plate].grams)
 
 
-def _find_start_s(attempt: Print) -> float:
-    return attempt.started_s if attempt.started_s is not None else attempt.assigned_s
+def _find_start_s(open_print: Print) -> float:
+    return open_print.started_s if open_print.started_s is not None else open_print.assigned_s
 
 
-def _compute_expected_end_s(books: Books, attempt: Print, time_factors: TimeFactors) -> float:
+def _compute_expected_end_s(books: Books, open_print: Print, time_factors: TimeFactors) -> float:
     """Return the expected end of a print, rounded up to whole minutes."""
-    expected_s = books.plates[attempt.plate].compute_expected_s(time_factors)
-    return math.ceil((_find_start_s(attempt) + expected_s) / 60) * 60.0
+    expected_s = books.plates[open_print.plate].compute_expected_s(time_factors)
+    return math.ceil((_find_start_s(open_print) + expected_s) / 60) * 60.0
 
 
 def estimate_remaining_s(
-    attempt: Print, plate: Plate, report: AgentPrint | None, time_factors: TimeFactors, now_s: float
+    open_print: Print, plate: Plate, report: AgentPrint | None, time_factors: TimeFactors, now_s: float
 ) -> float:
     """Estimate the remaining time of an open print, in seconds.
 
-    The estimate uses the expected time while the print heats, then its progress in the timeline.
+    While the print heats, the estimate is based on the expected time; later, on the progress in its G-code.
 
     Parameters
     ----------
-    attempt
+    open_print
         The print.
     plate
         Its plate.
@@ -131,15 +131,15 @@ def estimate_remaining_s(
     if report is not None and report.progress_s > 0:
         factor = time_factors.compute_factor(plate.feature_shares)
         return max(0.0, plate.sliced_s - report.progress_s) * factor
-    return max(0.0, plate.compute_expected_s(time_factors) - (now_s - (attempt.started_s or now_s)))
+    return max(0.0, plate.compute_expected_s(time_factors) - (now_s - (open_print.started_s or now_s)))
 
 
 def update_print_ends(
     situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]
 ) -> Situation:
-    """Return a situation for display, with the ends of running prints that follow from their progress.
+    """Return a situation for display, with ends of running prints that are estimated from their progress.
 
-    Decisions use the planned ends, because they are made once for each event, not for each snapshot.
+    Decisions use the planned ends instead, because they are made after each event, not after each snapshot.
 
     Parameters
     ----------
@@ -152,12 +152,12 @@ def update_print_ends(
     """
 
     def update_printer(printer: FleetPrinter) -> FleetPrinter:
-        attempt, snapshot = books.find_open_print(printer.name), snapshots.get(printer.name)
-        if attempt is None:
+        open_print, snapshot = books.find_open_print(printer.name), snapshots.get(printer.name)
+        if open_print is None:
             return printer
-        report = None if snapshot is None else snapshot.find_print(attempt.id)
-        plate, factors = books.plates[attempt.plate], printer.time_factors
-        remaining_s = estimate_remaining_s(attempt, plate, report, factors, situation.now_s)
+        report = None if snapshot is None else snapshot.find_print(open_print.id)
+        plate, factors = books.plates[open_print.plate], printer.time_factors
+        remaining_s = estimate_remaining_s(open_print, plate, report, factors, situation.now_s)
         return replace(printer, print_end_s=situation.now_s + remaining_s)
 
     return situation.with_printers(tuple([update_printer(printer) for printer in situation.printers]))
@@ -178,7 +178,7 @@ class SituationBuilder:
         self._fleet: Fleet | None = None
         self._sections: dict[str, PrinterSection] = {}  # enabled printers of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobDescription]] = {}
-        # Jobs of the books, and the printers that open jobs request by name.
+        # The jobs for which they were found, and the printers that open jobs request by name.
         self._named_printers: tuple[object, frozenset[str]] = (None, frozenset())
 
     def describe_printers(
@@ -217,25 +217,25 @@ class SituationBuilder:
         snapshot: AgentSnapshot | None,
         is_requested_by_name: bool,
     ) -> FleetPrinter:
-        entry, attempt = books.get_printer(section.name), books.find_open_print(section.name)
+        entry, open_print = books.get_printer(section.name), books.find_open_print(section.name)
         cached = self._printers.get(section.name)
         if (
             cached is not None
             and cached.section is section
             and cached.entry is entry
-            and cached.attempt is attempt
+            and cached.open_print is open_print
             and cached.is_requested_by_name is is_requested_by_name
             and (cached.snapshot is snapshot or _are_alike(cached.snapshot, snapshot))
         ):
             cached.snapshot = snapshot
             return cached.description
-        description = _describe_printer(section, books, snapshot, attempt, self._find_build_volumes)
+        description = _describe_printer(section, books, snapshot, open_print, self._find_build_volumes)
         if is_requested_by_name:
             description = replace(
                 description, capabilities=replace(description.capabilities, requested_name=section.name)
             )
         self._printers[section.name] = _CachedPrinter(
-            section, entry, attempt, snapshot, is_requested_by_name, description
+            section, entry, open_print, snapshot, is_requested_by_name, description
         )
         return description
 
@@ -275,11 +275,11 @@ class SituationBuilder:
 
 @dataclass(slots=True)
 class _CachedPrinter:
-    """Description of a printer, with its inputs; `snapshot` is the latest one that results in it."""
+    """Description of a printer, with its inputs; `snapshot` is the latest one that led to it."""
 
     section: PrinterSection
     entry: Printer
-    attempt: Print | None
+    open_print: Print | None
     snapshot: AgentSnapshot | None
     is_requested_by_name: bool
     description: FleetPrinter
@@ -287,7 +287,7 @@ class _CachedPrinter:
 
 @dataclass(frozen=True, slots=True)
 class _JobDescription:
-    """Waiting plates of a job, and whether the job's state may hold one back."""
+    """Waiting plates of a job, and whether the job's state may hold back one of them."""
 
     waiting_plates: JobPlates
     may_hold_back: bool
@@ -307,7 +307,7 @@ def select_scheduling_fields(snapshot: AgentSnapshot) -> tuple[object, ...]:
 
 
 def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPlate]:
-    """Describe plates of planned jobs."""
+    """Yield the description of each of these plates, which belong to planned jobs."""
     for plate in plates:
         job = books.get_job(plate.job)
         printers = job.options.printers
@@ -328,14 +328,14 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             extra_printer_count=None
             if printers is None
             else max(0, printers - sum(1 for _ in books.list_open_prints(job.id))),
-            is_repeat=bool(plate.prints),
+            is_reprint=bool(plate.prints),
             not_before_s=job.not_before_s,
             glue_rank=min(_find_glue_ranks(plate, books), default=0),
         )
 
 
 def _find_glue_ranks(plate: Plate, books: Books) -> list[int]:
-    """Find the places of a plate's parts in the order of gluing; parts missing from the books are omitted."""
+    """Find the positions of a plate's parts in the order of gluing; parts without one are omitted."""
     parts = (books.parts.get(name) for name in plate.parts)
     return [part.glue_rank for part in parts if part is not None and part.glue_rank is not None]
 
@@ -359,13 +359,13 @@ def count_spares(books: Books) -> dict[int, int]:
 
 
 def may_start_now(
-    attempt: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
+    open_print: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
 ) -> bool:
-    """Return whether the attended and quiet hours still allow a start that the agent has not confirmed yet.
+    """Return whether the hours allow a print that its agent has not confirmed yet to start now.
 
-    The agent may have been unreachable since the evening, and the start may not be allowed at night.
+    The agent may have been unreachable for hours, and the attended hours may have ended meanwhile.
     """
-    (plate,) = describe_plates([books.plates[attempt.plate]], books)
+    (plate,) = describe_plates([books.plates[open_print.plate]], books)
     start = rules.find_start(plate, printer, now_s)
     return start.at_s is not None and start.at_s <= now_s
 
@@ -379,10 +379,10 @@ class PrintLimits:
 
 
 def find_print_limits(
-    attempt: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
+    open_print: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
 ) -> PrintLimits:
-    """Find the latest start and end of a print that may start now."""
-    (plate,) = describe_plates([books.plates[attempt.plate]], books)
+    """Find the latest start, and the latest end, of a print that may start now."""
+    (plate,) = describe_plates([books.plates[open_print.plate]], books)
     latest_s = rules.find_latest_start_s(plate, printer, now_s)
     return PrintLimits(None if math.isinf(latest_s) else latest_s, rules.find_latest_end_s(printer, now_s))
 

@@ -16,13 +16,14 @@ from farm.text import format_duration
 from farm.wording import make_text_time
 
 DELAY_FACTOR = 1.05
-"""Factor by which a print may take longer than expected."""
+"""Allowance for delays: a print may take this multiple of its expected time."""
 GRAMS_RATIO, MIN_RESERVE_GRAMS = 1.05, 5.0
-"""Filament that a reel must have for a plate: a factor on the plate's grams, and a minimum reserve."""
+"""Filament that a reel must have for a plate: this multiple of the plate's grams, and at least this many
+grams more."""
 FIRST_LAYERS_RESERVE_S = 3600.0
-"""Seconds of the attended hours reserved for first layers, which need supervision."""
+"""Seconds at the end of the attended hours that are reserved for first layers, which need supervision."""
 CLEARING_RESERVE_S = 900.0
-"""Seconds of the attended hours reserved to cool and clear the bed of a print that must end in them."""
+"""Seconds of the attended hours that are reserved to cool and clear the bed after an attended print."""
 _HORIZON_S = 15 * 86400.0  # hours repeat weekly, so a plate that cannot start within this time never can
 _TOLERANCE_S = 0.001  # a plate may still start exactly at its latest start
 
@@ -45,9 +46,9 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartWindow:
-    """Limits that attended and quiet hours set on prints that start at one time.
+    """Limits that attended and quiet hours set on prints that start at a given time.
 
-    They apply to printers with equal permissions.
+    The limits are the same on all printers with the same `may_print_unattended`.
 
     Attributes
     ----------
@@ -57,8 +58,10 @@ class StartWindow:
         Start of the current or next quiet hours.
     attended_end_s
         End of the attended hours; minus infinity outside of them.
-    may_print_unattended, first_layers_attended
-        True if the printers may print unattended, and if first layers must be attended.
+    may_print_unattended
+        True if the printers may print while nobody is present.
+    first_layers_attended
+        True if first layers must be printed in attended hours.
     """
 
     at_s: float
@@ -81,7 +84,7 @@ class StartWindow:
 
 @dataclass(frozen=True, slots=True)
 class StartRules:
-    """Rules of `fleet.yaml`: attended hours, quiet hours, first layers, and the limit on heating printers."""
+    """Rules of `fleet.yaml`: attended and quiet hours, and the limit on printers that are heating."""
 
     attended_hours: Hours
     quiet_hours: Hours
@@ -111,9 +114,9 @@ class StartRules:
         return make_text_time(at_s, now_s, self.zone)
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, earliest_s: float) -> Start:
-        """Find the first time from `earliest_s` on at which the hours allow a plate to start on a printer.
+        """Find the first time, not before `earliest_s`, at which a plate may start on a printer.
 
-        A print must end before quiet hours begin, and may not start unattended if it needs a person.
+        A print must end before quiet hours begin. If it needs a person, it must start in attended hours.
         """
         at_s, reason = earliest_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
@@ -153,7 +156,7 @@ class StartRules:
         )
 
     def _skip_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
-        """Return the start after the quiet hours that a print from `at_s` reaches; None if there are none."""
+        """Return a start after the quiet hours if a print from `at_s` would run into them; else None."""
         quiet_span = self.quiet_hours.find_span(at_s) or self.quiet_hours.find_next_span(at_s)
         if quiet_span is None or at_s + plate.expected_s * DELAY_FACTOR <= quiet_span[0]:
             return None
@@ -167,7 +170,7 @@ class StartRules:
     def _find_attended_start(
         self, plate: WaitingPlate, printer: FleetPrinter, at_s: float, now_s: float
     ) -> Start | None:
-        """Return the start in the next attended hours; None if the current ones suffice for a print."""
+        """Return a start in the next attended hours; None if a print may start at `at_s`."""
         needed_s = self._compute_attendance_s(plate, printer)
         if needed_s is None:
             return None
@@ -186,7 +189,7 @@ class StartRules:
         return Start(next_span[0], hold)
 
     def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
-        """Return the seconds after its start in which a print needs a person; None if it needs nobody."""
+        """Return the seconds from its start during which a print needs a person; None if it needs nobody."""
         if not printer.may_print_unattended:
             return plate.expected_s * DELAY_FACTOR + CLEARING_RESERVE_S
         return plate.first_layer_s if self.first_layers_attended else None
@@ -214,9 +217,9 @@ class StartRules:
     def find_next_change_s(
         self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
     ) -> float:
-        """Return the next time at which the hours change which plates may start; infinity for never.
+        """Return the next time at which other plates may start because of the hours; infinity for never.
 
-        At that time, hours start or end, or a plate reaches its latest start.
+        At that time, attended or quiet hours begin or end, or a plate reaches its latest start.
         """
         # `may_print_unattended` is the only field of a printer on which the allowed hours depend.
         kinds = {printer.may_print_unattended: printer for printer in printers}
@@ -228,7 +231,7 @@ class StartRules:
         return min((at_s for at_s in times_s if at_s is not None and at_s > now_s), default=math.inf)
 
     def find_latest_end_s(self, printer: FleetPrinter, at_s: float) -> float | None:
-        """Return the latest end of a print that runs at `at_s`; None if it may continue unattended."""
+        """Return the latest end of a print that runs at `at_s`; None for no limit."""
         if printer.may_print_unattended:
             return None
         span = self.attended_hours.find_span(at_s)
@@ -246,7 +249,7 @@ class StartRules:
         return f"{printer.name} prints only in attended hours ({printer.attended_reason}){hint}"
 
     def find_night_start_s(self, now_s: float) -> float | None:
-        """Return the start of the night: the end of the attended hours; None if it has started.
+        """Return the start of the night, which is the end of the attended hours; None if it is night now.
 
         Raises
         ------
@@ -280,7 +283,7 @@ class StartRules:
         return self.attended_hours.find_span(at_s) is not None
 
     def find_clearing_end_s(self, ended_s: float, clearing_s: float) -> float:
-        """Return the earliest time by which a person can clear the bed of an ended print."""
+        """Return the earliest time by which a person can have cleared the bed after a print."""
         if not self.attended_hours.windows or self.attended_hours.find_span(ended_s) is not None:
             return ended_s + clearing_s
         next_span = self.attended_hours.find_next_span(ended_s)

@@ -40,14 +40,14 @@ from farm.compute.pool import Pool
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-_MAX_ATTEMPTS = 3  # number of attempts on the cluster; then the task runs here
+_MAX_ATTEMPTS = 3  # number of attempts on the cluster, after which the task runs on this computer
 
 
 class ClusterConnection(Protocol):
-    """Connection to a cluster; see `connection.Connection`."""
+    """Interface of a connection to a cluster; see `connection.Connection`."""
 
     async def watch(self) -> None:
-        """Keep the connection and report the workers until cancelled."""
+        """Connect, stay connected, and report the workers, until the call is cancelled."""
 
     async def submit(self, task: RemoteTask, contents: dict[str, bytes]) -> RemoteAnswer:
         """Run a task on one of the workers. Raises AttemptLost."""
@@ -56,7 +56,7 @@ class ClusterConnection(Protocol):
 ConnectionFactory = Callable[
     [Callable[[tuple[ClusterWorker, ...]], None], Callable[[dict[str, Any]], None]], ClusterConnection
 ]
-"""Function that makes a connection from two callbacks, for the list of workers and for messages of tasks."""
+"""Function that makes a connection from two callbacks: for the list of workers, and for task messages."""
 
 
 class ClusterPool:
@@ -75,9 +75,9 @@ class ClusterPool:
     installation
         Versions on this computer.
     connect
-        Makes the connection.
+        Function that makes the connection.
     read_clock_s
-        Reads a monotonic clock.
+        Function that returns the seconds of a monotonic clock.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class ClusterPool:
         self._read_clock_s = read_clock_s
         self._slot_queue = SlotQueue()
         self._workers: tuple[ClusterWorker, ...] = ()
-        self._lost_since_s: float | None = read_clock_s()
+        self._unusable_since_s: float | None = read_clock_s()
         self._running_tasks: dict[str, tuple[RunningTask, RemoteTask]] = {}
         self._local_count = 0
         self._sent_hashes: set[str] = set()  # hashes of files that were already sent to the cluster
@@ -115,7 +115,7 @@ class ClusterPool:
         """True if a task would start immediately; see `Pool.has_idle_worker`."""
         return (
             self._local_pool.has_idle_worker
-            if choose_place(self._measure_loss_s()) is Place.THIS_COMPUTER
+            if choose_place(self._measure_unusable_s()) is Place.THIS_COMPUTER
             else self._slot_queue.has_free_slot
         )
 
@@ -123,15 +123,15 @@ class ClusterPool:
     def state(self) -> ClusterState:
         """State of the cluster."""
         tasks = tuple(running for running, _ in self._running_tasks.values())
-        loss_s = self._measure_loss_s()
+        unusable_s = self._measure_unusable_s()
         return ClusterState(
             self._scheduler,
-            choose_place(loss_s),
+            choose_place(unusable_s),
             self._workers,
             tasks,
             self._slot_queue.waiting_count,
             self._local_count,
-            loss_s,
+            unusable_s,
         )
 
     def start(self) -> None:
@@ -141,7 +141,7 @@ class ClusterPool:
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING_LIMIT, group: Hashable = None
     ) -> T:
-        """Run a function on the cluster, or here; see `Pool.run`."""
+        """Run a function on the cluster, or on this computer; see `Pool.run`."""
         if not isinstance(work, DeferredFunction) or work.list_files is None:
             return await self._local_pool.run(work, *args, limit=limit, group=group)
         group = object() if group is None else group
@@ -204,9 +204,10 @@ class ClusterPool:
     async def _submit_task(
         self, task: RemoteTask, contents: dict[str, bytes], group: Hashable
     ) -> RemoteAnswer:
-        """Submit a task under a new name, and wait until it is answered or the cluster is abandoned."""
+        """Submit a task under a new name, and return the answer. Raises AttemptLost if there is none."""
         name_prefix = re.sub(r"[^a-z]+", "_", task.limit.work_name.lower())
-        named_task = replace(task, id=f"{name_prefix}-{uuid.uuid4().hex}")  # Dask learns durations by it
+        # Dask learns durations by the prefix.
+        named_task = replace(task, id=f"{name_prefix}-{uuid.uuid4().hex}")
         self._running_tasks[named_task.id] = (RunningTask(task.limit.work_name, group), named_task)
         answer_future = asyncio.ensure_future(self._connection.submit(named_task, contents))
         close_future = asyncio.ensure_future(self._close_event.wait())
@@ -221,22 +222,24 @@ class ClusterPool:
                 future.cancel()
             await asyncio.gather(answer_future, close_future, return_exceptions=True)
 
-    def _measure_loss_s(self) -> float:
-        return 0.0 if self._lost_since_s is None else max(1e-9, self._read_clock_s() - self._lost_since_s)
+    def _measure_unusable_s(self) -> float:
+        if self._unusable_since_s is None:
+            return 0.0
+        return max(1e-9, self._read_clock_s() - self._unusable_since_s)
 
     def _on_workers(self, workers: tuple[ClusterWorker, ...]) -> None:
         """Store the state of the workers; called every second."""
         for worker in workers:
             if worker.refusal_reason and worker not in self._workers:
                 log.warning("worker %s of the cluster is refused: %s", worker.name, worker.refusal_reason)
-        previous_place = choose_place(self._measure_loss_s())
+        previous_place = choose_place(self._measure_unusable_s())
         slot_count = sum(worker.slot_count for worker in workers if worker.refusal_reason is None)
         self._workers = workers
         if slot_count:
-            self._lost_since_s = None
-        elif self._lost_since_s is None:
-            self._lost_since_s = self._read_clock_s()
-        place = choose_place(self._measure_loss_s())
+            self._unusable_since_s = None
+        elif self._unusable_since_s is None:
+            self._unusable_since_s = self._read_clock_s()
+        place = choose_place(self._measure_unusable_s())
         if place is not previous_place:
             level = logging.INFO if place is Place.CLUSTER else logging.WARNING
             log.log(level, "%s", describe_place(place, self._scheduler))

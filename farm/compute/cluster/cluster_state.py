@@ -14,7 +14,7 @@ class Place(StrEnum):
     """Place of new work."""
 
     CLUSTER = "cluster"
-    WAITING = "waiting"  # work waits for a worker of the cluster
+    WAITING = "waiting"  # nowhere yet: work waits for a worker of the cluster
     THIS_COMPUTER = "here"  # this computer, because there has been no usable worker for `WORKER_TIMEOUT_S`
 
 
@@ -38,7 +38,7 @@ class ClusterWorker:
 
 @dataclass(frozen=True, slots=True)
 class RunningTask:
-    """Task that was given to the cluster; `host` is None until it starts there."""
+    """Task that was submitted to the cluster; `host` is None until a worker starts the task."""
 
     work_name: str
     group: Hashable
@@ -55,7 +55,7 @@ class ClusterState:
         Number of tasks that wait for a worker.
     local_count
         Number of tasks that run or wait on this computer instead.
-    loss_s
+    unusable_s
         Wall seconds since the cluster last had a usable worker; 0 while it has one.
     """
 
@@ -65,7 +65,7 @@ class ClusterState:
     tasks: tuple[RunningTask, ...]
     waiting_count: int
     local_count: int
-    loss_s: float
+    unusable_s: float
 
     def list_problems(self) -> list[str]:
         """Describe the problems that need a person; each sentence stays the same while its problem lasts."""
@@ -94,8 +94,8 @@ def describe_place(place: Place, scheduler: str) -> str:
     return f"{reason} for {WORKER_TIMEOUT_S:.0f} s: {advice}"
 
 
-def choose_place(loss_s: float) -> Place:
+def choose_place(unusable_s: float) -> Place:
     """Choose the place of new work from the time since the cluster last had a usable worker."""
-    if loss_s <= 0.0:
+    if unusable_s <= 0.0:
         return Place.CLUSTER
-    return Place.WAITING if loss_s < WORKER_TIMEOUT_S else Place.THIS_COMPUTER
+    return Place.WAITING if unusable_s < WORKER_TIMEOUT_S else Place.THIS_COMPUTER

@@ -34,7 +34,7 @@ WorkersListener = Callable[[tuple[ClusterWorker, ...]], None]
 
 
 class Connection:
-    """Connection to a scheduler, which is renewed after each loss.
+    """Connection to a scheduler. After each loss, it connects again.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Connection:
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "16 GiB"})  # models are large
 
     async def watch(self) -> None:
-        """Connect, and report the workers, until cancelled."""
+        """Connect, and report the workers, until the call is cancelled."""
         report_task = asyncio.get_running_loop().create_task(self._repeat_report())
         try:
             while True:
@@ -139,17 +139,17 @@ class Connection:
 
     async def _await_answer(self, future: Any, addresses: frozenset[str]) -> object:
         """Wait for an answer, or until all workers that could run the task are gone. Raises AttemptLost."""
-        loss: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        loss_future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         answer_future = asyncio.ensure_future(_await_future(future))
-        self._attempts[loss] = addresses
+        self._attempts[loss_future] = addresses
         try:
-            futures: set[asyncio.Future[Any]] = {answer_future, loss}
+            futures: set[asyncio.Future[Any]] = {answer_future, loss_future}
             await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)
             if not answer_future.done():
                 raise AttemptLost("its workers have left the cluster")
             return answer_future.result()
         finally:
-            del self._attempts[loss]
+            del self._attempts[loss_future]
             answer_future.cancel()
 
     async def _watch_once(self) -> None:
@@ -168,7 +168,7 @@ class Connection:
             async with asyncio.timeout(_ANSWER_TIMEOUT_S):
                 identity = await self._client.scheduler.identity()
             workers = list_workers(identity["workers"], self._installation)
-            await self._remove_stuck_workers(identity["workers"])
+            await self._remove_silent_workers(identity["workers"])
             self._report_workers(workers)
             await asyncio.sleep(_POLL_INTERVAL_S)
 
@@ -178,9 +178,9 @@ class Connection:
     def _report_workers(self, workers: Sequence[ClusterWorker]) -> None:
         self._workers = tuple(workers)
         present_addresses = {worker.address for worker in workers}
-        for loss, addresses in self._attempts.items():
-            if present_addresses and present_addresses.isdisjoint(addresses) and not loss.done():
-                loss.set_result(None)  # Dask would wait for them even if they return at other addresses
+        for loss_future, addresses in self._attempts.items():
+            if present_addresses and present_addresses.isdisjoint(addresses) and not loss_future.done():
+                loss_future.set_result(None)  # Dask would wait even if these workers return elsewhere
         self._on_workers(self._workers)
 
     async def _repeat_report(self) -> None:
@@ -189,13 +189,13 @@ class Connection:
             await asyncio.sleep(_POLL_INTERVAL_S)
             self._on_workers(self._workers)
 
-    async def _remove_stuck_workers(self, records: dict[str, dict[str, Any]]) -> None:
-        """Remove workers without a recent heartbeat, because a stopped process keeps its tasks.
+    async def _remove_silent_workers(self, records: dict[str, dict[str, Any]]) -> None:
+        """Remove workers without a recent heartbeat, so that their tasks go to other workers.
 
-        Dask removes them after five minutes by default. Their tasks go to other workers.
+        By default, Dask removes such workers only after five minutes.
         """
         now_s = time.monotonic()
-        for address in list_stuck_workers(records, self._heartbeats, now_s):
+        for address in list_silent_workers(records, self._heartbeats, now_s):
             if self._client is not None:
                 log.warning("worker %s is silent: its tasks go to others", records[address]["name"])
                 await self._client.scheduler.unregister(address=address, stimulus_id=f"farm-silent-{now_s}")
@@ -224,7 +224,7 @@ def list_workers(records: dict[str, dict[str, Any]], installation: Installation)
     return tuple(workers)
 
 
-def list_stuck_workers(
+def list_silent_workers(
     records: dict[str, dict[str, Any]], heartbeats: dict[str, tuple[float, float]], now_s: float
 ) -> list[str]:
     """Return the addresses of the workers without a recent heartbeat, and update `heartbeats`.

@@ -25,7 +25,7 @@ class FarmWorker(Worker):  # type: ignore[misc]
     scheduler
         Address of the scheduler.
     executor
-        Runs the tasks. The clients compare its versions with theirs.
+        Executor that runs the tasks. Clients compare the versions of its installation with theirs.
     slot_count
         Number of tasks at the same time.
     folder
@@ -62,7 +62,7 @@ class FarmWorker(Worker):  # type: ignore[misc]
 
 
 async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) -> RemoteAnswer:
-    """Run a task on the worker that Dask chose; stop it when its result is no longer needed.
+    """Run a task on the worker that Dask chose; stop the task when its result is no longer needed.
 
     The result is no longer needed once the task is cancelled, or once its client or the scheduler is gone.
     Dask lets a coroutine continue in these cases.
@@ -70,9 +70,9 @@ async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) ->
     Parameters
     ----------
     task
-        The task, whose id is its key.
+        The task; its id is the key of Dask's task.
     contents
-        Files that were sent with it, by their hash.
+        Contents of the files that were sent with the task, by hash.
     client
         Id of the client, for messages.
     """

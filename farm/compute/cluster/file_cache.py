@@ -32,7 +32,7 @@ class FileCache:
             partial.unlink()
 
     def make_path(self, sha256: str) -> Path:
-        """Return the path of a file."""
+        """Return the path at which a file is or would be stored."""
         return self._folder / sha256
 
     def store(self, sha256: str, content: bytes) -> None:
@@ -60,26 +60,26 @@ class FileCache:
             Path(name).unlink(missing_ok=True)
             raise
 
-    def list_missing_files(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return the names of the files that are not in the cache, without duplicates."""
-        return tuple(dict.fromkeys(name for name in names if not self.make_path(name).exists()))
+    def list_missing_files(self, hashes: Iterable[str]) -> tuple[str, ...]:
+        """Return the hashes of the files that are not in the cache, without duplicates."""
+        return tuple(dict.fromkeys(sha256 for sha256 in hashes if not self.make_path(sha256).exists()))
 
     @contextmanager
-    def keep_files(self, names: Iterable[str]) -> Iterator[None]:
-        """Keep files while a task uses them, even before they are stored; then trim the cache."""
-        used_names = set(names)
-        self._use_counts.update(used_names)
+    def keep_files(self, hashes: Iterable[str]) -> Iterator[None]:
+        """Keep the files of a task in the `with` block, also those not yet stored; then trim the cache."""
+        used_hashes = set(hashes)
+        self._use_counts.update(used_hashes)
         try:
             yield
         finally:
-            for name in used_names:
+            for sha256 in used_hashes:
                 with suppress(OSError):
-                    os.utime(self.make_path(name))
-            self._use_counts -= Counter(used_names)
+                    os.utime(self.make_path(sha256))
+            self._use_counts -= Counter(used_hashes)
             self._trim_cache()
 
     def _trim_cache(self) -> None:
-        """Remove the least recently used files until the rest fits; files in use stay."""
+        """Remove the least recently used files until the others fit into the limit; files in use stay."""
         files = []
         with os.scandir(self._folder) as entries:
             for entry in entries:

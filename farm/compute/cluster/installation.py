@@ -1,4 +1,4 @@
-"""Versions on which the bytes of parts and slices depend, compared between the computers of a cluster."""
+"""Versions that determine the bytes of parts and slices, and must be equal on all computers of a cluster."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _HASH_DIGITS = 12  # number of hexadecimal digits of a hash
 
 @dataclass(frozen=True, slots=True)
 class Installation:
-    """Versions on one computer, and the places of CuraEngine and of Cura's files there.
+    """Versions on one computer, and the paths of CuraEngine and of Cura's files there.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Installation:
         return cls(**{name: str(record.get(name, "?")) for name in cls.__dataclass_fields__})
 
     def as_record(self) -> dict[str, str]:
-        """Convert the installation to plain values."""
+        """Convert the installation to a dictionary of strings."""
         return asdict(self)
 
     def describe_difference(self, expected_installation: Installation) -> str | None:
@@ -63,7 +63,7 @@ class Installation:
         return None
 
     def pair_paths(self, other_installation: Installation) -> list[tuple[str, str]]:
-        """Pair the paths of this installation with those of another; leave out paths that either lacks."""
+        """Pair the paths of this installation with those of another; omit paths that one of them lacks."""
         names = ("engine_path", "resources_path", "materials_path")
         pairs = [(getattr(self, name), getattr(other_installation, name)) for name in names]
         return [pair for pair in pairs if all(pair)]

@@ -1,4 +1,4 @@
-"""Calls and results as bytes in which every path can be moved to another computer's folders."""
+"""Pickled calls and results, in which every path is mapped to the folders of another computer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Relocation:
-    """Pairs of paths: paths at or below the first of a pair move to the second. The longest match is used."""
+    """Mapping of paths: a path at or below the first path of a pair is mapped to the second.
+
+    If several pairs match, the one with the longest first path is used.
+    """
 
     pairs: tuple[tuple[str, str], ...] = ()
 
@@ -26,8 +29,8 @@ class Relocation:
         """Return the relocation in the opposite direction."""
         return Relocation.from_pairs((target, source) for source, target in self.pairs)
 
-    def move(self, path: str) -> str:
-        """Return a path moved by the pair that matches it, or unchanged if no pair does."""
+    def map_path(self, path: str) -> str:
+        """Return the path that a path is mapped to; the path itself if no pair matches."""
         for source, target in self.pairs:
             if path == source:
                 return target
@@ -37,56 +40,56 @@ class Relocation:
 
 
 class _Pickler(pickle.Pickler):
-    """Pickler that writes paths as text, moved by a relocation."""
+    """Pickler that writes paths as text, mapped by a relocation."""
 
     def __init__(self, sink: io.BytesIO, relocation: Relocation) -> None:
         super().__init__(sink, protocol=pickle.HIGHEST_PROTOCOL)
         self._relocation = relocation
 
     def persistent_id(self, item: object) -> str | None:
-        return self._relocation.move(str(item)) if isinstance(item, PurePath) else None
+        return self._relocation.map_path(str(item)) if isinstance(item, PurePath) else None
 
 
 class _Unpickler(pickle.Unpickler):
-    """Unpickler that moves the paths that it reads."""
+    """Unpickler that maps the paths that it reads."""
 
     def __init__(self, data: bytes, relocation: Relocation) -> None:
         super().__init__(io.BytesIO(data))
         self._relocation = relocation
 
     def persistent_load(self, pid: str) -> Path:
-        return Path(self._relocation.move(pid))
+        return Path(self._relocation.map_path(pid))
 
 
 _NO_RELOCATION = Relocation()
 
 
 def dump(item: object, relocation: Relocation = _NO_RELOCATION) -> bytes:
-    """Write an object as bytes, with its paths moved."""
+    """Pickle an object, and map its paths."""
     sink = io.BytesIO()
     _Pickler(sink, relocation).dump(item)
     return sink.getvalue()
 
 
 def load(data: bytes, relocation: Relocation = _NO_RELOCATION) -> Any:
-    """Read an object from bytes, with its paths moved."""
+    """Read a pickled object, and map its paths."""
     return _Unpickler(data, relocation).load()
 
 
 def run_relocated(call: bytes, relocation: Relocation) -> bytes:
-    """Run a call that `dump` wrote, with its paths moved, in a worker process.
+    """Run a call that `dump` wrote on another computer; runs in a worker process.
 
     Parameters
     ----------
     call
         A function and its arguments.
     relocation
-        Relocation from the paths of the call to those of this computer.
+        Mapping from the paths of the call to those of this computer.
 
     Returns
     -------
     bytes
-        The result as written by `dump`, with its paths moved back.
+        The result as written by `dump`, with its paths mapped back.
     """
     work, args = load(call, relocation)
     return dump(work(*args), relocation.reverse())

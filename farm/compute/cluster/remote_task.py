@@ -13,7 +13,7 @@ from farm.compute.limits import Limit
 
 
 class AttemptLost(Exception):
-    """Error of an attempt without an answer from the cluster: the worker or the scheduler is gone."""
+    """Error of an attempt to run a task on the cluster: no worker returned a result, and another may."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class InputFile:
 
 @dataclass(frozen=True, slots=True)
 class RemoteTask:
-    """Task for a worker of a cluster; all paths are paths on the submitting computer.
+    """Task for a worker of a cluster; all its paths are those of the submitting computer.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class RemoteAnswer:
     result
         Result, written by `relocation.dump`; None if there is none.
     error
-        Exception of the work; None if it succeeded.
+        Exception that the function raised; None if it raised none.
     mismatch
-        Reason why this worker could not run the task, although another may; None if it could.
+        Reason why this worker could not run the task, although another worker may; None if it could.
     files
         The files that the task wrote, by their paths on the submitting computer.
     """

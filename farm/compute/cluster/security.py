@@ -1,4 +1,4 @@
-"""Certificates by which the computers of a cluster authenticate each other."""
+"""Certificates with which the computers of a cluster authenticate each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Queue of tasks for the slots of a cluster: urgent tasks first, then groups with few running tasks."""
+"""Queue of tasks for the slots of a cluster, each of which runs one task at a time.
+
+Urgent tasks get slots first, then tasks of the groups with the fewest running tasks.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ class SlotQueue:
 
     @property
     def waiting_count(self) -> int:
-        """Number of tasks that wait."""
+        """Number of tasks that wait for a slot."""
         return len(self._waiting_tasks)
 
     @property
@@ -44,7 +47,7 @@ class SlotQueue:
 
     @asynccontextmanager
     async def hold_slot(self, group: Hashable, is_urgent: bool) -> AsyncIterator[bool]:
-        """Wait for a slot, and hold it in the block. Yields False, without a slot, if the queue is closed."""
+        """Wait for a slot, and hold it in the `with` block. Yields False if the queue is closed."""
         task = _WaitingTask(group, is_urgent, asyncio.get_running_loop().create_future())
         self._waiting_tasks.append(task)
         self._assign_slots()

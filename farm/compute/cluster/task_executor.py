@@ -1,4 +1,4 @@
-"""Execution of a task on a worker of a cluster: its files are placed, and its work runs in a process."""
+"""Execution of a task on a worker of a cluster: files are put into a folder, then a process runs the task."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class TaskExecutor:
     host
         Name of this worker.
     folder
-        Its folder, for the cache of files, the cache of slices, and a folder for each task.
+        Folder of this worker, for the cache of files, the cache of slices, and a folder for each task.
     pool
-        Processes in which the work runs, with their limits.
+        Pool of the processes in which the tasks run.
     installation
         Versions on this computer.
     """
@@ -50,7 +50,7 @@ class TaskExecutor:
         contents: Mapping[str, bytes],
         on_live_file: LiveFileListener = lambda *_: None,
     ) -> RemoteAnswer:
-        """Run a task. Cancelling the call ends the process of the task, and the engine that it runs.
+        """Run a task. Cancelling the call ends the processes of the task.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class TaskExecutor:
                 await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
     def _place_files(self, task: RemoteTask, folder: Path) -> Relocation:
-        """Link the input files of a task into its folder; return the relocation of the task's paths."""
+        """Link the input files of a task into its folder; return the mapping of the task's paths."""
         pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self.installation))
         for number, file in enumerate(task.input_files):
             path = folder / f"read-{number}" / Path(file.path).name
@@ -126,11 +126,11 @@ class TaskExecutor:
 def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[str, bytes]]:
     """Yield the files that a task wrote, with their paths on the submitting computer."""
     for name in task.output_files:
-        path = Path(relocation.move(name))
+        path = Path(relocation.map_path(name))
         if path.is_file():
             yield name, path.read_bytes()
     for name in task.output_folders:
-        folder = Path(relocation.move(name))
+        folder = Path(relocation.map_path(name))
         for path in sorted(folder.rglob("*")):
             if path.is_file() and not path.is_symlink():
                 yield f"{name}/{path.relative_to(folder)}", path.read_bytes()
@@ -145,7 +145,7 @@ async def _watch_files(
         await asyncio.sleep(_POLL_INTERVAL_S)
         for name in live_files:
             try:
-                content = Path(relocation.move(name)).read_bytes()
+                content = Path(relocation.map_path(name)).read_bytes()
             except OSError:  # the file is not written yet
                 continue
             if last_contents.get(name) != content:

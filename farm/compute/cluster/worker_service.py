@@ -30,7 +30,7 @@ class WorkerOptions:
     slot_count
         Number of tasks at the same time.
     memory_gb
-        Memory of each task; None for a share of the machine.
+        Memory limit of each task; None for a share of the machine's memory.
     """
 
     scheduler: str
@@ -42,7 +42,7 @@ class WorkerOptions:
 
 
 async def serve_tasks(options: WorkerOptions, warm_up: WarmUp | None) -> None:
-    """Run tasks for the farms of a cluster until SIGTERM or Ctrl-C.
+    """Run tasks for the farms that use a cluster, until SIGTERM or Ctrl-C.
 
     Parameters
     ----------

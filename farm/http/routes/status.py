@@ -197,10 +197,11 @@ def _describe_work(state: ClusterState) -> str:
     """Describe in one sentence where tasks run."""
     if state.place is Place.THIS_COMPUTER:
         tasks = format_count(state.local_count, "task") if state.local_count else "nothing to do"
-        return f"no worker of {state.scheduler} for {state.loss_s:.0f} s: running on this computer, {tasks}"
+        place = f"no worker of {state.scheduler} for {state.unusable_s:.0f} s: running on this computer"
+        return f"{place}, {tasks}"
     queue_note = f", {format_count(state.waiting_count, 'task')} waiting" if state.waiting_count else ""
     if state.place is Place.WAITING:
-        return f"waiting for a worker of {state.scheduler}, {state.loss_s:.0f} s so far{queue_note}"
+        return f"waiting for a worker of {state.scheduler}, {state.unusable_s:.0f} s so far{queue_note}"
     usable_workers = [worker for worker in state.workers if worker.refusal_reason is None]
     counts = Counter(task.host for task in state.tasks if task.host is not None)
     places = ", ".join(f"{host} {count}" for host, count in sorted(counts.items()))

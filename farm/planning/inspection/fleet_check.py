@@ -11,7 +11,7 @@ from slicing.settings import Resources, SettingsRequest, find_resources, resolve
 
 
 def complete_section(section: PrinterSection, fleet_section: FleetSection) -> PrinterSection:
-    """Check a printer's section against Cura's files, and replace its material with the name of a file.
+    """Check a printer's section against Cura's files, and replace its material by a material file's name.
 
     Parameters
     ----------
@@ -23,13 +23,14 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
     Returns
     -------
     PrinterSection
-        The section with the name of the material's file, its kind and its colour; unchanged if Cura's
-        files are missing (a submission reports that).
+        The section with the name of the material file, and the kind and colour of the material. It is
+        unchanged if Cura's files are missing, which is reported when a job is submitted.
 
     Raises
     ------
     FieldError
-        If Cura's files lack a value of the section; the error has its key and lists the possible values.
+        If a value of the section is missing in Cura's files; the error names its key and lists the possible
+        values.
     """
     try:
         resources = find_resources(own_materials=fleet_section.materials)

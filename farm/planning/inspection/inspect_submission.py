@@ -16,7 +16,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, ModelSize
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.own_gcode import inspect_gcode, is_gcode
-from farm.planning.plan import InspectedSubmission, name_step_file
+from farm.planning.plan import InspectedSubmission, make_inspection_step_path
 from farm.planning.printer_settings import check_settings
 from farm.state.storage import store_file
 from slicing.settings import find_engine, find_resources
@@ -30,7 +30,7 @@ def inspect_submission(
     Parameters
     ----------
     path
-        The upload; the current step is written to the file that `name_step_file` returns.
+        The upload; the current step is written to the file that `make_inspection_step_path` returns.
     name
         The file's name as submitted; its suffix distinguishes models from G-code.
     options
@@ -50,7 +50,7 @@ def inspect_submission(
     check_settings(printers, options)
 
     def report(step: str) -> None:
-        name_step_file(path).write_text(step)
+        make_inspection_step_path(path).write_text(step)
 
     return inspect_model(path, name, options, files, report)
 

@@ -26,9 +26,9 @@ class NamedMaterial:
     name
         Name of a material file, or the kind that the person named, like PLA.
     kind
-        Its kind.
+        Its kind, like PLA.
     colour
-        The other words; None if there are none.
+        The other words that the person used, like black; None if there are none.
     """
 
     name: str
@@ -42,7 +42,7 @@ def parse_material(text: str, kinds: Mapping[str, str]) -> NamedMaterial | None:
     Parameters
     ----------
     text
-        Like `generic_pla`, `pla`, `black PETG` or `CPE+`.
+        A text such as `generic_pla`, `pla`, `black PETG` or `CPE+`.
     kinds
         The kind of each material, by the name of its file.
 
@@ -87,7 +87,8 @@ def choose_material(
     Raises
     ------
     BadSetting
-        If no material fits, or several do; the message lists the materials that this printer can print.
+        If the text matches no material or several; the message lists the materials that this printer can
+        print.
     """
     kinds = list_material_kinds(resources)
     named_material = parse_material(text, kinds)
@@ -131,7 +132,7 @@ def resolve_filament(
         If no printer of the fleet has the material; the message lists the available materials.
     """
     if options.material is not None:
-        with suppress(SlicingError):  # Cura's files are missing, which the inspection reports
+        with suppress(SlicingError):  # without Cura's files, the inspection reports an error
             named_material = parse_material(
                 options.material, list_material_kinds(find_resources(own_materials=own_materials))
             )

@@ -34,7 +34,7 @@ _UNPACKING_ADVICE = {
     ".ufp": "let Cura write G-code instead of a format package",
 }
 _IDENTITY_TRANSFORM = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_EXTRA_TRAVEL_MM = 10.0  # bed travel beyond the build height, for a final Z hop
+_EXTRA_TRAVEL_MM = 10.0  # Z travel of the bed beyond the build height, for a final Z hop
 _TOLERANCE_MM = 0.05
 _MATERIAL_SYNONYMS = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
 _MAX_DEVIATION_C = 30.0  # the temperatures of different brands of one material differ by less
@@ -71,7 +71,7 @@ def inspect_gcode(
     ------
     FarmError
         `settings` for an option that does not apply to G-code, `refused` if no printer matches, `gcode`
-        with the line and the reason, `no_fit` if the print fits no matching printer.
+        with the line and the reason, `no_fit` if the print does not fit any matching printer.
     """
     _check_options(options)
     matching_printers = list_matching_printers(printers, options)
@@ -193,7 +193,7 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
 
 
 def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
-    """List the changes made to a file, with a warning if it seems to be sliced for another material."""
+    """List the changes made to a file, with warnings if it seems to have been sliced for another material."""
     notices = list(accepted_gcode.notices)
     filament_type, kind = accepted_gcode.filament_type, find_resources().read_material_kind(section.material)
     if (
@@ -221,7 +221,7 @@ def _normalise_material(kind: str) -> str:
 
 
 def _measure_requirements(accepted_gcode: AcceptedGcode, section: PrinterSection) -> OwnGcode:
-    """Return the nozzle size of a file, and its extent relative to the bed's centre."""
+    """Return the nozzle diameter of a file, and the extent of its print relative to the bed's centre."""
     width_mm, depth_mm = PROFILES[section.model].bed_mm
     (x0, y0, z0), (x1, y1, z1) = accepted_gcode.min_mm, accepted_gcode.max_mm
     return OwnGcode(
@@ -279,7 +279,7 @@ def _describe_obstacle(section: PrinterSection, accepted_gcode: AcceptedGcode) -
 def _check_options(options: JobOptions) -> None:
     """Refuse options that apply only to models."""
     defaults = JobOptions()
-    is_set_by_option = {
+    is_given_by_flag = {
         "--longest-side": options.longest_side_mm is not None,
         "--scale": options.scale is not None,
         "--printers": options.printers not in (None, 1) and options.copies == 1,
@@ -288,10 +288,11 @@ def _check_options(options: JobOptions) -> None:
         "--marks": options.marks,
         "--engine": options.engine != defaults.engine,
     }
-    flags = [flag for flag, is_given in is_set_by_option.items() if is_given]
+    flags = [flag for flag, is_given in is_given_by_flag.items() if is_given]
     if flags:
         raise FarmError(
-            f"{' '.join(flags)}: G-code is printed as it is, on one printer: leave it out, or submit a model",
+            f"{' '.join(flags)}: G-code is printed as it is, on one printer: omit these options, or submit a "
+            "model",
             ErrorCode.SETTINGS,
         )
 
@@ -309,7 +310,7 @@ class _FileLines:
 
 
 class FirmwareTimeEstimator:
-    """Estimator of the time that the firmware's motion planner takes for moves if the host is never late."""
+    """Estimator of the time that the firmware's motion planner needs for moves that all arrive in time."""
 
     def __init__(self, profile: Profile) -> None:
         self._planner = Planner(

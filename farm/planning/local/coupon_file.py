@@ -1,4 +1,4 @@
-"""Coupon of `farm coupon` as a file."""
+"""Test coupon for the fit of pins in holes (`farm coupon`), written to a file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from farm.planning.error_translation import translate_errors
 
 
 def write_coupon(out: Path, pin_mm: float | None) -> dict[str, Any]:
-    """Write the coupon for pins of one diameter to an STL file, in its printing pose.
+    """Write the test coupon for pins of one diameter to an STL file, in its printing pose.
 
     Returns
     -------
@@ -23,7 +23,7 @@ def write_coupon(out: Path, pin_mm: float | None) -> dict[str, Any]:
     Raises
     ------
     FarmError
-        If there is no diameter, or the file cannot be written.
+        If `pin_mm` is None, or the file cannot be written.
     """
     if pin_mm is None:
         raise FarmError(

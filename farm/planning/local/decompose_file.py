@@ -54,7 +54,7 @@ _PAPER_ENGINES = (Engine.PARALLELOBOX, Engine.SYMMETRY, Engine.CUBE_SKELETON)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecomposeRequest:
-    """Options of `farm decompose`.
+    """Options of `farm decompose`; fields that are not listed are those of `Options` and `load_model`.
 
     Attributes
     ----------
@@ -63,16 +63,16 @@ class DecomposeRequest:
     volume_mm
         Build volume of a printer: x, y, z.
     interior, engine, score
-        Names of `Interior`, `Engine` and `Score`.
+        Values of `Interior`, `Engine` and `Score`.
     attempt_count
-        Number of attempts of the engine `parallelobox` for each number of seeds, the start cells from which
-        parts grow.
+        Number of attempts that the engine `parallelobox` makes for each number of seeds. A seed is a cell
+        from which a part grows.
     is_faithful
-        True to follow the engine's paper exactly.
+        True to run the engine exactly as its paper describes it.
     budget_s
-        Budget of the engine `best`.
+        Time budget of the engine `best`.
     clearing_s, assembly_s
-        Time to clear a bed, and to glue a part; each additional part must save more than both.
+        Time to clear a bed, and to glue a part; each additional part must save more than their sum.
     quality
         Quality with which parts are priced and sliced.
     slices_parts
@@ -157,7 +157,7 @@ def decompose_to_folder(
 def _choose_profile(height_mm: float) -> Profile:
     """Choose the profile with the lowest sufficient build height.
 
-    Of profiles with the same height, it is the first, whose clips on the bed are the largest.
+    Of several profiles with that height, the first is chosen, because the clips on its bed are the largest.
     """
     return max(PROFILES.values(), key=lambda p: (p.height_mm >= height_mm, -p.height_mm))
 
@@ -177,7 +177,7 @@ def _decompose(
     cost: CostModel,
     executor: Executor,
 ) -> Decomposition:
-    """Decompose a model for equal printers, each of which can hold a part of one of the sizes.
+    """Decompose a model for equal printers, which can print a part if it fits into one of the sizes.
 
     Raises
     ------

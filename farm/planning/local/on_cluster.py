@@ -25,7 +25,7 @@ class Cluster:
     Attributes
     ----------
     on_notice
-        Called with each message for the user, which is a sentence.
+        Called with each message for the user.
     """
 
     scheduler: str

@@ -28,7 +28,7 @@ from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 StepListener = Callable[[str], None]
-_SUGGESTED_SHARE = 0.99  # share of the largest size that is suggested, because figures are rounded
+_SUGGESTED_SHARE = 0.99  # share of the largest size that fits; less than 1, because messages round it
 
 
 def find_default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
@@ -69,7 +69,7 @@ def slice_to_file(
     cache: Path | None = None,
     on_step: StepListener = lambda _: None,
 ) -> dict[str, Any]:
-    """Slice a model in its own pose, in the middle of the bed; return the report of `farm slice --json`.
+    """Slice a model without turning it, in the middle of the bed; return the report of `farm slice --json`.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _read_model(path: Path, options: SliceOptions, on_step: StepListener) -> Mod
 def _find_usable_volumes(
     name: str, model: Model, settings: EngineSettings, profile: Profile
 ) -> tuple[UsableVolume, ...]:
-    """Return the volumes for a part with its brim. Raises FarmError if the model fits none of them."""
+    """Return the usable volumes beside the brim. Raises FarmError if the model fits into none of them."""
     usable_volumes = list_usable_volumes(profile, settings.brim_width_mm)
     size_mm = _compute_printed_size_mm(model, settings)
     if place_part(size_mm, usable_volumes) is None:

@@ -1,4 +1,4 @@
-"""Slices of a decomposition's parts, whose times determine how cuts are moved (`farm decompose --slice`)."""
+"""Slicing of parts, and moves of the cuts until the slices take equal times (`farm decompose --slice`)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from slicing.plate import PlateResult
 from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
 
 MAX_REBALANCES = 4
-"""Maximum number of times that the cuts are moved: after the first, the times of the parts are accurate."""
+"""Maximum number of times that the cuts are moved. After one move, the estimates are usually accurate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +50,9 @@ class PartSlicer:
     request
         Printer, quality and brim.
     usable_volumes
-        Boxes of the bed that a part may fill.
+        Boxes above the bed that a part may fill.
     cache
-        Folder of earlier slices; None for none.
+        Folder of earlier slices; None for no cache.
     """
 
     request: SettingsRequest
@@ -138,7 +138,7 @@ def write_sliced_parts(sliced_parts: SlicedParts, out: Path) -> dict[str, Any]:
     sliced_parts
         Parts whose G-code lies in another folder.
     out
-        The folder.
+        Folder to write into.
     """
     stored_decomposition = write_decomposition(sliced_parts.decomposition, out)
     report = stored_decomposition.as_dict()

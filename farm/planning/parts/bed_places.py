@@ -1,4 +1,4 @@
-"""Places at which parts will be sliced on the beds of their printers."""
+"""Places of parts on the beds of their printers, as `slice_part` will choose them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Bed:
 
 
 def find_beds(printers: Sequence[PrinterSection], quality: str, resources: Resources) -> dict[str, Bed]:
-    """Find the beds of printers by their names."""
+    """Return the bed of each printer, by the name of the printer."""
     beds = {}
     for section in printers:
         settings = resolve_printer_settings(section, quality, resources)

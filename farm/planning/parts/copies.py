@@ -33,29 +33,29 @@ def iterate_part_counts(copy_count: int, printer_count: int, max_parts: int) -> 
 
     Yields
     ------
-    rounds, parts
+    round_count, part_count
         Number of rounds, and of parts per copy; both ascend. All copies together have at most
-        `rounds * printer_count` parts.
+        `round_count * printer_count` parts.
     """
-    rounds = parts = 0
-    while parts < max_parts:
-        rounds += 1
-        part_count = min(max_parts, rounds * printer_count // copy_count)
-        if part_count > parts:
-            parts = part_count
-            yield rounds, parts
+    round_count = part_count = 0
+    while part_count < max_parts:
+        round_count += 1
+        possible_count = min(max_parts, round_count * printer_count // copy_count)
+        if possible_count > part_count:
+            part_count = possible_count
+            yield round_count, part_count
 
 
 def choose_evenly_spaced_items(items: Sequence[T], count: int) -> list[T]:
     """Choose items at equal distances in a sequence.
 
-    Of printers sorted by kind, this chooses a share of each kind.
+    From printers that are sorted by kind, it chooses the same share of each kind.
     """
     return [items[i * len(items) // count] for i in range(count)]
 
 
 def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
-    """Multiply the plan of one copy: assign the longest plates first, each where it ends soonest.
+    """Make the plan of all copies: the longest plates first, each on the printer on which it ends soonest.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> dict[str, Plate]:
     plates: dict[str, Plate] = {}
     for plate in sorted(plan.plates, key=lambda plate: (-plate.sliced_s, plate.id)):
         candidates = [section for section in printers if _can_print(section, plate)]
-        choices = [_move_plate(plate, s, task.find_time_factors(s.name)) for s in candidates] or [plate]
+        choices = [_reassign_plate(plate, s, task.find_time_factors(s.name)) for s in candidates] or [plate]
         for number in range(1, task.options.copies + 1):
             chosen_plate = min(
                 choices, key=lambda choice: (loads_s[choice.printer] + choice.expected_s, choice.printer)
@@ -126,8 +126,8 @@ def _can_print(section: PrinterSection, plate: Plate) -> bool:
     return derive_plate_requirements(plate).matches(describe_capabilities(section, list_bed_boxes))
 
 
-def _move_plate(plate: Plate, section: PrinterSection, time_factors: TimeFactors) -> Plate:
-    """Return a plate planned for another printer that can print its G-code."""
+def _reassign_plate(plate: Plate, section: PrinterSection, time_factors: TimeFactors) -> Plate:
+    """Return the plate as planned for another printer, which can print the same G-code."""
     return plate.model_copy(
         update={
             "printer": section.name,

@@ -1,7 +1,8 @@
 """Record of the cuts of a job: a file that another worker reads to move the cuts.
 
 The file is JSON of `_CutRecord`: the figures and options of a `Decomposition` and its `Cutting`, without
-solids. Numbers are restored exactly, because boxes are grouped by equality.
+solids. Numbers are restored exactly, because faces on one cut plane are found by their equal
+coordinates.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:
         return None
     figures = {name: getattr(decomposition, name) for name in _CutRecord.model_fields if name != "cutting"}
     rows = {"frame": cutting.frame.tolist(), "boxes_mm": cutting.boxes_mm.tolist()}
-    fields = {name: getattr(cutting, name) for name in ("granularity", "cut_for", "printers", "prices_s")}
-    record = _CutRecord(**figures, cutting=_CuttingRecord(**rows, **fields))
+    values = {name: getattr(cutting, name) for name in ("granularity", "cut_for", "printers", "prices_s")}
+    record = _CutRecord(**figures, cutting=_CuttingRecord(**rows, **values))
     path = folder / CUT_RECORD_FILE_NAME
     path.write_text(record.model_dump_json())
     return path

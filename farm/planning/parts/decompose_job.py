@@ -54,12 +54,12 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedDecomposition:
     Returns
     -------
     DecomposedJob | PausedDecomposition
-        A paused job is returned only with `DecomposeTask.may_pause`.
+        A `PausedDecomposition` is returned only with `DecomposeTask.may_pause`.
 
     Raises
     ------
     TooFewPrinters
-        If the model needs more printers; the error has the number that would suffice.
+        If the model needs more printers; `needed_count` of the error would suffice.
     FarmError
         `no_fit`, `geometry`, `settings` or `model`, with the reason.
     """
@@ -94,9 +94,9 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedDecomposition:
 
 
 def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | PausedDecomposition:
-    """Write the parts of a search into the folder of the task, or the record of a search that has paused.
+    """Write the parts that a search has found into the task's folder; if it has paused, write its record.
 
-    The record is a pickle of the best result, for workers of the same version.
+    The record is a pickle of the best result, which only workers of the same version can read.
     """
     best = search.best_result
     if best.open_printers:
@@ -158,7 +158,8 @@ def _reassign_parts(
 
 
 DEADLINE_MARGIN_RATIO = 1.1
-"""Margin of `--done-by` for planning time and for prints that take longer than expected."""
+"""Ratio of the time until `--done-by` to the time for which the parts are cut. The margin is for planning
+and for prints that take longer than expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +169,7 @@ class ModelCutter:
     Attributes
     ----------
     goal
-        Time that a person needs for each part, and whether time limits include gluing; see `CountGoal`.
+        Goal by which the number of printers is chosen.
     """
 
     model: Model
@@ -226,18 +227,18 @@ class ModelCutter:
     def cut_for_copies(self, task: DecomposeTask) -> Decomposition:
         """Cut the model for a share of the printers, so that all copies print at the same time.
 
-        If the model needs more parts than that, the copies take several rounds. A model that fits into one
-        printer stays whole, unless the user requests a number of printers, or a time by which whole copies
-        would not be finished.
+        If the model needs more parts than that share has printers, the copies are printed in several rounds.
+        A model that fits into one printer stays whole, unless the user requests a number of printers, or a
+        time by which whole copies would not be finished.
         """
         copy_count, printer_count = task.options.copies, len(task.printers)
         limit_s = None if task.time_limit_s is None else task.time_limit_s / DEADLINE_MARGIN_RATIO
-        has_count = task.options.printers is not None and limit_s is None
-        one_part = None if has_count and copy_count < printer_count else self.keep_model_whole()
-        if one_part is not None and (
-            limit_s is None or one_part.makespan_s * -(-copy_count // printer_count) <= limit_s
+        is_count_requested = task.options.printers is not None and limit_s is None
+        whole_model = None if is_count_requested and copy_count < printer_count else self.keep_model_whole()
+        if whole_model is not None and (
+            limit_s is None or whole_model.makespan_s * -(-copy_count // printer_count) <= limit_s
         ):
-            return one_part
+            return whole_model
         part_limit, min_parts = len(self.printers), 0
         indices_by_kind = sorted(range(part_limit), key=lambda i: self.printers[i].boxes)
         for round_count, part_count in iterate_part_counts(copy_count, printer_count, part_limit):
@@ -247,7 +248,7 @@ class ModelCutter:
             chosen_indices = sorted(choose_evenly_spaced_items(indices_by_kind, part_count))
             cutter = replace(self, printers=[self.printers[i] for i in chosen_indices])
             try:
-                if has_count:
+                if is_count_requested:
                     return cutter.cut_for_all_printers()
                 return cutter.cut_for_worthwhile_printers(None if limit_s is None else limit_s / round_count)
             except NoFit as error:
@@ -257,9 +258,12 @@ class ModelCutter:
         raise AssertionError("the last attempt has all printers")
 
     def cut_within_time(self, time_limit_s: float) -> Decomposition:
-        """Cut the model into the fewest parts that meet a time limit with a margin, or else end soonest."""
+        """Cut the model into the fewest parts that meet a time limit with a margin.
+
+        If the limit cannot be met, cut it into the parts that end soonest.
+        """
         limit_s = time_limit_s / DEADLINE_MARGIN_RATIO
-        whole = self.keep_model_whole()
-        if whole is not None and whole.makespan_s <= limit_s:
-            return whole
+        whole_model = self.keep_model_whole()
+        if whole_model is not None and whole_model.makespan_s <= limit_s:
+            return whole_model
         return self.cut_for_worthwhile_printers(time_limit_s=limit_s)

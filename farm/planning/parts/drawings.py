@@ -1,4 +1,4 @@
-"""Drawings of a job's parts in the workers: pictures in parallel, then the page that shows them."""
+"""Drawing of a job's parts in the workers: pictures in parallel, then the page that shows them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from farm.planning.plan import DecomposedJob, DecomposeTask
 from farm.planning.tasks import draw_job_parts, draw_overview, draw_step_range
 
 MAX_RANGES = 4
-"""Maximum number of ranges of assembly steps, one for a worker. Each worker computes the views of all steps
-before its range, so more ranges would save little time."""
-MIN_STEPS = 5  # minimum number of assembly steps of a range, on average
+"""Maximum number of ranges of assembly steps; each is drawn by one worker. A worker also computes the views
+of all steps before its range, so more ranges would save little time."""
+MIN_STEPS = 5  # minimum average number of assembly steps in a range
 
 
 class Drawings:
@@ -25,7 +25,7 @@ class Drawings:
         self._running: dict[Path, asyncio.Future[None]] = {}
 
     def start(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
-        """Start drawing parts, unless their drawing has started."""
+        """Start drawing parts, unless it has already started."""
         if task.folder not in self._running:
             drawing = draw_parts_in_parallel(self._workers, task, decomposed_job)
             self._running[task.folder] = asyncio.ensure_future(drawing)
@@ -47,7 +47,7 @@ class Drawings:
 async def draw_parts_in_parallel(
     workers: PoolShare, task: DecomposeTask, decomposed_job: DecomposedJob
 ) -> None:
-    """Draw a job's parts into the folder of its task; several workers share the pictures of many steps.
+    """Draw a job's parts into the folder of its task; several workers share the steps of a long assembly.
 
     Raises
     ------
@@ -77,7 +77,7 @@ async def draw_parts_in_parallel(
 def split_steps(step_count: int) -> list[tuple[int, int]]:
     """Split the steps of an assembly into half-open ranges for several workers.
 
-    There are no ranges if one worker draws all steps.
+    The list is empty if one worker should draw all steps.
     Later ranges are shorter, because their steps join more parts and take more time.
     """
     range_count = min(MAX_RANGES, step_count // MIN_STEPS)

@@ -1,4 +1,4 @@
-"""Continuation of a paused decomposition: the attempts of its next round, and its search, in workers."""
+"""Continuation of a paused decomposition in workers: attempts of the next round, then the search itself."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from slicing.settings import find_resources
 OUTCOME_FILE_NAME = "outcome.pickle"
 
 
-def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Path:
+def make_attempt(task: DecomposeTask, record: Path, number: int, folder: Path) -> Path:
     """Make one attempt of the next round of a paused decomposition.
 
     Parameters
@@ -59,7 +59,7 @@ def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Pa
 def continue_job(
     task: DecomposeTask, record: Path, outcomes: Sequence[Path | str], end_reason: str | None = None
 ) -> DecomposedJob | PausedDecomposition:
-    """Continue a paused decomposition after a round of attempts, and write its parts.
+    """Continue a paused decomposition after a round of attempts; write its parts, or pause it again.
 
     Parameters
     ----------

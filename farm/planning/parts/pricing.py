@@ -71,12 +71,12 @@ def estimate_time_factors(
 ) -> dict[str, float]:
     """Estimate the time factor of each printer for the parts of a model, before it is cut.
 
-    A partition assumes one speed for each printer: its speed for the features of the whole model.
+    The decomposition assumes one speed for each printer: its speed for the features of the whole model.
 
     Parameters
     ----------
     time_factors
-        Time factors of the printers, learned from their prints, by name; nominal for other printers.
+        See `DecomposeTask`.
     solid
         The model.
     """
@@ -101,7 +101,8 @@ def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSecti
     Parameters
     ----------
     printers
-        The printers that may print its parts. Their fits apply to the holes, unless the job has its own fit.
+        The printers that may print its parts. Holes for pins get the pin fits of these printers, unless the
+        job has its own.
     """
     quality = FARM_QUALITIES.get(options.quality)
     fit_first_layer = quality is not None and quality.fits_first_layer
@@ -114,7 +115,7 @@ def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSecti
     return Options(
         options.engine,
         fit_first_layer=fit_first_layer,
-        prove=False,  # a proof would keep the user waiting
+        prove=False,  # the proof of a lower bound would keep the user waiting
         connectors=select_connectors(connectors, options.quality),
     )
 
@@ -141,7 +142,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
     Parameters
     ----------
     overhead_s
-        Seconds of a plate apart from its layers: heat-up, start and end code.
+        Seconds of a plate in addition to its layers: heat-up, start and end code.
     """
     extruder, global_settings = settings.extruder, settings.global_
     is_connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
@@ -189,7 +190,10 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
 
 
 def _find_hidden_inner_wall_mm_s(settings: EngineSettings) -> float:
-    """Return the speed in mm/s along the inner wall of a hidden side, which may have been removed."""
+    """Return the speed along the inner wall of a hidden side, in mm/s.
+
+    If that wall is removed, this is the speed at which its length takes as long as the remaining travel.
+    """
     if removes_inner_walls(settings):
         return settings.speed_travel_mm_s / REMAINING_TRAVEL_SHARE
     return settings.compute_hidden_wall_speed_mm_s(settings.speed_wall_x_mm_s, settings.line_width_mm)
@@ -209,13 +213,8 @@ def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> Cos
 
 
 def compute_time_ratio(cost: CostModel, reference: CostModel) -> float:
-    """Return the ratio of the estimated times of a 50 mm cube by two cost models."""
-    cube_features = (
-        125_000.0,
-        10_000.0,
-        5_000.0,
-        0.0,
-        0.0,
-    )  # volume mm3, sides, skins, slopes mm2, supports mm3
+    """Return the time that one cost model estimates for a 50 mm cube, divided by that of a reference."""
+    # Volume in mm3; areas of the sides, skins and slopes in mm2; volume of the supports in mm3.
+    cube_features = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0)
     size_mm = (50.0, 50.0, 50.0)
     return cost.price_part_s(cube_features, size_mm) / reference.price_part_s(cube_features, size_mm)

@@ -1,4 +1,4 @@
-"""Adjustment of a job's cuts to the sliced times of its parts. Runs in a worker."""
+"""Adjustment of a job's cuts to the times of its parts according to the slicer. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0
     folder
         Folder for the new parts.
     best_ratio
-        Shortest makespan of the slices of the job so far, divided by the makespan of `sliced_job`.
+        Shortest makespan of all slices of the job so far, divided by the makespan of `sliced_job`.
 
     Returns
     -------
@@ -67,9 +67,10 @@ def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0
 
 
 def _compute_times_s(sliced_job: SlicedJob) -> list[float]:
-    """Compute the time of each part, times the ratio of its printer's time factors for the part and the job.
+    """Compute the time of each part relative to the speed of its printer, for `rebalance_planes`.
 
-    Moving planes assumes one speed for each printer, which is its speed for the features of the whole job.
+    That function assumes one speed for each printer, which is its speed for the features of the whole job. So
+    each time is multiplied by the printer's time factor for the part, and divided by that for the job.
     """
     parts = sliced_job.parts
     totals_s = map(sum, zip(*(astuple(part.result.features) for part in parts), strict=True))

@@ -1,4 +1,7 @@
-"""Search for parts in rounds: the workers make the attempts of a round in parallel."""
+"""Search for parts in rounds: the workers make the attempts of a round in parallel.
+
+An attempt cuts the model on one grid, at one angle (see `decompose.best`).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from farm.compute import DECOMPOSING_LIMIT, PoolShare
 from farm.errors import ErrorCode, FarmError
 from farm.planning.decompose_progress import DecomposeProgress, ProgressRate, read_share
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedDecomposition
-from farm.planning.tasks import continue_job, decompose_job, try_grid
+from farm.planning.tasks import continue_job, decompose_job, make_attempt
 
 log = logging.getLogger(__name__)
 
@@ -45,7 +48,7 @@ class SearchRounds:
     async def _continue_search(
         self, record: Path, outcomes: tuple[Path | str, ...]
     ) -> DecomposedJob | PausedDecomposition:
-        """Continue the search after a round; beyond a limit, end it with the best result so far."""
+        """Continue the search after a round; if that exceeds a limit, end it with the best result so far."""
         result: DecomposedJob | PausedDecomposition
         try:
             result = await self._workers.run(
@@ -76,7 +79,7 @@ class SearchRounds:
         return None if share is None else self._rate.estimate_progress(min(1.0, share), now_s)
 
     async def _make_attempts(self, paused_decomposition: PausedDecomposition) -> tuple[Path | str, ...]:
-        """Make the attempts of a round; return the file of each outcome, or the limit that it exceeded."""
+        """Make the attempts of a round; return the outcome of each; see `_make_attempt`."""
         self._spent_share = paused_decomposition.spent_share
         folders = [
             paused_decomposition.record.with_suffix(f".{number}")
@@ -95,10 +98,10 @@ class SearchRounds:
             await asyncio.gather(*attempts, return_exceptions=True)  # waits until their workers have ended
 
     async def _make_attempt(self, record: Path, number: int, folder: Path) -> Path | str:
-        """Make an attempt; return the file of its outcome, or the limit that it exceeded."""
+        """Make an attempt; return the file of its outcome, or a message if the attempt exceeded a limit."""
         try:
             outcome: Path = await self._workers.run(
-                try_grid, self._task, record, number, folder, limit=DECOMPOSING_LIMIT
+                make_attempt, self._task, record, number, folder, limit=DECOMPOSING_LIMIT
             )
         except FarmError as error:
             if error.code is not ErrorCode.LIMIT:

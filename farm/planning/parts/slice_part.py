@@ -19,11 +19,12 @@ from slicing.glued_parts import HiddenRecess, HiddenSide, SideGroove
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import SMALL_OVERHANG_MM2, EngineSettings, PartSettings, resolve_settings
 
-SUPPORT_TOLERANCE_DEG = 0.5  # CuraEngine supports some faces below the support angle, because it rounds
+SUPPORT_TOLERANCE_DEG = 0.5
+"""Angle below the support angle within which CuraEngine may still support a face, because it rounds."""
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
-    """Place a part on its bed and slice it; if it prints past the edge, shift it and slice it again.
+    """Place a part on the bed and slice it; if its print extends past an edge, shift it and slice again.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     Raises
     ------
     FarmError
-        `no_fit` if it does not fit on the bed, `engine` or `slice` with CuraEngine's error.
+        `no_fit` if the part does not fit on the bed, `engine` or `slice` with CuraEngine's error.
     """
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
@@ -74,7 +75,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
 
 
 def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSettings:
-    """Resolve the settings of a part with its mesh as printed. Raises the errors of `resolve_settings`."""
+    """Resolve the settings of a part from its mesh in printed size. Raises as `resolve_settings` does."""
     part_settings = PartSettings(
         height_mm=float(mesh.extents[2]),
         brim_width_mm=task.print_options.brim_width_mm,
@@ -87,9 +88,9 @@ def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSett
 
 
 def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> float | None:
-    """Find a larger support angle for a part with only small overhangs above the usual angle; else None.
+    """Find a larger support angle for a part whose overhangs above the usual angle are all small; else None.
 
-    CuraEngine builds a tower from the bed even below a strip of a face that is only a few layers high.
+    Without it, CuraEngine would build supports from the bed even below an overhang of a few layers.
 
     Parameters
     ----------
@@ -119,9 +120,9 @@ def _find_placement(task: SliceTask, extents_mm: tuple[float, float, float]) -> 
 
 
 def place_hidden_sides(options: PartPrintOptions, to_bed: npt.NDArray[np.float64]) -> tuple[HiddenSide, ...]:
-    """Place the hidden sides of a part, and the grooves in them, by the (4, 4) transform of its mesh.
+    """Transform the hidden sides of a part, and the grooves in them, by the (4, 4) matrix of its mesh.
 
-    The transform may turn the part about Z, scale it alike in X and Y, and move it.
+    The matrix may rotate the part about Z, scale X and Y equally, and move the part.
     """
     turn_and_scale, shift_mm = to_bed[:2, :2], to_bed[:2, 3]
     sides = []
@@ -142,7 +143,7 @@ def place_hidden_sides(options: PartPrintOptions, to_bed: npt.NDArray[np.float64
 def place_hidden_recesses(
     options: PartPrintOptions, to_bed: npt.NDArray[np.float64]
 ) -> tuple[HiddenRecess, ...]:
-    """Place the hidden recesses of a part by the (4, 4) transform of its mesh, as in `place_hidden_sides`."""
+    """Transform the hidden recesses of a part by the (4, 4) matrix of its mesh; see `place_hidden_sides`."""
     recesses = []
     for low_x, low_y, high_x, high_y, face_z, bottom_z in options.hidden_recesses:
         corners = trimesh.transform_points([(low_x, low_y, face_z), (high_x, high_y, bottom_z)], to_bed)
@@ -154,10 +155,10 @@ def place_hidden_recesses(
 def _build_transform(
     mesh: trimesh.Trimesh, placement: Placement, scale: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Return the (4, 4) transform of a mesh to its placement.
+    """Return the (4, 4) matrix that transforms a mesh to its placement.
 
-    The transform scales by `scale` (3,), and moves the centre of the box to the placement and the underside
-    to Z 0.
+    It scales by `scale` (3,), moves the centre of the bounding box to the placement, and the underside to
+    Z 0.
     """
     centre = mesh.bounds.mean(axis=0)
     transform = np.eye(4)

@@ -29,6 +29,7 @@ log = logging.getLogger(__name__)
 
 _SEARCH_INTERVAL_S = 10.0  # wall seconds between two searches for plates to reslice
 _AttemptKey = tuple[str, int, str | None, float]
+"""Id of a plate, its number of prints, and the family and nozzle diameter in mm of a kind of printer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +44,12 @@ class StartReplan:
 class ReplanCoordinator:
     """Coordinator that decides which plates are replanned, and whether the results are used.
 
-    Running replans are in memory only: after a restart, plates are examined again.
+    The plates that are being replanned are in memory only: after a restart, plates are examined again.
     """
 
     def __init__(self) -> None:
         self._running: dict[str, StartReplan] = {}
-        self._examined_keys: set[tuple[str, int]] = set()  # failed plates with their number of prints
+        self._examined_keys: set[tuple[str, int]] = set()  # failed plates, with their numbers of prints
         # Plates and kinds of printer for which replanning saved no time.
         self._attempted_keys: set[_AttemptKey] = set()
         self._search_due_s = -math.inf
@@ -86,8 +87,8 @@ class ReplanCoordinator:
         }
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield instructions to cut the parts of plates that have just failed, before these are assigned."""
-        for waiting_plate in situation.waiting_plates.repeats:
+        """Yield instructions to cut the parts of plates that just failed, before they are assigned again."""
+        for waiting_plate in situation.waiting_plates.reprints:
             plate = books.plates[waiting_plate.id]
             key = (plate.id, len(plate.prints))
             if (
@@ -102,7 +103,7 @@ class ReplanCoordinator:
                 yield self._start_replan(plate, recut.printers, is_cut=True)
 
     def reslice_waiting_plates(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield instructions to slice plates for a kind of printer other than the one that they wait for.
+        """Yield instructions to slice waiting plates for another kind of printer than they were sliced for.
 
         Parameters
         ----------
@@ -161,7 +162,7 @@ class ReplanCoordinator:
     def finish(
         self, plate_id: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation
     ) -> ev.PlateReplaced | None:
-        """Return the event of a finished replan; None if the plate is not replaced.
+        """Return the event that replaces a replanned plate; None if the plate stays as it is.
 
         Parameters
         ----------
@@ -252,7 +253,7 @@ def _has_failed(books: Books, plate: Plate) -> bool:
 
 
 def _may_be_replanned(books: Books, plate: Plate) -> bool:
-    """Return whether a plate may change: neither own G-code nor part of an approved plan."""
+    """Return whether a plate may be replaced: it is no user's own G-code, and its plan needs no approval."""
     job = books.jobs[plate.job]
     meshes = [books.parts[name].file for name in plate.parts if books.parts[name].file.endswith(".stl")]
     return not job.options.hold and len(plate.parts) == len(meshes) == 1

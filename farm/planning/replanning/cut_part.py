@@ -41,7 +41,7 @@ def cut_part(task: ReplanTask) -> Pieces:
         resources = find_resources()
     job_options = build_decompose_options(task.options, task.printers)
     connectors = replace(job_options.connectors, used_distances_mm=read_pin_distances_mm(task))
-    options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # the pieces get no hollows
+    options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # pieces are not hollowed
     whole, quality = Model(_read_solid(task.files / task.part.file), (), 1.0), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, whole.solid, quality, resources)
     printers, cost = build_target_printers(task.printers, time_factors, quality, resources)

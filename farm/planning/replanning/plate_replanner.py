@@ -51,7 +51,7 @@ class PlateReplanner:
         running_task.add_done_callback(self._running.discard)
 
     def stop(self) -> None:
-        """Stop all replans; the next daemon examines the plates again."""
+        """Stop replanning all plates; after a restart, the daemon examines them again."""
         for task in self._running:
             task.cancel()
 

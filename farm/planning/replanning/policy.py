@@ -33,7 +33,7 @@ JOINING_TIME_S = 336.0
 SLICING_TIME_S, CUTTING_TIME_S = 120.0, 300.0
 """Typical wall-clock seconds of slicing, and of cutting followed by slicing."""
 MAX_PIECES = 8
-_CUT_TIME_RATIO = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and tops
+_CUT_TIME_RATIO = 1.15  # ratio of the time of all pieces to that of the whole part: cuts add walls and skins
 _KIND_DEPENDENT_CODES = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
@@ -46,7 +46,7 @@ _KIND_DEPENDENT_CODES = (
     HoldCode.UNATTENDED,
     HoldCode.NO_SUCH_PRINTER,
 )
-"""Reasons to wait that do not apply to a printer of another kind."""
+"""Reasons to wait that may not apply to a printer of another kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,8 @@ def saves_enough(current_end_s: float, new_end_s: float, now_s: float) -> bool:
 class EndForecast:
     """Forecast of the ends of the waiting plates of a situation, made on first use.
 
-    Printers that need inspection count only if fleet.yaml has attended hours.
+    A printer that needs inspection is used only if fleet.yaml has attended hours, in which a person inspects
+    it.
     """
 
     def __init__(self, situation: Situation) -> None:
@@ -117,7 +118,7 @@ def choose_reslice(
     free_printers: Sequence[FleetPrinter],
     end_forecast: EndForecast | None = None,
 ) -> Reslice | None:
-    """Choose a printer of another kind on which a waiting plate ends sooner by the margin.
+    """Choose a printer of another kind on which a waiting plate ends sooner, by at least the margin.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def choose_reslice(
 
 
 def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
-    """Choose the printers on which a failed plate's part, once cut, ends sooner by the margin.
+    """Choose the printers for which a failed plate's part is cut, if it then ends sooner by the margin.
 
     Candidates are the free printers that the other waiting plates do not need. The estimate assumes equal
     pieces; the actual cut is compared with the uncut part before it is used.
@@ -214,7 +215,7 @@ def _list_unneeded_printers(
 
 
 def depends_on_printer_kind(code: HoldCode) -> bool:
-    """Return whether a reason to wait does not apply to a printer of another kind."""
+    """Return whether a reason to wait may not apply to a printer of another kind."""
     return code in _KIND_DEPENDENT_CODES
 
 
@@ -226,7 +227,7 @@ def _has_same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 
 
 def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
-    """Return whether a printer has the filament of a plate, but is not of the kind that it was sliced for."""
+    """Return whether a kind of printer has the filament of a plate that was sliced for another kind."""
     material, colour, _, _, allowed_printers = demand
     return kind.meets((material, colour, None, None, allowed_printers)) and not kind.meets(demand)
 
@@ -248,7 +249,7 @@ def _find_best_printer(
     ]
     if plate.extra_printer_count == 0 or not startable_printers:
         return None
-    return min(startable_printers, key=lambda p: (_estimate_sliced_s(plate, p), p.name))
+    return min(startable_printers, key=lambda p: (_estimate_resliced_s(plate, p), p.name))
 
 
 def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> bool:
@@ -258,11 +259,11 @@ def _could_start(plate: WaitingPlate, printer: FleetPrinter, situation: Situatio
 
 def _estimate_resliced_end_s(plate: WaitingPlate, printer: FleetPrinter, situation: Situation) -> float:
     start_s = situation.now_s + SLICING_TIME_S * situation.time_scale
-    return start_s + _estimate_sliced_s(plate, printer)
+    return start_s + _estimate_resliced_s(plate, printer)
 
 
-def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
-    """Estimate the seconds of a plate if it is sliced for another printer.
+def _estimate_resliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
+    """Estimate the printing time of a plate if it is sliced for another printer.
 
     A finer nozzle takes longer because it prints finer lines; a coarser one is not assumed to be faster.
     """

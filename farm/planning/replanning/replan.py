@@ -1,4 +1,4 @@
-"""Replans of a waiting plate: its part is sliced for another kind of printer, or cut for several printers.
+"""Replanning of a waiting plate: its part is sliced for another kind of printer, or cut for several printers.
 
 The files of the first plan stay in the store. A piece is named by its part and a letter, such as 3/p07a.
 """
@@ -35,7 +35,7 @@ class ReplanTask:
     folder
         Scratch folder.
     time_factors
-        Time factors of the printers, by name; nominal for other printers.
+        Time factors of the printers, by name; printers without an entry have nominal factors.
     other_parts
         The other parts of the same copy of the model, for the picture.
     reports
@@ -76,7 +76,7 @@ class Pieces:
 
 @dataclass(frozen=True, slots=True)
 class ReplannedPlate:
-    """Parts and plates that replace a plate, and the names of new files in the store; see `Pieces`."""
+    """Parts and plates that replace a plate, and the names of the new files in the store (see `Pieces`)."""
 
     parts: tuple[Part, ...]
     plates: tuple[Plate, ...]
@@ -107,8 +107,8 @@ def store_resliced_part(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedP
     Raises
     ------
     FarmError
-        `slice` if more walls are too thin to print on this printer than on that of the old plate, up to the
-        maximum number of its warnings.
+        `slice` if more walls are too thin to print than on the old plate. Both counts are limited to
+        `MAX_WALL_WARNINGS`, because a plate keeps no more warnings.
     """
     thin_walls = sliced_part.result.unprinted_walls
     known_warnings = [warning for warning in task.plate.warnings if warning != MAY_FALL_WARNING]

@@ -14,7 +14,7 @@ from farm.planning.replanning.policy import JOINING_TIME_S, saves_enough
 from farm.scheduling import Requirements, Situation, WaitingPlate, compute_printing_s, forecast_prints
 
 MAX_REVISIONS = 3
-"""Maximum number of plans that replace the first one."""
+"""Maximum number of times that the plan of a job is replaced."""
 CUT_GROWTH_SHARE = 0.15
 """Maximum share by which the printing time of all parts grows if a model is cut into more parts."""
 
@@ -30,11 +30,11 @@ class PlannedJob:
     plates
         Its waiting plates, at least one.
     planned_for
-        The printers that its plan could use.
+        The printers that were available to its plan.
     requirements
         Requirements on each printer, independent of the plan.
     planning_s
-        Farm seconds that another plan takes.
+        Time to make another plan, in seconds of the farm's clock.
     print_deadline_s
         Time by which its last part must be printed; None for no limit.
     end_s
@@ -51,7 +51,7 @@ class PlannedJob:
 
 
 def may_revise(job: PlannedJob, situation: Situation, candidates: Iterable[Sequence[str]]) -> bool:
-    """Return whether another plan may save time, according to estimates that need no slow forecast."""
+    """Return whether another plan may save time, according to quick estimates without a forecast."""
     if job.end_s is None:
         return any(_has_other_printers(job, names) for names in candidates)
     if job.print_deadline_s is not None and job.end_s <= job.print_deadline_s:
@@ -64,8 +64,7 @@ def choose_revision(
 ) -> tuple[str, ...] | None:
     """Choose the printers for which a job is planned again; None if its plan is kept.
 
-    The plan is also kept if the new plan would be revised again immediately: estimates assume equal parts,
-    which the model may not allow.
+    The plan is also kept if the estimated new plan would be revised again immediately.
 
     Parameters
     ----------
@@ -122,7 +121,7 @@ def _find_best_printers(
 
 
 def _may_save_time(job: PlannedJob, names: Sequence[str], current_end_s: float, situation: Situation) -> bool:
-    """Return whether a plan for some printers saves enough if its plates start now on the fastest printer."""
+    """Return whether a plan saves enough time if each of its plates starts on the fastest printer now."""
     if not _may_be_better(job, names, current_end_s):
         return False
     plate = estimate_plates(job, names)[0]
@@ -140,7 +139,7 @@ def _has_other_printers(job: PlannedJob, names: Sequence[str]) -> bool:
 
 
 def _may_be_better(job: PlannedJob, names: Sequence[str], current_end_s: float) -> bool:
-    """Return whether a plan for some printers may differ from the current plan and be better."""
+    """Return whether a plan for some printers may differ from the current plan, and be better."""
     if not _has_other_printers(job, names):
         return False
     if math.isinf(current_end_s):

@@ -1,4 +1,4 @@
-"""Revisions of plans, for other printers, before any plate of their job has started."""
+"""Revisions of plans: before its first plate starts, a job may be planned again for other printers."""
 
 from __future__ import annotations
 
@@ -43,12 +43,14 @@ log = logging.getLogger(__name__)
 PLANNING_TIMEOUT_RATIO = 3.0
 """Multiple of the expected planning time after which a job starts with its current plan."""
 MAX_FORECAST_SIZE = 1000
-"""Number of printers and plates in the forecasts of one run above which jobs wait for the next run."""
+"""Limit on the number of printers and plates in the forecasts of one run of the scheduler. Above it, the
+remaining jobs wait for the next run."""
 _ExaminationKey = tuple[int, str | None, frozenset[str], frozenset[str]]
+"""Id of a job, hash of its plan, and the idle and the usable printers for which it was examined."""
 
 
 class PlanRevisions:
-    """Tracker of plan revisions, which decides which jobs are planned again and whether new plans are used.
+    """Coordinator that decides which jobs are planned again, and whether the new plans are used.
 
     A job is examined when its first plate could start, and when a printer of its plan is no longer available.
     Its plates do not start while another plan is made. The state is in memory only: after a restart, jobs are
@@ -57,7 +59,7 @@ class PlanRevisions:
     Attributes
     ----------
     has_remaining_jobs
-        True if jobs remain for the next run, which begins immediately.
+        True if jobs remain for the next run of the scheduler, which begins immediately.
     postponed_plates
         Plates of these jobs that could start, but wait until their job is examined.
     """
@@ -67,7 +69,7 @@ class PlanRevisions:
         self._start_times_s: dict[int, float] = {}
         self._hold_ends_s: dict[int, float] = {}
         self.has_remaining_jobs, self.postponed_plates = False, frozenset[str]()
-        self._examined_keys: set[_ExaminationKey] = set()  # jobs with their plans, idle and usable printers
+        self._examined_keys: set[_ExaminationKey] = set()
         # For each job: its version in the books, and whether its plan may change.
         self._change_checks: dict[int, tuple[object, bool]] = {}
 
@@ -118,7 +120,7 @@ class PlanRevisions:
         assignments
             Assignments of the situation, see `assign_plates`.
         find_reservations
-            Returns the free printers that are reserved, each with its purpose.
+            Function that returns the free printers that are reserved, each with its purpose.
         """
         self.has_remaining_jobs, self.postponed_plates = False, frozenset()
         changeable_jobs = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
@@ -260,8 +262,11 @@ class _CandidatePrinters:
     def choose_printers(
         self, job: Job, plates: Iterable[WaitingPlate]
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Choose printers for a job and its plates: from the idle ones, and from all that need no repair."""
-        # The spares of the job are subtracted below.
+        """Return two choices of printers for a job: from the idle ones, and from all that need no repair.
+
+        Printers that are reserved for `plates`, which belong to the job, count as idle.
+        """
+        # `JobRequest` subtracts the spare printers of the job.
         own_purposes = {plate.id for plate in plates} | {SPARE_PURPOSE}
         taken_printers = {name for name, purpose in self._purposes if purpose not in own_purposes}
         request = JobRequest(

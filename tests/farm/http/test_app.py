@@ -213,7 +213,7 @@ def test_name_without_a_known_suffix_is_refused(daemon, name):
 def test_material_that_no_printer_has_is_refused_at_once(daemon):
     answer = submit_model(daemon, make_stl(), options='{"material": "generic_pal"}')
     assert answer.status_code == 409
-    assert "no printer of the fleet has generic_pal; it has generic_pla" in answer.json()["error"]
+    assert "no printer of the fleet has generic_pal; the fleet has generic_pla" in answer.json()["error"]
 
 
 BAD_OPTIONS = ("{", '{"printers": 0}', '{"x": 1}', '{"quality": "nonsense"}', '{"engine": "nonsense"}')

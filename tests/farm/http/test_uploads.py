@@ -20,7 +20,7 @@ from farm.errors import ErrorCode, FarmError, NotFoundError, RefusedError
 from farm.http.uploads import Upload, Uploads, check_quota
 from farm.model import JobOptions
 from farm.paths import StateFolder
-from farm.planning import name_step_file
+from farm.planning import make_inspection_step_path
 
 QUOTA = UploadsSection(model_gb=2.0, at_once=2, free_gb=1.0, open_jobs=3)
 MB, GB = 10**6, 10**9
@@ -81,7 +81,7 @@ def test_open_uploads_count_until_their_inspection_ends(tmp_path, monkeypatch):
         workers.start_step = None
         assert uploads.describe("a").step == "waiting for a worker"
         assert list(inspections.values()) == ["a.stl"]
-        name_step_file(next(state.work.glob("upload-*"))).write_text("repairing")
+        make_inspection_step_path(next(state.work.glob("upload-*"))).write_text("repairing")
         assert uploads.describe("a") == UploadView(step="repairing", received=5, size=5)
         with pytest.raises(NotFoundError):
             uploads.describe("b")

@@ -32,7 +32,7 @@ def test_parts_get_their_supports_in_every_quality(quality):
         (JobOptions(only=("p0",)), False, "^p0 is disabled: send the file to the address"),
         (JobOptions(only=("p0",), colour="gold"), True, "^p0 is disabled or lacks gold: send"),
         (JobOptions(), False, "^all printers of the fleet are disabled$"),
-        (JobOptions(colour="gold"), True, "^no printer of the fleet has gold; it has "),
+        (JobOptions(colour="gold"), True, "^no printer of the fleet has gold; the fleet has "),
     ],
 )
 def test_job_without_a_matching_printer_is_refused_with_the_reason(options, is_enabled, message):

@@ -24,7 +24,7 @@ plates = st.lists(
         planned_printer=st.sampled_from("abc"),
         expected_s=st.floats(60, 1e5),
         not_before_s=st.sampled_from([None, 10.0, 20.0]),
-        is_repeat=st.booleans(),
+        is_reprint=st.booleans(),
     ),
     unique_by=lambda plate: plate.id,
 )
@@ -39,7 +39,7 @@ def test_summaries_of_a_queue_match_its_plates(waiting_plates):
     assert queue.planned_printers == {plate.planned_printer for plate in waiting_plates}
     assert queue.demands == {plate.demand for plate in waiting_plates}
     assert queue.earliest_starts_s == {plate.not_before_s for plate in waiting_plates} - {None}
-    assert list(queue.repeats) == [plate for plate in queue if plate.is_repeat]
+    assert list(queue.reprints) == [plate for plate in queue if plate.is_reprint]
     assert queue.extra_printer_counts == {
         plate.job: plate.extra_printer_count for plate in waiting_plates if plate.job != 1
     }

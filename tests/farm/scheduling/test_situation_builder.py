@@ -20,7 +20,7 @@ from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
-from farm.scheduling.holds import find_plate_holds
+from farm.scheduling.holds import find_held_back_plates
 from farm.scheduling.plate_queue import PlateQueue
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import SituationBuilder, derive_job_requirements, update_print_ends
@@ -77,9 +77,11 @@ def test_cached_description_equals_a_new_one(steps, is_absent):
         assert builder.describe_printers(FLEET, books, snapshots) == new_builder.describe_printers(
             FLEET, books, snapshots
         )
-        holds = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0)
-        assert find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, builder.may_hold_back) == holds
-        unfiltered_holds = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, lambda *_: True)
+        holds = find_held_back_plates(books, books.jobs.values(), SECTIONS, 210.0)
+        assert (
+            find_held_back_plates(books, books.jobs.values(), SECTIONS, 210.0, builder.may_hold_back) == holds
+        )
+        unfiltered_holds = find_held_back_plates(books, books.jobs.values(), SECTIONS, 210.0, lambda *_: True)
         assert unfiltered_holds == holds
         is_absent = not is_absent
 

@@ -4,7 +4,7 @@ import asyncio
 
 from clusters.dask_cluster import INSTALLATION
 from farm.compute.cluster import connection
-from farm.compute.cluster.connection import Connection, list_stuck_workers, list_workers
+from farm.compute.cluster.connection import Connection, list_silent_workers, list_workers
 
 
 def test_connection_can_be_cancelled_while_it_closes_after_a_loss(monkeypatch):
@@ -36,12 +36,12 @@ def test_connection_can_be_cancelled_while_it_closes_after_a_loss(monkeypatch):
 def test_worker_without_new_heartbeats_is_reported_as_stuck():
     heartbeats = {}
     records = {"tls://a": {"last_seen": 100.0}, "tls://b": {"last_seen": 100.0}}
-    assert list_stuck_workers(records, heartbeats, 0.0) == [] and list(heartbeats) == ["tls://a", "tls://b"]
+    assert list_silent_workers(records, heartbeats, 0.0) == [] and list(heartbeats) == ["tls://a", "tls://b"]
     records["tls://b"]["last_seen"] = 120.0
-    assert list_stuck_workers(records, heartbeats, 20.0) == []
-    assert list_stuck_workers(records, heartbeats, 20.5) == ["tls://a"]
+    assert list_silent_workers(records, heartbeats, 20.0) == []
+    assert list_silent_workers(records, heartbeats, 20.5) == ["tls://a"]
     del records["tls://a"]
-    assert list_stuck_workers(records, heartbeats, 21.0) == [] and list(heartbeats) == ["tls://b"]
+    assert list_silent_workers(records, heartbeats, 21.0) == [] and list(heartbeats) == ["tls://b"]
 
 
 def test_workers_of_other_programs_are_ignored():

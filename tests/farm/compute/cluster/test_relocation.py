@@ -1,4 +1,4 @@
-"""Calls and results whose paths are moved."""
+"""Pickled calls and results whose paths are mapped."""
 
 from pathlib import Path
 
@@ -12,17 +12,17 @@ PATHS = NAMES.map(lambda names: "/" + "/".join(names))
 
 
 def test_longest_matching_path_is_replaced_and_other_paths_are_unchanged():
-    moves = Relocation.from_pairs([("/state/job-1", "/here/0"), ("/state/job-1/rebalanced", "/here/1")])
-    assert moves.move("/state/job-1/p01.stl") == "/here/0/p01.stl"
-    assert moves.move("/state/job-1/rebalanced/p01.stl") == "/here/1/p01.stl"
-    assert moves.move("/state/job-10/p01.stl") == "/state/job-10/p01.stl"
-    assert moves.move("/state/job-1") == "/here/0"
+    relocation = Relocation.from_pairs([("/state/job-1", "/here/0"), ("/state/job-1/rebalanced", "/here/1")])
+    assert relocation.map_path("/state/job-1/p01.stl") == "/here/0/p01.stl"
+    assert relocation.map_path("/state/job-1/rebalanced/p01.stl") == "/here/1/p01.stl"
+    assert relocation.map_path("/state/job-10/p01.stl") == "/state/job-10/p01.stl"
+    assert relocation.map_path("/state/job-1") == "/here/0"
 
 
 @given(st.lists(PATHS, max_size=4, unique=True), PATHS)
 def test_reversed_relocation_restores_the_path(sources, path):
-    moves = Relocation.from_pairs((source, f"/here/{number}") for number, source in enumerate(sources))
-    assert moves.reverse().move(moves.move(path)) == path
+    relocation = Relocation.from_pairs((source, f"/here/{number}") for number, source in enumerate(sources))
+    assert relocation.reverse().map_path(relocation.map_path(path)) == path
 
 
 def swap_files(files, name):

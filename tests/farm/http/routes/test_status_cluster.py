@@ -16,9 +16,9 @@ TASKS = (
 )
 
 
-def describe_state(place, workers=(), tasks=(), waiting_count=0, local_count=0, loss_s=0.0):
+def describe_state(place, workers=(), tasks=(), waiting_count=0, local_count=0, unusable_s=0.0):
     return describe_cluster(
-        ClusterState("tls://a:8786", place, workers, tasks, waiting_count, local_count, loss_s)
+        ClusterState("tls://a:8786", place, workers, tasks, waiting_count, local_count, unusable_s)
     )
 
 
@@ -37,9 +37,9 @@ def test_workers_that_run_tasks_are_named():
 
 
 def test_lost_cluster_is_described_with_its_duration_and_the_place_of_work():
-    assert describe_state(Place.WAITING, waiting_count=1, loss_s=12.3).text == (
+    assert describe_state(Place.WAITING, waiting_count=1, unusable_s=12.3).text == (
         "waiting for a worker of tls://a:8786, 12 s so far, 1 task waiting"
     )
-    assert describe_state(Place.THIS_COMPUTER, local_count=2, loss_s=31.0).text == (
+    assert describe_state(Place.THIS_COMPUTER, local_count=2, unusable_s=31.0).text == (
         "no worker of tls://a:8786 for 31 s: running on this computer, 2 tasks"
     )

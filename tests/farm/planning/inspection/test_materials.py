@@ -115,7 +115,7 @@ def test_material_of_a_job_matches_every_printer_of_its_kind(resources):
     assert all(requirements.matches(describe_capabilities(p, lambda _: ())) for p in printers)
     requested_filament = resolve_filament(JobOptions(material="black PLA"), printers, None)
     assert (requested_filament.material, requested_filament.colour) == ("PLA", "black")
-    with pytest.raises(RefusedError, match="no printer of the fleet has ABS; it has black PLA, white PLA"):
+    with pytest.raises(RefusedError, match="no printer of the fleet has ABS; the fleet has black PLA, white"):
         resolve_filament(JobOptions(material="abs"), printers, None)
-    with pytest.raises(RefusedError, match="no printer of the fleet has gold; it has black PLA"):
+    with pytest.raises(RefusedError, match="no printer of the fleet has gold; the fleet has black PLA"):
         resolve_filament(JobOptions(material="gold"), printers, None)

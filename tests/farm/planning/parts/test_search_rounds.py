@@ -11,7 +11,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.planning.decompose_progress import ProgressFile
 from farm.planning.parts.search_rounds import SearchRounds
 from farm.planning.plan import DecomposeTask, PausedDecomposition
-from farm.planning.tasks import continue_job, decompose_job, try_grid
+from farm.planning.tasks import continue_job, decompose_job, make_attempt
 
 DECOMPOSED = "decomposed"
 
@@ -30,8 +30,8 @@ class ScriptedWorkers:
         self.continue_errors = list(continue_errors)
 
     async def run(self, work, task, *args, limit=None):
-        if work is try_grid:
-            return await self.try_grid(*args)
+        if work is make_attempt:
+            return await self.make_attempt(*args)
         assert work is (continue_job if args else decompose_job)
         if args:
             self.outcomes.append(args[1])
@@ -40,7 +40,7 @@ class ScriptedWorkers:
                 raise self.continue_errors.pop(0)
         return self.paused_decompositions.pop(0) if self.paused_decompositions else DECOMPOSED
 
-    async def try_grid(self, record, number, folder):
+    async def make_attempt(self, record, number, folder):
         self.running_count += 1
         self.max_running_count = max(self.max_running_count, self.running_count)
         try:

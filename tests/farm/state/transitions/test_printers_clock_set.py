@@ -2,7 +2,7 @@
 
 from books.make_books import apply_events, make_end_event, make_planned_books
 from farm.model import HoldCode, PrintState, Verdict
-from farm.scheduling.holds import find_plate_holds
+from farm.scheduling.holds import find_held_back_plates
 from farm.state import events as ev
 from farm.state.books import Books, put
 from farm.state.plate_state import PlateState
@@ -44,8 +44,8 @@ def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
     books, _ = apply_events(
         make_planned_books(plates=1), *lost_events, ev.ClockSet(at_s=1000.0, by_s=-4000.0)
     )
-    assert find_plate_holds(books, books.jobs.values(), [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
-    assert find_plate_holds(books, books.jobs.values(), [], 1000.0) == {}
+    assert find_held_back_plates(books, books.jobs.values(), [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
+    assert find_held_back_plates(books, books.jobs.values(), [], 1000.0) == {}
     assert [item.key for item in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
 
 
