@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from farm.model import HostLoss, Printer
 
 OUTAGE_WINDOW_S = 10.0
-"""Maximum time between two losses with a common cause, in seconds."""
+"""Maximum time between two losses with a common cause, in farm seconds."""
 _MIN_WINDOW_WALL_S = 1.0
 
 

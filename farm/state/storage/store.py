@@ -123,7 +123,7 @@ def _load_books(db: sqlite3.Connection, version: int = SCHEMA_VERSION) -> Books:
 
 
 def _list_kinds(version: int) -> list[type[Entity]]:
-    """List the kinds of entities with a table in a version of the schema."""
+    """List the kinds of entities that have a table in a version of the schema."""
     return [kind for kind in TABLES if FIRST_VERSIONS.get(kind, 0) <= version]
 
 
@@ -221,10 +221,8 @@ class Store:
 
     def find_last_event_number(self) -> int:
         """Return the number of the last event; 0 if there is none. Raises StoreError."""
-        try:
+        with _convert_read_errors():
             return self._find_last_event_number()
-        except sqlite3.Error as error:
-            raise StoreError(f"the event log cannot be read: {error}") from error
 
     def _find_last_event_number(self) -> int:
         (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
@@ -247,7 +245,7 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Write the commits of a block in one transaction, with one sync to the disk; if it fails, none."""
+        """Write the commits of a block in one transaction, with one sync to the disk: all of them or none."""
         if self._is_writing:  # the outer block ends the transaction
             yield
             return
@@ -290,7 +288,8 @@ class Store:
 
     def read_all_events(self) -> list[tuple[float, str, str]]:
         """Return the event log: farm time, kind and JSON of each event."""
-        return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
+        with _convert_read_errors():
+            return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
     def read_events(self, last_number: int, limit: int) -> list[EventRow]:
         """Read the events after a number, oldest first, without confidential fields. Raises StoreError."""
@@ -301,10 +300,8 @@ class Store:
         return self._read_rows(PRINTER_QUERY, printer, limit)
 
     def _read_rows(self, query: str, *values: object) -> list[EventRow]:
-        try:
+        with _convert_read_errors():
             return [make_row(row) for row in self._db.execute(query, values)]
-        except sqlite3.Error as error:
-            raise StoreError(f"the event log cannot be read: {error}") from error
 
     def find_last_deletable_number(self, cutoff_s: float, limit: int) -> int:
         """Return the number of the last event to delete: before `cutoff_s`, or followed by `limit` others.
@@ -312,17 +309,22 @@ class Store:
         The newest event is always kept, because its number shows that no commit was lost. Returns 0 if there
         is no event to delete.
         """
-        (newest,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
-        (first_kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (cutoff_s,)).fetchone()
+        with _convert_read_errors():
+            (oldest,) = self._db.execute("SELECT coalesce(min(seq), 0) FROM event").fetchone()
+            newest = self._find_last_event_number()
+            query = "SELECT min(seq) FROM event WHERE at_s >= ?"
+            (first_kept,) = self._db.execute(query, (cutoff_s,)).fetchone()
         last = max(newest if first_kept is None else first_kept - 1, newest - limit)
-        (oldest,) = self._db.execute("SELECT coalesce(min(seq), 0) FROM event").fetchone()
         last = min(last, newest - 1)
         return int(last) if last >= oldest > 0 else 0
 
     def count_events(self, last_number: int) -> int:
         """Count the stored events up to an event number."""
-        (number,) = self._db.execute("SELECT count(*) FROM event WHERE seq <= ?", (last_number,)).fetchone()
-        return int(number)
+        with _convert_read_errors():
+            (count,) = self._db.execute(
+                "SELECT count(*) FROM event WHERE seq <= ?", (last_number,)
+            ).fetchone()
+        return int(count)
 
     def delete_events(self, last_number: int, max_count: int = 2000) -> int:
         """Delete the oldest events up to a number, at most `max_count`; return how many were deleted."""
@@ -371,6 +373,15 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+@contextmanager
+def _convert_read_errors() -> Iterator[None]:
+    """Raise SQLite's errors in a block that reads the event log as StoreError."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise StoreError(f"the event log cannot be read: {error}") from error
 
 
 def _restrict_access(path: Path) -> None:
