@@ -1,4 +1,4 @@
-"""Pydantic models of `fleet.yaml`, and their validation, which resolves port names and finds time zones."""
+"""Pydantic models of `fleet.yaml`, with the validation of its values."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SCHEDULER_PATTERN = re.compile(r"(tls|tcp)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
 _MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
-"""Current names of modules, by the names in fleet files of earlier versions."""
+"""Current names of modules, by the names that fleet files of earlier versions may contain."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 PinFit = Annotated[float, Field(ge=0, le=2)]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -39,7 +39,7 @@ KeyPath = tuple[str | int, ...]
 
 
 class FieldError(ValueError):
-    """Error in one field that depends on other fields; `key_path` is the path of the field."""
+    """Error in a field whose validity depends on other fields; `key_path` is the path of this field."""
 
     def __init__(self, message: str, *key_path: str | int) -> None:
         super().__init__(message)
@@ -47,13 +47,13 @@ class FieldError(ValueError):
 
 
 def _parse_windows(value: object) -> object:
-    """Parse one window or a list of them."""
+    """Parse one weekly time window, or a list of windows."""
     lines = value if isinstance(value, list | tuple) else [value]
     return tuple(line if isinstance(line, Window) else parse_window(str(line)) for line in lines)
 
 
 Windows = Annotated[tuple[Window, ...], Field(max_length=7 * 24), BeforeValidator(_parse_windows)]
-"""Weekly windows, at most one for each hour of a week."""
+"""Weekly time windows, at most one for each hour of a week."""
 
 
 class _Section(BaseModel):
@@ -75,7 +75,7 @@ class ComputeSection(_Section):
 
     workers: Annotated[int, Field(ge=1, le=256)] | None = None  # None: one for each core
     memory_gb: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None  # memory of each worker
-    budget_s: Annotated[float, Field(ge=0, le=900)] = 20.0  # CPU seconds to search for a job's parts
+    budget_s: Annotated[float, Field(ge=0, le=900)] = 20.0  # CPU time to search for a job's decomposition
     scheduler: str | None = None  # address of the scheduler of a Dask cluster that computes plans
     certificates: Path | None = None  # folder with ca.pem, cert.pem and key.pem
 
@@ -106,7 +106,7 @@ class UploadsSection(_Section):
 
 
 class KeepSection(_Section):
-    """The keys under `fleet.keep`: limits on files of ended jobs; figures and pictures always stay."""
+    """The keys under `fleet.keep`: limits on files of ended jobs; data and pictures are always kept."""
 
     # Maximum age of events and of files, and maximum size of all files; the oldest are deleted first.
     days: Annotated[float, Field(ge=2, allow_inf_nan=False)] = 90.0
@@ -128,7 +128,7 @@ class WebSection(_Section):
     """The keys under `web`: the server for callers on the network."""
 
     listen: str = "127.0.0.1:8467"
-    names: tuple[str, ...] = ()  # names of this host, besides its own
+    names: tuple[str, ...] = ()  # names of this host in URLs, in addition to its host name
     tls: TlsSection | None = None
     url: str | None = None  # URL of a proxy through which browsers reach this server
 
@@ -162,18 +162,18 @@ class WebSection(_Section):
 
     @property
     def address(self) -> tuple[str, int]:
-        """IP address and port."""
+        """IP address and port on which the server listens."""
         host, _, port = self.listen.rpartition(":")
         return str(_parse_address(host)), int(port)
 
     @property
     def is_local(self) -> bool:
-        """True if only this host can reach it."""
+        """True if only this host can reach the server."""
         return ip_address(self.address[0]).is_loopback
 
     @property
     def listen_url(self) -> str:
-        """URL of the address on which it listens."""
+        """URL of the address on which the server listens."""
         return f"{self._scheme}://{self.listen}"
 
     @property
@@ -231,10 +231,10 @@ class FleetSection(_Section):
     quiet: Windows = ()  # hours when nothing may print
     first_layers_attended: bool = False  # first layers must end in attended hours
     max_heating: Annotated[int, Field(ge=1)] | None = None  # printers that may heat up at the same time
-    approve: bool = False  # jobs wait for `farm approve`
-    materials: Path | None = None  # folder with own material files in Cura's format
-    group: Group = "farm"  # group that may use the daemon's socket, if it exists
-    notify: tuple[SecretStr, ...] = ()  # addresses to notify, as URLs of apprise
+    approve: bool = False  # True: every job waits for `farm approve`
+    materials: Path | None = None  # folder with material files in Cura's format, besides Cura's own
+    group: Group = "farm"  # group of users that may use the daemon's socket, if that group exists
+    notify: tuple[SecretStr, ...] = ()  # receivers of notices, as URLs of the library apprise
     operators: Group | None = None  # group that may approve, clear and resume; None: all users
 
     @model_validator(mode="after")
@@ -264,7 +264,7 @@ class PrinterSection(_Section):
     nozzle_mm: PositiveNumber = 0.4
     price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # price of its filament
     volume_mm: tuple[PositiveNumber, PositiveNumber, PositiveNumber] | None = None
-    pin_fit_mm: PinFit | None = None  # fit of this printer; None: the fleet's
+    pin_fit_mm: PinFit | None = None  # clearance of a hole around its pin; None: the fleet's
     host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # host name for ssh
     host_command: str = (
         "/opt/farm/.venv/bin/python -m drivers.remote.bridge"  # command that ssh runs on the host
@@ -272,7 +272,7 @@ class PrinterSection(_Section):
     enabled: bool = True
     unattended: bool = True  # may print while nobody is present
     power_off_cmd: str | None = None  # command that switches the mains power off; {printer} becomes its name
-    camera: SecretStr | None = None  # address of a still; {printer} becomes its name
+    camera: SecretStr | None = None  # URL of a picture by its camera; {printer} becomes its name
 
     _material_kind: str | None = PrivateAttr(default=None)
 
@@ -282,18 +282,18 @@ class PrinterSection(_Section):
         return self._material_kind
 
     def has_material(self, material: str | None) -> bool:
-        """Return whether it has the material that a job requires by file name or kind."""
+        """Return whether the printer has a material, given by file name or kind; None: any material."""
         return material in (None, self.material, self._material_kind)
 
     def with_filament(self, material: str, kind: str | None, colour: str | None) -> Self:
-        """Return the section with another material, given by its file name, and another colour."""
+        """Return the section with another colour and another material, given by file name and kind."""
         section = self.model_copy(update={"material": material, "colour": colour})
         section._material_kind = kind
         return section
 
     @property
     def camera_url(self) -> str | None:
-        """Address of a still by its camera, which may contain a password; None if it has no camera."""
+        """URL of a picture by the printer's camera; it may contain a password. None if there is no camera."""
         return None if self.camera is None else self.camera.get_secret_value().replace("{printer}", self.name)
 
     @property
@@ -302,7 +302,7 @@ class PrinterSection(_Section):
         return self.port.startswith(SIMULATED_PREFIX)
 
     def compute_price(self, grams: float) -> float | None:
-        """Return the price of an amount of filament in the fleet's currency; None if it is not known."""
+        """Return the price of an amount of filament in the fleet's currency; None if no price is known."""
         return None if self.price_per_kg is None else grams / 1000 * self.price_per_kg
 
     @field_validator("port")
@@ -381,7 +381,7 @@ class Fleet(_Section):
             ports[port] = printer.name
         if self.fleet.time_scale != 1 and not all(printer.is_simulated for printer in self.printers):
             raise FieldError(
-                "must be 1 unless every port is sim://: a real printer has no fast clock",
+                "must be 1 unless every port is sim://: only simulated printers can run faster",
                 "fleet",
                 "time_scale",
             )

@@ -68,14 +68,14 @@ log = logging.getLogger(__name__)
 _WATCH_INTERVAL_S = 0.5  # wall seconds; the heaters of a dead agent's printer must be off within 5 s
 _TICK_INTERVAL_S = 1.0
 _FORECAST_INTERVAL_S = 15.0
-_FORECAST_PAUSE_S = 0.02  # pause between two steps, for other work
+_FORECAST_PAUSE_S = 0.02  # pause between two steps of the forecast, for other work of the event loop
 _NOTICES_INTERVAL_S = 2.0
 _DRY_RUNS_INTERVAL_S = 5.0
 _CAMERAS_INTERVAL_S = 0.5
 _DISK_INTERVAL_S = 600.0
 _LOG_INTERVAL_S = 60.0
 _MAX_LOG_BYTES, _MAX_OLD_LOGS = 10 * 2**20, 4
-# A view of a large farm has 50,000 objects; it takes a sixth longer with Python's own threshold of 700.
+# With Python's default threshold of 700, a view of a large farm (50,000 objects) takes a sixth longer.
 _GC_THRESHOLDS = (20_000, 20, 20)
 _CLOCK_INTERVAL_S = 1.0  # wall seconds; timers are late by at most this time when the clock is set back
 _ABORT_TIMEOUT_S = 150.0  # wall seconds within which every print can be stopped safely
@@ -83,7 +83,7 @@ _GRACE_PERIOD_S = 3  # wall seconds for requests that are still running when the
 
 
 class Daemon:
-    """Daemon of one farm. `run` returns at a shutdown or SIGTERM; prints then continue."""
+    """Daemon of one farm. `run` returns after `farm down`, or after SIGTERM, which lets prints continue."""
 
     def __init__(self, fleet: Fleet, paths: FarmPaths) -> None:
         self._fleet = fleet
@@ -116,7 +116,7 @@ class Daemon:
             self._notifier = Notifier(urls, name, self._state.notices, self._clock.now())
         else:
             delete_record(self._state.notices)
-        self._next_change_s: float | None = None  # time of the next change, for which a timer is set
+        self._next_change_s: float | None = None  # time at which a timer schedules again
         self._server: uvicorn.Server | None = None
         self._end_task: asyncio.Task[None] | None = None
         self._inspections: dict[Path, str] = {}  # names of the models that are being inspected, by file
@@ -137,7 +137,7 @@ class Daemon:
         self._controller.start(self._effects, self._restored_s)
         books = self._controller.books
         self._agents.start({attempt.printer for attempt in books.list_open_prints()}, books.lost_hosts)
-        gc.freeze()  # otherwise each full collection would traverse large books in the middle of an event
+        gc.freeze()  # otherwise each full garbage collection would traverse the state during an event
         gc.set_threshold(*_GC_THRESHOLDS)
         if self._cluster is not None:
             self._cluster.start()
@@ -212,7 +212,7 @@ class Daemon:
         worker_count += 1  # the worker for urgent tasks
         server_count = 1 if self._fleet.web is None else 2
         camera_count = sum(printer.camera is not None for printer in self._fleet.printers)
-        device_count = len(self._fleet.printers) + camera_count  # a camera needs fewer descriptors
+        device_count = len(self._fleet.printers) + camera_count  # a camera is counted like a printer
         return compute_connection_limit(read_descriptor_limit() // server_count, device_count, worker_count)
 
     def _make_server(self, app: FastAPI, limit: int) -> BoundedServer:
@@ -228,8 +228,8 @@ class Daemon:
         return BoundedServer(config, limit, self._stop_work)
 
     async def _begin_upkeep(self, upkeep: Upkeep) -> None:
-        """Finish the deletions of an earlier daemon, and start the nightly backups and the disk watch."""
-        upkeep.begin()
+        """Finish the deletions of an earlier daemon, and start the nightly backups and the disk checks."""
+        upkeep.finish_earlier_deletions()
         self._timers.call_every(_DISK_INTERVAL_S, "disk", upkeep.check_free_space)
         warn = partial(self._controller.warn, "backup")
         await NightlyBackup(
@@ -251,12 +251,12 @@ class Daemon:
         return server
 
     async def _follow_clock(self) -> None:
-        """Follow steps of the host's clock, such as those by NTP after a start without a network."""
+        """Follow changes of the host's clock, such as a correction by NTP after a start without a network."""
         while True:
             await asyncio.sleep(_CLOCK_INTERVAL_S)  # on the loop's monotonic clock
             step_s = self._clock.follow_host()
             if step_s:
-                log.warning("the host's clock was set by %+.0f s: attended and quiet hours follow it", step_s)
+                log.warning("the host's clock changed by %+.0f s: attended and quiet hours follow it", step_s)
                 self._timers.on_clock_set()
                 self._agents.hosts.on_clock_set(step_s)
                 if self._notifier is not None:
@@ -272,7 +272,7 @@ class Daemon:
             self._controller.warn("compute", "; ".join(self._cluster.state.list_problems()) or None)
 
     def _schedule(self) -> None:
-        """Schedule if the time has changed a decision, and set a timer for the next such change."""
+        """Schedule if the passage of time has changed a decision; set a timer for the next such change."""
         self._controller.tick()
         change_s = self._controller.next_change_s
         if change_s is not None and change_s != self._next_change_s:
@@ -284,7 +284,7 @@ class Daemon:
             await asyncio.sleep(_FORECAST_PAUSE_S)
 
     async def _shut_down(self, is_immediate: bool) -> None:
-        """Begin to shut down: cancel the prints (with `is_immediate`), and end the farm once it is idle."""
+        """Begin to shut down: with `is_immediate`, cancel the prints; end the farm once it is idle."""
         self._controller.is_stopping = True
         if is_immediate:
             abort_prints(self._controller)
@@ -299,7 +299,7 @@ class Daemon:
         self._workers.close()
 
     async def _end_when_idle(self, is_immediate: bool) -> None:
-        """Wait for open prints and (unless `is_immediate`) plans and inspections; then end agents and daemon.
+        """Wait for open prints and, unless `is_immediate`, for planning and inspections; then end the farm.
 
         If a print does not end, the farm keeps running, so that a person can inspect the printer.
         """
@@ -354,7 +354,7 @@ def run(fleet: Fleet, paths: FarmPaths) -> None:
 
 
 def _remove_unfinished_files(state: StateFolder) -> None:
-    """Remove the files of work that an earlier daemon did not finish."""
+    """Remove the files of tasks that an earlier daemon did not finish."""
     shutil.rmtree(state.work, ignore_errors=True)
     state.make()
     for partial_file in state.slices.glob(".*"):  # files of a worker that was killed while writing them
@@ -380,7 +380,7 @@ def _lock_state_folder(state: StateFolder) -> Iterator[None]:
 
 
 def open_farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
-    """Open the farm's clock, which survives a restart, because running agents and emulators use it too.
+    """Open the farm's clock, which continues across restarts, because agents and emulators use it too.
 
     Raises
     ------
@@ -395,6 +395,6 @@ def open_farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
     if anchor[0] != scale:
         raise RefusedError(
             f"the state folder {state.root} was used with time_scale {anchor[0]:g}, not {scale:g}: "
-            "set it back, or give another folder with --state"
+            "restore the old value in fleet.yaml, or give another folder with --state"
         )
     return Clock(*anchor)

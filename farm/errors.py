@@ -19,7 +19,7 @@ class ExitCode(IntEnum):
 
 
 class ErrorCode(StrEnum):
-    """Name of an error, in `--json` and in the books."""
+    """Name of an error, in `--json` and in the database."""
 
     FAILED = "failed"
     FLEET_FILE = "fleet_file"
@@ -29,8 +29,8 @@ class ErrorCode(StrEnum):
     MODEL = "model"  # the model cannot be read or is not a solid
     NO_FIT = "no_fit"  # no partition of the model fits the printers
     GEOMETRY = "geometry"  # a result violates a geometry rule; nothing is printed
-    GCODE = "gcode"  # a person's own G-code cannot be printed
-    SETTINGS = "settings"
+    GCODE = "gcode"  # G-code that a person submitted cannot be printed
+    SETTINGS = "settings"  # an option or a Cura setting is not valid
     ENGINE = "engine"  # CuraEngine is missing or failed
     SLICE = "slice"  # a slice was rejected by a check
     LIMIT = "limit"  # processing a model took too much time or memory
@@ -73,7 +73,7 @@ class FarmError(Exception):
 
 
 class FleetFileError(FarmError):
-    """Error in `fleet.yaml`: missing, not YAML, or with a value that is not allowed."""
+    """Error about a `fleet.yaml` that is missing, is not YAML, or has a value that is not allowed."""
 
     code = ErrorCode.FLEET_FILE
 

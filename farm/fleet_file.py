@@ -29,7 +29,7 @@ from farm.errors import FleetFileError
 
 MAX_FILE_BYTES = 512 * 1024  # enough for a thousand printers
 MAX_VALUES = 100_000
-"""Limit on keys and values with aliases (`*name`) expanded, because a few lines can expand to billions."""
+"""Maximum number of keys and values once aliases (`*name`) are expanded: few lines can expand to billions."""
 
 _TYPE_NAMES = {
     "int": "a whole number",
@@ -60,7 +60,7 @@ _PATTERN_DESCRIPTIONS = {
 """Descriptions of the allowed values, by keys whose values must match a pattern."""
 
 SectionCompleter = Callable[[PrinterSection, FleetSection], PrinterSection]
-"""Function that checks a section and fills in derived values. Raises FieldError with the wrong key."""
+"""Function that checks a section and fills in derived values. Raises FieldError that names the wrong key."""
 
 
 def load_fleet(
@@ -73,21 +73,21 @@ def load_fleet(
     path
         The file.
     models
-        The printer models that the drivers know.
+        The printer models that the drivers support.
     complete
         Function that checks and completes each printer whose keys are valid.
 
     Raises
     ------
     FleetFileError
-        With the file, line and field of the first mistake, and a correction.
+        If the file is not valid; the message has the file, line and field of the first mistake, and a remedy.
     """
     document, raw_values = _parse_document(path, _read_text(path))
     values = _fill_in_defaults(document, raw_values)
     for index, printer in enumerate(values["printers"]):
         model = printer.get("model") if isinstance(printer, dict) else None
         if isinstance(model, str) and model not in models:
-            advice = f"{model!r} is not one of the printers that can be driven: {', '.join(sorted(models))}"
+            advice = f"{model!r} is not a supported printer model: use one of {', '.join(sorted(models))}"
             raise document.make_error(("printers", index, "model"), advice)
     try:
         fleet = Fleet.model_validate(values)
@@ -112,7 +112,7 @@ def load_fleet(
 
 
 def _resolve_folders(section: FleetSection, parent: Path) -> FleetSection:
-    """Return the section with its folders resolved from the folder of the fleet file."""
+    """Return the section with its relative paths resolved against the folder of the fleet file."""
     changes: dict[str, object] = {}
     if section.materials is not None:
         changes["materials"] = parent / section.materials
@@ -124,7 +124,7 @@ def _resolve_folders(section: FleetSection, parent: Path) -> FleetSection:
 
 @dataclass(frozen=True, slots=True)
 class _Document:
-    """A fleet file as YAML nodes, with their lines."""
+    """Fleet file as YAML nodes, which contain line numbers."""
 
     path: Path
     node: yaml.Node | None
@@ -149,7 +149,7 @@ class _Document:
         )
 
     def find_line(self, key_path: KeyPath) -> int:
-        """Find the line (from 1) of the deepest node on the path."""
+        """Find the line number, counted from 1, of the deepest existing node on a path of keys."""
         line, node = 1, self.node
         for step in key_path:
             node = _find_child(node, step)
@@ -224,7 +224,7 @@ def _read_text(path: Path) -> str:
     except FileNotFoundError as error:
         raise FleetFileError(
             f"{path}: no such file; write one with the printers that `farm discover` lists, or give "
-            "yours with --fleet"
+            "another file with --fleet"
         ) from error
     except (OSError, UnicodeDecodeError) as error:
         cause = (error.strerror if isinstance(error, OSError) else None) or error
@@ -253,7 +253,7 @@ def _parse_document(path: Path, text: str) -> tuple[_Document, Any]:
 
 
 def _fill_in_defaults(document: _Document, raw_values: Any) -> dict[str, Any]:
-    """Return the values of the file, with `defaults` in each printer."""
+    """Return the values of the file, with those of `defaults` copied into each printer."""
     if not isinstance(raw_values, dict) or not isinstance(raw_values.get("printers"), list):
         raise FleetFileError(f"{document.path}: needs a list `printers`; see the example in the README")
     defaults = raw_values.pop("defaults", None) or {}

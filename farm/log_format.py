@@ -21,7 +21,7 @@ class LogFormat(StrEnum):
 
 
 class JsonFormatter(logging.Formatter):
-    """Formatter of records as JSON, one line each: at, level, logger, message, subjects, and an exception."""
+    """Formatter that writes a record as one line of JSON: at, level, logger, message, SUBJECTS, exception."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the record as one line, without a line break."""
@@ -39,7 +39,7 @@ class JsonFormatter(logging.Formatter):
 
 
 class PrinterLog(logging.LoggerAdapter[logging.Logger]):
-    """Log of one printer: puts its name before each message, and into JSON lines."""
+    """Logger for one printer: it adds the printer's name to each message and to each line of JSON."""
 
     def __init__(self, logger: logging.Logger, printer: str) -> None:
         super().__init__(logger, {"printer": printer})

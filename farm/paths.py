@@ -20,12 +20,13 @@ _MAX_SOCKET_PATH_BYTES = 100  # sun_path holds 108 bytes
 
 @dataclass(frozen=True, slots=True)
 class StateFolder:
-    """Folder of the daemon, with a folder for each agent in it."""
+    """State folder of a farm: the daemon's files, and a folder for each agent."""
 
     root: Path
 
     @property
     def books(self) -> Path:
+        """Database with the farm's state (the books)."""
         return self.root / "farm.db"
 
     @property
@@ -35,15 +36,17 @@ class StateFolder:
 
     @property
     def files(self) -> Path:
+        """File store, in which files are named by their hashes."""
         return self.root / "files"
 
     @property
     def work(self) -> Path:
-        """Scratch space of open plans; emptied when the daemon starts."""
+        """Folder for temporary files of planning and uploads; emptied when the daemon starts."""
         return self.root / "work"
 
     @property
     def slices(self) -> Path:
+        """Slice cache."""
         return self.root / "slices"
 
     @property
@@ -52,11 +55,12 @@ class StateFolder:
         return self.root / "jobs"
 
     def find_job_folder(self, number: int) -> Path:
-        """Return the folder for people, in which the files of a job have readable names."""
+        """Return the folder in which the files of a job have readable names, for people."""
         return self.jobs / str(number)
 
     @property
     def lock(self) -> Path:
+        """File that a running daemon locks; it contains the daemon's process id."""
         return self.root / "lock"
 
     @property
@@ -65,11 +69,12 @@ class StateFolder:
 
     @property
     def clock(self) -> Path:
+        """File with the scale and the anchor of the farm's clock."""
         return self.root / "clock.json"
 
     @property
     def notices(self) -> Path:
-        """Keys of the notices that were sent."""
+        """File with the ids of the notices that were sent."""
         return self.root / "told.json"
 
     def find_agent_folder(self, printer: str) -> Path:
@@ -109,7 +114,7 @@ def find_farm_paths(
     """Find the paths of a farm from the options, then from the environment, then from the XDG folders.
 
     If a state folder is named but no socket, the socket is in that folder, so that two farms on one host
-    never share one. If neither is named, and this user has no daemon, the socket is the shared farm's.
+    never share a socket. If neither is named, and this user has no daemon, `shared_socket` is used.
 
     Parameters
     ----------
@@ -123,7 +128,7 @@ def find_farm_paths(
     Raises
     ------
     RefusedError
-        If the socket must be in the system's temporary folder, and another user could put one there.
+        If the socket must be in the system's temporary folder, and another user could replace it there.
     """
     home = Path(env.get("HOME", "/"))
     state_path = state or _read_path(env, "FARM_STATE")
@@ -155,7 +160,7 @@ def _read_path(env: Mapping[str, str], name: str) -> Path | None:
 
 
 def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
-    """Replace a path that is too long for a socket with a short path, which depends only on the long one."""
+    """Replace a path that is too long for a socket with a short path that depends only on the long path."""
     if len(os.fsencode(socket)) <= _MAX_SOCKET_PATH_BYTES:
         return socket
     digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
@@ -190,7 +195,7 @@ def _make_private_folder(name: str) -> Path:
 
 
 def read_anchor(path: Path) -> tuple[float, float] | None:
-    """Read the scale and the anchor of the farm's clock (see `Clock`); None if there is no valid file."""
+    """Read the scale and the anchor of the farm's clock (see `Clock`); return None if no file is valid."""
     try:
         anchor = json.loads(path.read_text())
         return float(anchor["scale"]), float(anchor["anchor_s"])

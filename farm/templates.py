@@ -13,8 +13,8 @@ def load_environment(
 ) -> Environment:
     """Load and compile all templates of a package.
 
-    All templates are read at the start, because an upgrade replaces the files of a running daemon, and a
-    newer template would not match the running program.
+    All templates are read at once, because an upgrade may replace the files while the daemon is running, and
+    a newer template would not match the running program.
 
     Parameters
     ----------

@@ -20,11 +20,11 @@ def format_duration(seconds: float | None) -> str:
 
 
 _WEEKDAY_RANGE = timedelta(days=6)
-"""Distance up to which a weekday is unambiguous."""
+"""Maximum distance from now at which a weekday is unambiguous."""
 _DATE_RANGE = timedelta(days=300)
-"""Distance up to which a date is unambiguous without its year."""
+"""Maximum distance from now at which a date is unambiguous without its year."""
 _TIME_RANGE = timedelta(hours=20)
-"""Distance up to which a past time is unambiguous without its weekday."""
+"""Maximum distance from now at which a past time is unambiguous without its weekday."""
 
 
 def format_moment(moment: datetime, now: datetime) -> str:
@@ -62,10 +62,10 @@ def format_count(number: int, noun: str) -> str:
 
 
 def describe_first_error(errors: Sequence[ErrorDetails]) -> str:
-    """Describe the first error in some data by its place and pydantic's message."""
+    """Describe the first of pydantic's errors by the location of the value and the message."""
     return f"{'.'.join(map(str, errors[0]['loc']))}: {errors[0]['msg']}"
 
 
 def parse_part_number(part: str) -> str:
-    """Extract the number of a part in its job without leading zeros: 1 for 3/p01, p01, 01 and 1."""
+    """Extract from a part's name its number in the job, without leading zeros: 1 for 3/p01, p01, 01 and 1."""
     return part.rpartition("/")[2].removeprefix("p").lstrip("0")

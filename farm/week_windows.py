@@ -13,7 +13,7 @@ _ADVICE = "write it as 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-06
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Time from `start` to `end` on each of `days`, or to the next day if `end` is not after `start`."""
+    """Time from `start` to `end` on each of `days`; if `end` is not after `start`, it is on the next day."""
 
     days: frozenset[int]  # 0 is Monday
     start: time
@@ -30,7 +30,7 @@ def parse_window(text: str) -> Window:
     """
     match = _WINDOW_PATTERN.fullmatch(text.strip().lower())
     if match is None:
-        raise ValueError(f"{text!r} is not a time of the week; {_ADVICE}")
+        raise ValueError(f"{text!r} is not a weekly time window; {_ADVICE}")
     days, *numbers = match.groups()
     hour, minute, end_hour, end_minute = map(int, numbers)
     if (end_hour, end_minute) == (24, 0):

@@ -1,4 +1,4 @@
-"""Times, amounts and steps of the farm's views as text. Pure."""
+"""Texts for times, amounts and planning steps in the farm's views. Pure."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _GENERIC_PREFIX = "generic_"
 
 
 def describe_material(material: str, kind: str | None) -> str:
-    """Name a material for people by its kind, like PLA, or by its file if the kind is unknown.
+    """Describe a material by its kind, like PLA, or by its file's name if the kind is unknown.
 
     Parameters
     ----------
@@ -93,13 +93,13 @@ def format_time(iso: str | None, now: str) -> str:
 
 
 def make_text_time(at_s: float, now_s: float, zone: tzinfo) -> TextTime:
-    """Return a time, given in seconds since the epoch, with its text for a sentence shown at `now_s`."""
+    """Convert a time in seconds since the epoch to text, for a sentence that is shown at `now_s`."""
     at, now = (datetime.fromtimestamp(moment_s, zone) for moment_s in (at_s, now_s))
     return TextTime(text=format_moment(at, now), at=at.isoformat("T", "seconds"))
 
 
 def format_runs(runs: Sequence[api.RunView], now: str) -> str:
-    """Format the intervals in which a job was printed."""
+    """Format the time intervals during which a job was printed."""
     return ", ".join(
         f"{format_time(run.started, now)} to {format_time(run.ended, now) if run.ended else 'now'}"
         for run in runs
@@ -107,7 +107,7 @@ def format_runs(runs: Sequence[api.RunView], now: str) -> str:
 
 
 def shorten_names(printers: Iterable[str]) -> str:
-    """List names with consecutive numbers as ranges: um2-01..12 um2x-01."""
+    """Join names, with those that have consecutive numbers as ranges: um2-01..12 um2x-01."""
     runs: list[tuple[str, str, str]] = []  # common stem, first number, last number
     for name in sorted(printers, key=lambda name: (name.rstrip("0123456789"), len(name), name)):
         match = re.fullmatch(r"(.*?)(\d+)", name)
@@ -120,13 +120,13 @@ def shorten_names(printers: Iterable[str]) -> str:
 
 
 def join_counted_names(names: Iterable[str]) -> str:
-    """Join names, with the number of equal names: a.stl, b.stl (3)."""
+    """Join names; state how often a repeated name occurs: a.stl, b.stl (3)."""
     counts = Counter(names)
     return ", ".join(name + (f" ({count})" if count > 1 else "") for name, count in counts.items())
 
 
 def group_holds(jobs: Iterable[api.JobView]) -> list[tuple[Hold, list[str]]]:
-    """Group the waiting plates of jobs by the sentence of their hold, in the order of their first plates."""
+    """Group the waiting plates of jobs by the text of their hold, in the order of the first plates."""
     groups: dict[str, tuple[Hold, list[str]]] = {}
     for job in jobs:
         for plate in job.plates:

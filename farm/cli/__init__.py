@@ -1,4 +1,4 @@
-"""Command line of the farm: `main` is its entry point, and imports a command when it is used.
+"""Command line of the farm: `main` is the entry point, and imports the module of a command when it is used.
 
 This file imports nothing, so that each command starts quickly.
 """

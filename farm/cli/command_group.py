@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 
 @dataclass(frozen=True, slots=True)
 class CommandEntry:
-    """Command in the table of commands.
+    """Entry of a command in the table of commands (`farm.cli.main.COMMANDS`).
 
     Attributes
     ----------
@@ -34,19 +34,19 @@ class CommandEntry:
 
 
 class LazyCommand(TyperCommand):
-    """Command in the help and in the completion, without its options; `load` imports the command itself."""
+    """Placeholder of a command in the help and in the completion; `load` imports the command itself."""
 
     def __init__(self, entry: CommandEntry, panel: str) -> None:
         super().__init__(entry.name, help=entry.help, rich_help_panel=panel)
         self._entry = entry
 
     def load(self) -> Any:
-        """Import the module of the command and build it.
+        """Import the module of the command, and build the command with its options.
 
         Returns
         -------
         click command
-            The command with its options; typer does not export the type.
+            The command; the annotation is `Any`, because typer does not export the type.
         """
         module, function_name = self._entry.function.split(".")
         function: Callable[..., None] = getattr(import_module(f"farm.cli.commands.{module}"), function_name)
@@ -56,12 +56,12 @@ class LazyCommand(TyperCommand):
 
 
 def make_group(panels: Mapping[str, Iterable[CommandEntry]]) -> type[TyperGroup]:
-    """Make the class of a group, for `typer.Typer(cls=...)`.
+    """Make a class of command group that has the given commands, for `typer.Typer(cls=...)`.
 
     Parameters
     ----------
     panels
-        The commands under each heading of the help, in their order.
+        The commands, in the order of the help, by the heading under which the help lists them.
     """
 
     class Group(TyperGroup):
@@ -79,6 +79,6 @@ def make_group(panels: Mapping[str, Iterable[CommandEntry]]) -> type[TyperGroup]
 
 
 def load_commands(app: typer.Typer) -> dict[str, Any]:
-    """Import all commands of an app, for its documentation; return them by their names."""
+    """Import all commands of an app, from which its documentation is generated; return them by name."""
     group: Any = typer.main.get_command(app)
     return {name: command.load() for name, command in group.commands.items()}

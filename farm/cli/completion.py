@@ -22,7 +22,7 @@ CompletionFunction = Callable[[typer.Context, str], Completions]
 def _make_completion(
     list_words: Callable[[Names, typer.Context], Iterable[tuple[str, str]]],
 ) -> CompletionFunction:
-    """Make a completion function for typer from a function that lists all words."""
+    """Make a completion function for typer from a function that lists all possible words."""
 
     def complete(context: typer.Context, incomplete: str) -> Completions:
         try:
@@ -52,7 +52,7 @@ def _list_jobs(names: Names, _: typer.Context) -> Completions:
 
 
 def _list_parts(names: Names, context: typer.Context) -> Completions:
-    """List the parts of the job on the command line, without its number."""
+    """List the parts of the job that the command line names, without the number of the job."""
     number = str(context.params.get("job"))
     return [
         (part.rpartition("/")[2], f"of {job.name}")

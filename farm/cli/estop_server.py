@@ -1,8 +1,8 @@
 """Server of `estop.sock`: starts a process for each request, with a limit for each user.
 
 ``python -m farm.cli.estop_server [OPTIONS]``, with the listening socket as stdin (farm-estop.service).
-Options (`--state`, `--fleet`) are passed on to these processes. This module imports only the standard
-library, so that it starts quickly and refuses connections faster than they can be opened.
+The options (`--state`, `--fleet`) are passed on to these processes. This module imports only the standard
+library, so that it starts quickly and can refuse connections faster than clients can open them.
 """
 
 from __future__ import annotations
@@ -48,16 +48,16 @@ class _PendingConnection:
 
 
 class EstopServer:
-    """Server that tracks each connection until its stop has ended.
+    """Server that limits the number of requests, counting each until the process that serves it has ended.
 
     Parameters
     ----------
     listener
-        The socket to accept on.
+        Socket on which connections are accepted.
     start_process
         Function that starts the process that serves a request and responds on its connection.
     read_uid
-        Function that returns the user at the other end of a connection.
+        Function that returns the id of the user at the other end of a connection.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class EstopServer:
         self._pending_connections[connection] = _PendingConnection(uid, now_s)
 
     def _read_request(self, connection: socket.socket) -> None:
-        """Read a part of a request; once the request is complete, start its process."""
+        """Read more of a request; once the request is complete, start a process for it."""
         request = self._pending_connections[connection]
         try:
             data = connection.recv(MAX_REQUEST_BYTES)

@@ -1,7 +1,8 @@
 """Emergency stop for users without access to the agents, over a separate socket and without the daemon.
 
-A member of the socket's group sends the names of printers. For each request `farm.cli.estop_server` starts a
-process of the farm's user, which stops them and reports line by line (`deploy/systemd/farm-estop.socket`).
+A member of the socket's group sends the names of printers. For each request, `farm.cli.estop_server` starts a
+process under the farm's user. The process stops these printers, and reports line by line
+(`deploy/systemd/farm-estop.socket`).
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ class _Line(BaseModel):
 
 
 class StopRequest(_Line):
-    """Request to stop printers; an empty list means all."""
+    """Request to stop the named printers; an empty list means all printers."""
 
     printers: list[str]
 
 
 class StopReport(_Line):
-    """Progress or outcome of one printer's stop."""
+    """Progress or outcome of the stop of one printer."""
 
     printer: str
     seen_off: bool | None = None  # whether the heaters are confirmed off; null until that is known
@@ -54,19 +55,19 @@ _RESPONSE_LINE: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | Sto
 
 
 def find_estop_socket(paths: FarmPaths) -> Path | None:
-    """Find the socket of a farm that belongs to another user; return None if it belongs to the caller.
+    """Find the emergency socket of a farm that belongs to another user; return None for a farm of this user.
 
-    Root uses the socket too, unless it has named an existing state folder.
+    Root uses the socket of another user's farm too, unless `paths` names an existing state folder.
 
     Raises
     ------
     FarmError
-        If the farm belongs to another user and has no such socket, so that its agents are not accessible.
+        If the farm belongs to another user and has no emergency socket: this user cannot reach its agents.
     """
     path = paths.socket.with_name("estop.sock")
     owners = {owner for socket in (path, paths.socket) if (owner := _find_owner(socket)) is not None}
-    has_root_named_folder = os.geteuid() == 0 and (paths.state.root / "agents").is_dir()
-    if has_root_named_folder or owners <= {os.geteuid()}:
+    is_root_with_state_folder = os.geteuid() == 0 and (paths.state.root / "agents").is_dir()
+    if is_root_with_state_folder or owners <= {os.geteuid()}:
         return None
     if _find_owner(path) is None:
         raise FarmError(
@@ -115,7 +116,7 @@ def request_stop(path: Path, printers: list[str], report: ReportCallback) -> Non
 def serve_request(
     request: TextIO, responses: TextIO, stop: Callable[[list[str], ReportCallback], None]
 ) -> None:
-    """Serve one stop request, reporting line by line; continue if the caller disconnects."""
+    """Serve one stop request and report line by line; continue the stop if the caller disconnects."""
 
     def send(line: BaseModel) -> None:
         try:

@@ -21,14 +21,17 @@ _PICTURE_SUFFIXES = (".stl", ".png", ".jpg", ".jpeg")  # STL files are drawn
 
 @dataclass(frozen=True, slots=True)
 class FetchedFiles:
-    """Files of a job in a folder: all files by name and by SHA-256, and the names of newly written files."""
+    """Files of a job in a folder: all files by name and by SHA-256, and the names of those newly written."""
 
     paths_by_name: dict[str, Path] = field(default_factory=dict)
     paths_by_sha256: dict[str, Path] = field(default_factory=dict)
     written_names: list[str] = field(default_factory=list)
 
     def find(self, path: str) -> Path | None:
-        """Return the file for a path on the daemon's host, where the names of stored files are hashes."""
+        """Return the local copy of a file, given its path on the daemon's host; None if there is no copy.
+
+        On the daemon's host, a file in the file store is named by its SHA-256.
+        """
         return self.paths_by_sha256.get(Path(path).stem) or self.paths_by_name.get(Path(path).name)
 
 
@@ -64,7 +67,7 @@ def fetch_files(
     Raises
     ------
     RefusedError
-        If the folder has another file with the same name; nothing is written then.
+        If the folder has another file with the same name; in this case nothing is written.
     FarmError
         If a name is not valid, the content differs from its hash, or a file cannot be written.
     """

@@ -18,12 +18,12 @@ from farm.views.report.decomposition import parse_report
 _MAX_PRINTS = 100_000
 _MAX_STILLS_BYTES = 50_000_000  # maximum size of all stills on a page
 FileFinder = Callable[[str], Path | None]
-"""Function that returns a readable file for a path in a response of the daemon; None if there is none."""
+"""Function that returns a readable file for a path in a response of the daemon; None if no file is found."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Page on a job; `lacks_pictures` is True if none of its files can be read."""
+    """HTML page on a job; `lacks_pictures` is True if the job has parts, but no picture could be read."""
 
     text: str
     lacks_pictures: bool
@@ -44,7 +44,7 @@ def render_report(client: Client, number: int, find_file: FileFinder) -> Report:
     number
         Number of the job.
     find_file
-        Function that finds the files that the daemon names.
+        Function that finds a readable file for a path in a response of the daemon.
     """
     view = client.fetch_job(number).job
     fleet = client.fetch_status().fleet

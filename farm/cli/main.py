@@ -66,7 +66,9 @@ COMMANDS = {
             "submit.submit",
             "Decompose a model for the free printers, slice the parts and print them.",
         ),
-        CommandEntry("approve", "submit.approve", "Release a held job, to print exactly as planned."),
+        CommandEntry(
+            "approve", "submit.approve", "Release a held job, which is then printed exactly as planned."
+        ),
         CommandEntry(
             "queue",
             "queue.queue",
@@ -166,7 +168,7 @@ COMMANDS = {
         CommandEntry(
             "host",
             "daemon.host",
-            "Run the agents of a farm's printers on this host; the daemon starts it over ssh.",
+            "Run the agents of a farm's printers on this host; the daemon starts this command over ssh.",
         ),
         CommandEntry(
             "worker",
@@ -175,7 +177,7 @@ COMMANDS = {
         ),
     ),
 }
-"""Groups in the order in which `farm --help` lists them."""
+"""Commands by the heading under which `farm --help` lists them, in the order of that list."""
 app = typer.Typer(
     cls=make_group(COMMANDS),
     help="Turns a fleet of Ultimaker 2+ printers into one fast printer for large models.",
@@ -196,11 +198,11 @@ def parse_common_options(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Parse the options before the name of a command."""
+    """Parse the options that stand before the name of a command."""
 
 
 def main() -> None:
-    """Run a command. An error is one line on stderr and an exit code, never a traceback."""
+    """Run a command; print an error as one line on stderr, never as a traceback, and set the exit code."""
     try:
         code = app(prog_name="farm", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:

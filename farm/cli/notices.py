@@ -1,4 +1,4 @@
-"""Notices of the CLI on stderr."""
+"""Notices for the user on stderr."""
 
 from __future__ import annotations
 

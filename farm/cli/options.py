@@ -88,7 +88,9 @@ Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.j
 
 
 def with_paths(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P, None]:
-    """Add the options `--state`, `--socket` and `--fleet` to a command; `--url` is refused with a reason.
+    """Add the options `--state`, `--socket` and `--fleet` to a command that works only on the farm's host.
+
+    The command refuses `--url`, and states the reason.
 
     Parameters
     ----------
@@ -108,7 +110,7 @@ def with_paths(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P
 
 
 def with_farm(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P, None]:
-    """Add the options of `with_paths` to a command, and `--url` and `--key-file` for other hosts."""
+    """Add the options of `with_paths` to a command, and `--url` and `--key-file` for farms on other hosts."""
     path_options = (("state", State), ("socket", Socket), ("fleet", FleetFile))
     return _add_options(command, (*path_options, ("url", Url), ("key_file", KeyFile)))
 
@@ -138,7 +140,7 @@ def _add_options(
         if url is not None and name in LOCAL_COMMANDS:
             raise RefusedError(
                 f"farm {name} works only on the farm's own host, as {LOCAL_COMMANDS[name]}: run it there, "
-                f"without --url{' and FARM_URL' if name in _LOCAL_REASONS else ''}"
+                f"without --url{' or FARM_URL' if name in _LOCAL_REASONS else ''}"
             )
         paths = find_farm_paths(state, socket, fleet)
         command(replace(paths, url=url, key_file=key_file), **arguments)  # type: ignore[call-arg]

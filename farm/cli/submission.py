@@ -29,7 +29,7 @@ _POLL_INTERVAL_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Submitter:
-    """Submitter of models to the daemon, with the same options for all.
+    """Submitter of models to the daemon, with the same options for all models.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Submitter:
         return failures[0].exit_code if failures else int(ExitCode.DONE)
 
     def _finish_submission(self, submission: api.Submission, number: int) -> api.Submission:
-        """Show a submitted job or its plan, and add it to the submission."""
+        """Show a submitted job or its plan; return the submission with that job or plan."""
         response = self._show_job_or_plan(number)
         if isinstance(response, api.Timeline):
             return submission.model_copy(update={"timeline": response})
@@ -135,7 +135,7 @@ class Submitter:
                         break
                     update(job)
                     if job.waits_for_person and job.hold is not None:
-                        raise RefusedError(f"it cannot be planned now: {job.hold.text}")
+                        raise RefusedError(f"job {number} cannot be planned now: {job.hold.text}")
                     time.sleep(_POLL_INTERVAL_S)
             if job.exit_code:
                 code = ErrorCode(job.error) if job.error else ErrorCode.FAILED
@@ -150,7 +150,7 @@ class Submitter:
 
 
 def expand_patterns(models: Iterable[Path]) -> list[Path]:
-    """Replace each pattern with the matching files, sorted by name; existing paths are not patterns."""
+    """Replace each glob pattern with the matching files, sorted by name; an existing path is no pattern."""
     paths: list[Path] = []
     for model in models:
         matches: list[Path] = []
@@ -165,7 +165,7 @@ def _find_exit_code(response: api.JobStatus | api.Timeline) -> int:
 
 
 def _record_failure(submission: api.Submission, error: FarmError) -> api.Submission:
-    """Print the error of one model among several, and add it to the submission."""
+    """Print the error of one model among several; return the submission with that error."""
     text, name = " ".join(str(error).split()), Path(submission.model).name
     print_notice(text if name in text else f"{name}: {text}")
     return submission.model_copy(update={"error": text, "exit_code": int(error.exit_code)})

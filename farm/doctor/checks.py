@@ -22,7 +22,7 @@ _MAX_SHOWN_PROBLEMS = 5
 
 
 def check_installation(facts: Facts) -> list[Finding]:
-    """Evaluate the facts.
+    """Check an installation by its facts.
 
     Returns
     -------
@@ -33,14 +33,16 @@ def check_installation(facts: Facts) -> list[Finding]:
 
 
 def check_fleet(facts: Facts) -> Iterator[Finding]:
-    """Check that `fleet.yaml` can be read and has printers."""
+    """Check that `fleet.yaml` can be read and lists printers."""
     if facts.fleet is None:
         error = facts.fleet_error or f"{facts.fleet_path} cannot be read"
         text, _, action = error.partition("; ")  # some errors end with the action
         yield make_problem("fleet", text, action or "correct the fleet file")
     elif not facts.fleet.printers:
         yield make_problem(
-            "fleet", f"{facts.fleet_path} has no printers", "`farm discover` prints their entries"
+            "fleet",
+            f"{facts.fleet_path} has no printers",
+            "`farm discover` prints an entry for each connected printer",
         )
     else:
         enabled_count = sum(section.enabled for section in facts.fleet.printers)
@@ -52,7 +54,7 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
 
 
 def check_daemon(facts: Facts) -> Iterator[Finding]:
-    """Check that the daemon answers, and that it has the version of this program."""
+    """Check that the daemon answers, and that its version is the version of this program."""
     if facts.daemon_error is not None:
         yield make_warning("daemon", facts.daemon_error, "running agents continue printing without it")
     elif facts.daemon_version != facts.version:
@@ -78,7 +80,7 @@ def check_user(facts: Facts) -> Iterator[Finding]:
             "groups", f"fleet.operators: there is no group {operators}", f"`sudo groupadd {operators}`"
         )
     elif operators is not None and operators not in user.groups:
-        text = f"{user.name} is not in the group {operators}: only its members approve, clear and resume"
+        text = f"{user.name} is not in the group {operators}: only its members may approve, clear and resume"
         yield make_warning("groups", text, f"`sudo usermod -aG {operators} {user.name}`, then log in again")
     else:
         group = facts.fleet.fleet.group
@@ -87,7 +89,7 @@ def check_user(facts: Facts) -> Iterator[Finding]:
             if group in user.existing_groups
             else f"{user.name} alone, as there is no group {group}"
         )
-        yield make_success("groups", f"the daemon's socket is for {users}")
+        yield make_success("groups", f"the daemon's socket is open to {users}")
 
 
 def check_books(facts: Facts) -> Iterator[Finding]:
@@ -138,11 +140,11 @@ def check_files(facts: Facts) -> Iterator[Finding]:
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:
-    """Check that agents run while the daemon is up, and use the current protocol version."""
+    """Check that agents are running while the daemon is up, and that they use the current protocol."""
     for agent in facts.agents:
         name = agent.printer
         if agent.folder_error is not None:
-            action = "give it back to the user of the farm (`chown`), and check the disk"
+            action = "change its owner to the user of the farm (`chown`), and check the disk"
             yield make_problem(
                 "agents", f"{name}: its agent's folder cannot be used: {agent.folder_error}", action
             )
@@ -155,7 +157,7 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
             text = f"{name}: its agent is running but does not answer"
             yield make_problem("agents", text, f"`farm up --replace {name}` when nothing is printing there")
         elif agent.protocol < PROTOCOL:
-            text = f"{name}: its agent has an earlier version (protocol {agent.protocol} of {PROTOCOL})"
+            text = f"{name}: its agent has an earlier version (protocol {agent.protocol}, not {PROTOCOL})"
             yield make_warning("agents", text, f"`farm up --replace {name}` when nothing is printing there")
         else:
             yield make_success("agents", f"{name}: its agent answers")
@@ -173,9 +175,7 @@ def check_ports(facts: Facts) -> Iterator[Finding]:
             action = f"`sudo usermod -aG {group} {facts.user.name}`, then log in again"
             if group in facts.user.groups:
                 action = "check the permissions of the device (`ls -l`), and see deploy/udev"
-            yield make_problem(
-                "ports", f"{port_name} may not be read and written by {facts.user.name}", action
-            )
+            yield make_problem("ports", f"{facts.user.name} may not read and write {port_name}", action)
         else:
             yield make_success("ports", f"{port_name} exists and can be used")
 
@@ -192,13 +192,13 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
     if cura.resources is None:
         yield _describe_missing_file(cura.resources_error or f"Cura's files are missing: {action}")
     elif cura.settings_version is None:
-        yield make_problem("cura", f"{cura.resources}: its definitions name no version", action)
+        yield make_problem("cura", f"{cura.resources}: its definitions do not state a version", action)
     else:
         yield make_success("cura", f"{cura.resources}: Cura's settings, version {cura.settings_version}")
 
 
 def _describe_missing_file(error: str) -> Finding:
-    """Return the problem of a missing file; the part of the error after the last colon is the action."""
+    """Return a finding about a missing file; the part of the error after the last colon is the action."""
     text, _, action = error.rpartition(": ")
     return make_problem("cura", text, action)
 
@@ -207,12 +207,12 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
     """Check that the host's clock is set and synchronised, and that the farm's clock matches it."""
     clock = facts.clock
     now = datetime.fromtimestamp(clock.now_s, UTC)
-    action = "`sudo timedatectl set-ntp true`; hours and nights follow this clock"
+    action = "`sudo timedatectl set-ntp true`; attended and quiet hours follow this clock"
     if now.year < _MIN_PLAUSIBLE_YEAR:
         yield make_problem("clock", f"the host's clock shows {now:%Y-%m-%d}: it is not set", action)
     elif clock.is_synchronised is False:
         yield make_warning(
-            "clock", "the host's clock is not synchronised (no NTP): it may be set in a step", action
+            "clock", "the host's clock is not synchronised (no NTP): its time may jump", action
         )
     else:
         yield make_success("clock", f"the host's clock shows {now:%Y-%m-%d %H:%M} UTC")
@@ -257,9 +257,9 @@ def check_free_space(facts: Facts) -> Iterator[Finding]:
             yield make_warning("room", text, action)
     memory = facts.shared_memory
     if memory.free_bytes is None or memory.free_bytes < MIN_SHARED_MEMORY_BYTES:
-        text = f"{memory.folder} cannot be used, or is full: parts of planning use only one processor"
+        text = f"{memory.folder} cannot be used, or is full: some steps of planning use only one core"
         yield make_warning(
-            "room", text, f"mount it (`--shm-size=256m` of a container), or empty {memory.folder}"
+            "room", text, "mount it (in a container: `--shm-size=256m`), or delete files there"
         )
     else:
         yield make_success("room", f"{memory.folder} can be used")

@@ -1,4 +1,4 @@
-"""Collection of the facts about an installation: files, processes, devices, clocks. Nothing is changed."""
+"""Collection of facts about an installation: files, processes, devices, clocks. Nothing is changed."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def collect_facts(paths: FarmPaths, daemon_version: str | None, daemon_error: st
     paths
         State folder, socket and fleet file.
     daemon_version, daemon_error
-        The daemon's version, or the reason why it did not answer.
+        The daemon's version, or the reason why the daemon did not answer.
     """
     fleet, fleet_error = _read_fleet(paths.fleet)
     books = _read_books(paths.state)
@@ -129,7 +129,7 @@ def _collect_file_facts(books: Books, state: StateFolder) -> FileFacts:
 
 
 def _list_job_files(books: Books, job: Job) -> Iterator[tuple[str, str]]:
-    """Yield the files of a job and their hashes; files in the store are named by their hash."""
+    """Yield the name and the SHA-256 of each file of a job; a file in the store is named by its hash."""
     yield job.model_file, Path(job.model_file).stem
     for plate in books.list_plates(job):
         yield plate.gcode, plate.sha256
@@ -226,8 +226,9 @@ def _read_clock_facts(state: StateFolder) -> ClockFacts:
 
 
 def _is_clock_synchronised() -> bool | None:
-    """Return whether NTP synchronises the kernel's clock; adjtimex(2) without a mode only reads the state."""
-    timex = ctypes.create_string_buffer(512)  # larger than struct timex, whose first word is the mode
+    """Return whether NTP synchronises the kernel's clock; None if the kernel does not report that."""
+    # A buffer larger than struct timex. Its first word is the mode: 0 only reads the state.
+    timex = ctypes.create_string_buffer(512)
     try:
         answer = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
     except (OSError, AttributeError):

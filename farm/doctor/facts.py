@@ -11,7 +11,7 @@ from farm.state.retention import DiskUse
 
 @dataclass(frozen=True, slots=True)
 class BooksFacts:
-    """Database of the books.
+    """Database of the books (the farm's state).
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class BooksFacts:
     books
         The books; None if they cannot be read.
     error
-        Reason why they cannot be read.
+        Reason why the books cannot be read.
     """
 
     path: str
@@ -43,7 +43,7 @@ class FileFacts:
     checked_count
         Number of checked files.
     missing_files, changed_files
-        Missing files, and files whose content differs from the plan, each with its job.
+        Missing files, and files whose content has changed since planning, each as text with its job.
     """
 
     checked_count: int = 0
@@ -113,9 +113,9 @@ class CodeFacts:
     Attributes
     ----------
     installed_folder
-        Folder beside the sources.
+        Folder of the compiled code beside the sources.
     folder
-        Folder that this user's processes use; None if none can be written.
+        Folder of the compiled code that this user's processes use; None if no folder can be written.
     is_compiled
         True if all functions are compiled.
     """
@@ -136,7 +136,8 @@ class ClockFacts:
     is_synchronised
         True if NTP synchronises it; None if the kernel does not report that.
     scale_and_anchor
-        Scale and anchor of the farm's clock in the state folder; None if there is none yet.
+        Seconds of the farm's clock per wall second, and the time at which both clocks agreed, from the state
+        folder; None if the farm has not run yet.
     host_zone
         The host's time zone; None if it has no name.
     """
@@ -166,7 +167,7 @@ class UserFacts:
     groups
         The groups of this process.
     existing_groups
-        Groups of fleet.yaml that exist on the host.
+        Groups in fleet.yaml that exist on this host.
     state_owner
         Owner of the state folder; None if there is none.
     """
@@ -179,7 +180,7 @@ class UserFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Data for the checks.
+    """All facts about an installation, for the checks.
 
     Attributes
     ----------
@@ -190,7 +191,7 @@ class Facts:
     fleet, fleet_error
         The fleet, or the error in its file.
     fleet_path
-        Path of that file.
+        Path of the fleet file.
     disk
         Space that the files of jobs take; None if there are no files, or if the books cannot be read.
     """

@@ -42,7 +42,7 @@ def make_success(check: str, text: str) -> Finding:
 
 
 def make_warning(check: str, text: str, action: str) -> Finding:
-    """Return a finding about a fault that does not stop the farm, but may cause problems."""
+    """Return a finding about a fault that may cause problems, though the farm works."""
     return Finding(check, Level.WARNING, text, action)
 
 

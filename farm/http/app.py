@@ -34,7 +34,7 @@ _STATUS_CODES = {
 
 
 def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
-    """Make the application with all routes; each request about a job keeps its dry run alive.
+    """Make the application with all routes.
 
     The application serves only the Unix socket: it refuses a request whose caller the kernel has not
     identified.
@@ -50,7 +50,10 @@ def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
 
 
 def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str = "") -> None:
-    """Add the routes of the farm, jobs and printers to an application, with handlers for their errors."""
+    """Add the routes of the farm, jobs and printers to an application, with handlers for their errors.
+
+    A request for the status of a job also keeps the job's dry run from being cancelled.
+    """
     app.state.controller = services.controller
     printers = PrinterCommands(services.controller)
     parts = PartCommands(services.controller, printers)

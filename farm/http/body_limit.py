@@ -50,7 +50,8 @@ class BodyLimit:
                 and message["status"] >= _MIN_ERROR_STATUS
                 and not is_complete
             ):
-                MutableHeaders(scope=message)["connection"] = "close"  # otherwise the server reads the rest
+                # Otherwise the server would read the rest of the body.
+                MutableHeaders(scope=message)["connection"] = "close"
             await send(message)
 
         await self._app(scope, receive_with_limit, send_with_close_header)

@@ -1,4 +1,4 @@
-"""Identification of callers by their socket credentials, operator permissions, and the shared socket."""
+"""Callers identified by the credentials of their socket, their permissions, and the daemon's Unix socket."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
 
 class Caller(Protocol):
-    """Sender of a request."""
+    """Sender of a request: a user of this host, or a key on the network."""
 
     @property
     def name(self) -> str:
@@ -61,7 +61,7 @@ class Person:
         return group is None or self.uid in (0, os.getuid()) or self.belongs_to(group)
 
     def belongs_to(self, group: str) -> bool:
-        """Return whether the person is a member of a group, or the person's process runs with that group."""
+        """Return whether the person is a member of a group, or called from a process with that group."""
         gid = _find_gid(group)
         try:
             return gid in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
@@ -70,12 +70,12 @@ class Person:
 
 
 def find_session_role(caller: Caller, operator_group: str | None) -> Role:
-    """Return the role of a caller's sessions; `operator_group` is `fleet.operators`."""
+    """Return the role of a caller's browser sessions; `operator_group` is `fleet.operators`."""
     return Role.OPERATE if caller.is_operator(operator_group) else Role.PRINT
 
 
 def find_user_role(name: str, operator_group: str | None) -> Role | None:
-    """Return a user's current role according to this host's databases; None if the user was deleted.
+    """Return a user's current role by the user and group databases; None if the user was deleted.
 
     Parameters
     ----------
@@ -96,10 +96,10 @@ def find_user_role(name: str, operator_group: str | None) -> Role | None:
 
 
 class PeerProtocol(H11Protocol):
-    """HTTP protocol whose requests carry the caller as `request.state.caller`.
+    """HTTP protocol that sets `request.state.caller` to the user at the other end of a Unix socket.
 
-    The protocol also records when it began to wait for its client to send the rest of a request or to read
-    the response, because the server closes connections that wait too long.
+    It also records when it began to wait for the client to send the rest of a request or to read the
+    response, because the server closes connections that wait too long.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -180,7 +180,7 @@ def check_operator_group(group: str | None) -> None:
 
 
 def listen(path: Path, group: str) -> socket.socket:
-    """Open a listening Unix socket for a group, or only for its owner if the group does not exist.
+    """Open a listening Unix socket for a group, or for this user alone if the group does not exist.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def listen(path: Path, group: str) -> socket.socket:
 
 
 def _share_socket(path: Path, group: str) -> None:
-    """Share a socket with a group; if that fails, log why only the owner may use it."""
+    """Share a socket with a group; if that fails, log the reason why only its owner may use it."""
     gid = _find_gid(group)
     if gid is None:
         log.info("listening on %s, for this user alone: there is no group %s", path, group)
@@ -232,6 +232,6 @@ def _find_gid(group: str) -> int | None:
 
 
 CallerName = Annotated[str, Depends(find_caller_name)]
-"""Parameter of a route open to every user: the name of the caller."""
+"""Parameter of a route that every user may call: the name of the caller."""
 OperatorName = Annotated[str, Depends(find_operator_name)]
 """Parameter of a route for operators only (`fleet.operators`): the name of the caller."""

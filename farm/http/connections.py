@@ -1,8 +1,8 @@
 """Server with a limited number of connections, and a time limit for requests.
 
 Idle clients must not prevent an agent from starting, so some file descriptors are reserved for agents,
-workers and the database. At the limit, a new connection replaces the one that has waited longest for its
-client.
+workers and the database. When the limit is reached, a new connection replaces the connection that has waited
+longest for its client.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def read_descriptor_limit() -> int:
 def find_overdue_connections(
     connections: Iterable[WaitingConnection], now_s: float
 ) -> list[WaitingConnection]:
-    """Return the connections whose request takes too long."""
+    """Return the connections that have waited too long for their clients."""
     return [
         connection
         for connection in connections
@@ -106,7 +106,7 @@ class RateLimitedLog:
 
 @contextlib.contextmanager
 def stop_on_signals(server: uvicorn.Server) -> Iterator[None]:
-    """Stop a server on SIGINT and SIGTERM, so that the code after it runs."""
+    """Stop a server on SIGINT and SIGTERM, without ending the process."""
     loop = asyncio.get_running_loop()
     for number in _STOP_SIGNALS:
         loop.add_signal_handler(number, server.handle_exit, number, None)
@@ -130,7 +130,7 @@ class BoundedServer(uvicorn.Server):
     limit
         Maximum number of connections at a time.
     stop_work
-        Function that ends the work for which open requests wait; called before the server waits for them.
+        Function that ends the tasks for which open requests wait; the server then waits for these requests.
     """
 
     def __init__(
@@ -146,8 +146,8 @@ class BoundedServer(uvicorn.Server):
     def capture_signals(self) -> Iterator[None]:
         """Do nothing: `stop_on_signals` handles signals.
 
-        Once its server has ended, uvicorn raises the signal again, which would end the process before it has
-        ended its workers and closed its database. Besides, this process has several servers.
+        After a server has ended, uvicorn's own method raises the signal again. That would end the process
+        before the workers are ended and the database is closed. Besides, this process has several servers.
         """
         yield
 
@@ -192,9 +192,9 @@ class BoundedServer(uvicorn.Server):
                 self._begin_handshake(connection)
 
     def _begin_handshake(self, connection: socket.socket) -> None:
-        """Connect a client in a separate task, because it may delay its handshake.
+        """Connect a client in a separate task, because a client may delay its TLS handshake.
 
-        With too many open handshakes, the oldest is abandoned.
+        If too many handshakes are open, the oldest is abandoned.
         """
         oldest = self.find_handshake_to_abandon(self._handshakes, connection)
         if oldest is not None:
@@ -236,7 +236,7 @@ class BoundedServer(uvicorn.Server):
                 self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def make_room(self, connection: socket.socket) -> None:
-        """Make room for a new connection: at the limit, close the one that has waited longest for its client.
+        """Wait until the limit allows a new connection; close the connection that has waited longest.
 
         Raises
         ------

@@ -24,7 +24,7 @@ class EventLog(Protocol):
         """Read the events after a number, oldest first. Raises StoreError."""
 
     def read_printer_events(self, printer: str, limit: int) -> Sequence[EventRow]:
-        """Read the events about the upkeep of a printer, newest first. Raises StoreError."""
+        """Read a printer's maintenance, reels, losses and alarms, newest first. Raises StoreError."""
 
 
 class EmptyEventLog:
@@ -63,7 +63,7 @@ class EventStreams(StreamLimit):
     async def follow(
         self, last_number: int, is_allowed: Callable[[], bool], wait: bool
     ) -> AsyncIterator[list[EventRow]]:
-        """Yield events as they are committed, and an empty list at intervals while there are none.
+        """Yield new events as they are committed, and an empty list at intervals while there are none.
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ class EventStreams(StreamLimit):
             if rows:
                 last_number, idle_polls = rows[-1].number, 0
                 yield rows
-                await asyncio.sleep(0.0)  # lets other tasks run even if the client reads at once
+                await asyncio.sleep(0.0)  # lets other tasks run even if the client reads without delay
                 continue
             if not wait:
                 return

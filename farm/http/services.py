@@ -31,21 +31,19 @@ async def refuse_replacement(name: str) -> None:
 
 
 async def refuse_stills(printer: str) -> Image:
-    """Refuse to fetch a still, because the farm has no cameras."""
+    """Refuse to fetch a camera picture, because the farm has no cameras."""
     raise NotFoundError(f"{printer} has no camera")
 
 
 async def refuse_reading(printer: str) -> list[WireLine]:
-    """Refuse to read the lines on the wire of a printer, because the farm has no agents."""
+    """Refuse to read the last lines on a printer's serial port, because the farm has no agents."""
     raise RefusedError(f"{printer} has no agent")
 
 
 async def refuse_pruning(operator_name: str, dry_run: bool) -> api.PruneResponse:
-    """Refuse to prune, because the daemon runs without upkeep."""
+    """Refuse to delete old files, because the daemon runs without `Upkeep`."""
     action = "preview a prune" if dry_run else "prune"
-    raise RefusedError(
-        f"{operator_name} cannot {action}: this daemon runs without upkeep, and keeps all jobs"
-    )
+    raise RefusedError(f"{operator_name} cannot {action}: this daemon keeps the files of all jobs")
 
 
 @dataclass(slots=True)
@@ -55,11 +53,11 @@ class NetworkState:
     Attributes
     ----------
     address
-        Address on which it listens; None if it is off.
+        URL of the address on which the server listens; None if fleet.yaml configures no such server.
     browser_url
-        URL at which browsers reach it.
+        URL at which browsers reach the server.
     problem
-        Reason why it is closed; None if it is open.
+        Reason why the server accepts no connections; None if it accepts them.
     """
 
     address: str | None = None
@@ -88,18 +86,18 @@ class Services:
     cluster
         The cluster that computes plans; None if the daemon's host computes them.
     hosts
-        Other computers that run agents, and their connections; None for a farm without agents.
+        Other computers that run agents, and the connections to them; None for a farm without agents.
     shut_down
         Function that shuts the farm down; given True, it stops all prints first.
     prune
-        Function that deletes files and events beyond the limits of `fleet.keep`, for the named user; given
-        True, it only lists them.
+        Function that deletes files and events that exceed the limits of `fleet.keep`, at the request of the
+        named user; given True, it only lists them.
     replace_agent
         Function that replaces the agent of an idle printer.
     fetch_still
-        Function that returns a still from the camera of a printer.
+        Function that returns a picture from the camera of a printer.
     read_lines
-        Function that reads the last lines on the wire of a printer.
+        Function that reads the last lines on the serial port of a printer.
     network
         State of the server for callers on the network.
     key_uses_s
@@ -113,11 +111,11 @@ class Services:
     sessions
         Commands on the sessions of browsers.
     uploads
-        Open uploads of all callers, whose total is limited.
+        Open uploads of all callers, which are limited in number and total size.
     app_key_requests
         Requests of programs for keys.
     find_user_role
-        Function that returns the current role of a user, from the user's name and the group of operators.
+        Function that returns the current role of a user, given the user's name and the group of operators.
     """
 
     controller: Controller

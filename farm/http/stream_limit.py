@@ -1,4 +1,4 @@
-"""Limit on the number of open streams. All streams end with the daemon."""
+"""Limit on the number of open streams (server-sent events). All streams end when the daemon ends."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HEADERS = {"x-accel-buffering": "no"}  # tells a proxy not to buffer events
 
 
 class StreamLimit:
-    """Counter of open streams, which ends all of them when it is closed.
+    """Counter and limit of open streams; `close` ends all of them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Uploads of models, within `fleet.uploads`: received into a file, then inspected in a worker."""
+"""Uploads of models, within the limits of `fleet.uploads`: received as files, then inspected in a worker."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _WRITE_BYTES = 2**20
 
 
 def clean_name(name: str) -> str:
-    """Convert a model's name to a printable, valid file name of limited length, without its folder."""
+    """Convert the name of a model to a valid, printable file name of limited length, without a folder."""
     base_name = name.replace("\\", "/").rpartition("/")[2]
     plain_name = flatten_text(base_name).lstrip(".")
     return plain_name[-_MAX_NAME_LENGTH:] or "model"
@@ -72,7 +72,7 @@ def check_quota(
     Raises
     ------
     RefusedError
-        If the upload exceeds a limit; the message names its key in `fleet.yaml`.
+        If the upload exceeds a limit; the message names the key of this limit in `fleet.yaml`.
     """
     if size_bytes > quota.model_gb * _GB:
         raise RefusedError(
@@ -104,7 +104,7 @@ class Upload:
     Attributes
     ----------
     request_id
-        Id with which a client requests its progress.
+        Id with which a client requests the progress of the upload.
     size_bytes
         Announced number of bytes of the request's body.
     missing_bytes
@@ -127,7 +127,7 @@ class Upload:
         Raises
         ------
         FarmError
-            With code `limit`, as soon as the first bytes announce too many triangles for a worker's memory.
+            With code `limit`, as soon as the first bytes state more triangles than a worker's memory holds.
         """
         head, is_checked, unwritten_bytes = b"", False, bytearray()
 
@@ -158,7 +158,7 @@ class Upload:
 
 
 class Uploads:
-    """Open uploads, whose total is limited.
+    """Open uploads, which are limited in number and total size.
 
     Parameters
     ----------
@@ -199,12 +199,12 @@ class Uploads:
 
     @asynccontextmanager
     async def admit(self, request_id: str, name: str, size_bytes: int) -> AsyncIterator[Upload]:
-        """Admit an upload, and delete its file at the end.
+        """Register an upload that is within the limits; delete its file when the context ends.
 
         Parameters
         ----------
         request_id
-            Identifies the upload in `describe`.
+            Id of the upload for `describe`.
         name
             The name of the model, for messages.
         size_bytes
@@ -213,7 +213,7 @@ class Uploads:
         Raises
         ------
         RefusedError
-            See `check_quota`.
+            If the upload exceeds a limit (see `check_quota`).
         """
         self._check_quota(name, size_bytes)
         path = self._state.work / f"upload-{uuid.uuid4().hex}"
@@ -225,7 +225,7 @@ class Uploads:
             await asyncio.to_thread(_delete_files, path)  # takes a tenth of a second for the largest models
 
     async def inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
-        """Inspect a complete upload in a worker. Raises FarmError if it cannot be printed."""
+        """Inspect a complete upload in a worker. Raises FarmError if the model cannot be printed."""
         printers, files = self._controller.fleet.printers, self._state.files
         self._inspections[upload.path] = name
         try:
@@ -250,9 +250,9 @@ class Uploads:
         Raises
         ------
         RefusedError
-            See `check_quota`; or if the number of bytes differs from the announced size.
+            If the upload exceeds a limit (see `check_quota`), or its size differs from the announced size.
         FarmError
-            If the model cannot be printed; with code `limit`, as soon as its first bytes announce too many
+            If the model cannot be printed; with code `limit`, as soon as its first bytes state too many
             triangles.
         """
         async with self.admit(request_id, name, size_bytes) as upload:

@@ -1,7 +1,7 @@
 """Records of the farm: jobs, parts, plates, prints, printers, and the snapshots of agents.
 
-Everything here is frozen. Times are seconds since the epoch on the farm's clock (`drivers.clock`), spans are
-seconds, lengths millimetres, temperatures degrees Celsius.
+All records are frozen. Times are in seconds since the epoch on the farm's clock (`drivers.clock`), durations
+in seconds, lengths in millimetres, and temperatures in degrees Celsius.
 """
 
 from farm.model.agent import AgentPrint, AgentSnapshot, Link

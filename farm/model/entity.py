@@ -1,4 +1,4 @@
-"""Frozen records of the books, and the former names of their fields."""
+"""Base class of the records in the books (the farm's state in the database), and former names of fields."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORMER_NAMES = {
     "uncertain": "doubted",
     "unreported_since_s": "untold_since_s",
 }
-"""Names that the books of farm 0.1 use for fields which were renamed later."""
+"""Names of renamed fields in the books of farm 0.1, by the current name of the field."""
 
 
 def _accept_names(field: str) -> str | AliasChoices:
@@ -30,7 +30,7 @@ def _accept_names(field: str) -> str | AliasChoices:
 
 
 class Entity(BaseModel):
-    """Frozen record of the books."""
+    """Base class of the frozen records in the books."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", alias_generator=AliasGenerator(validation_alias=_accept_names)
@@ -38,9 +38,9 @@ class Entity(BaseModel):
 
 
 def share_field_set(model: M) -> M:
-    """Replace the set of fields of a model, and of models in its fields, with one set for each class.
+    """Let a model and all models in its fields share one set of field names for each class.
 
-    Pydantic keeps a set for each instance, which takes as much memory as the fields of a plate.
+    Pydantic keeps such a set for each instance; that set takes as much memory as the fields of a plate.
     """
     for value in vars(model).values():
         if isinstance(value, BaseModel):
@@ -50,5 +50,5 @@ def share_field_set(model: M) -> M:
 
 
 @cache
-def _find_field_set(kind: type[BaseModel]) -> set[str]:
-    return set(kind.model_fields)
+def _find_field_set(model_class: type[BaseModel]) -> set[str]:
+    return set(model_class.model_fields)

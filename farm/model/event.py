@@ -15,7 +15,7 @@ class Event(BaseModel):
 
 
 class HostLost(Event):
-    """The connection to a host with printers was lost; their agents may still print."""
+    """The connection to a host with printers was lost; the agents on that host may still be printing."""
 
     host: str
     printers: tuple[str, ...]
@@ -38,8 +38,8 @@ class KeyAdded(Event):
 class KeyRevoked(Event):
     """A key was revoked, or a session was ended."""
 
-    key: str
-    by: str
+    key: str  # id of the key or session
+    by: str  # name of the caller who ended it
 
 
 class SessionOpened(Event):
@@ -49,7 +49,7 @@ class SessionOpened(Event):
 
 
 class SessionExtended(Event):
-    """The end of a session was postponed, because the session is in use."""
+    """The end of a session was postponed, because the session was in use."""
 
     session: str
     expires_s: float

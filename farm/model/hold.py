@@ -10,9 +10,9 @@ from farm.model.entity import Entity
 class HoldCode(StrEnum):
     """Reason why a plate, or a job that has no plates yet, waits."""
 
-    NOT_FIRST = "not_front"
+    NOT_FIRST = "not_front"  # other jobs in the queue are planned first
     NO_SUCH_PRINTER = "no_such_printer"
-    TOO_FEW_PRINTERS = "too_few_printers"  # only from earlier versions, which did not count busy printers
+    TOO_FEW_PRINTERS = "too_few_printers"  # only in holds of earlier versions, which ignored busy printers
     PRINTER_BUSY = "printer_busy"
     JOB_PRINTER_LIMIT = "all_its_printers_busy"
     BED_NOT_CLEAR = "bed_not_clear"
@@ -26,31 +26,31 @@ class HoldCode(StrEnum):
     REEL_TOO_SHORT = "reel_too_short"
     START_TIME = "start_time"  # its job starts later (`--at`, `--overnight`)
     QUIET_HOURS = "quiet_hours"
-    UNATTENDED = "unattended"  # needs a person to be present
+    UNATTENDED = "unattended"  # may print only while a person is present
     TOO_LONG = "too_long"  # longer than any time window in fleet.yaml
     HEATING_LIMIT = "heating_limit"
-    KEPT_AS_SPARE = "kept_as_spare"
+    KEPT_AS_SPARE = "kept_as_spare"  # the idle printer is kept in reserve for a failed part
     PRINTER_UNREPORTED = "untold"  # a printer has not reported its prints since the backup
-    APPROVAL = "approval"  # until `farm approve`
+    APPROVAL = "approval"  # its job waits for `farm approve`
     MAINTENANCE = "maintenance"
     PAUSED = "paused"
-    STOPPED = "stopped"  # by `farm estop`, until `farm resume`
+    STOPPED = "stopped"  # its print was stopped by `farm estop`; waits for `farm resume`
     OUT_OF_ATTEMPTS = "out_of_attempts"
     BEING_RECUT = "cut_again"  # its part failed and is being cut for several printers
     BEING_REPLANNED = "planned_again"  # its job is planned for other printers, before it starts
-    JUST_LOST = "just_lost"
-    OUTAGE = "outage"
+    JUST_LOST = "just_lost"  # its printer was lost a moment ago; other printers may be lost too
+    OUTAGE = "outage"  # several printers were lost together; all plates wait for `farm resume`
 
 
 class ShortReel(Entity):
-    """Printer with too little filament for a plate; the text states the available and the needed amount."""
+    """Reel with too little filament for a plate: its printer, and a text with both amounts."""
 
     printer: str
     text: str
 
 
 class TextTime(Entity):
-    """Time in a sentence: its wording, in the farm's time zone, and the same time as ISO 8601."""
+    """Time that a sentence mentions: its text, in the farm's time zone, and the same time in ISO 8601."""
 
     text: str
     at: str

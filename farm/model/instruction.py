@@ -1,4 +1,4 @@
-"""Instructions to agents and to the daemon, which follow from events and are named in the imperative."""
+"""Instructions to agents and to the daemon. They follow from events, and their names are imperatives."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class SendStart(Instruction):
 
     print_id: str
     printer: str
-    not_after_s: float | None = None
-    ends_by_s: float | None = None
+    not_after_s: float | None = None  # time after which it must not start; None for no limit
+    ends_by_s: float | None = None  # time at which it is ended if it is still running; None for no limit
 
 
 class SendEndBy(Instruction):
-    """Set the time at which an open print must end; None for no limit."""
+    """Set the time at which an open print is ended if it is still running; None for no limit."""
 
     print_id: str
     printer: str
@@ -67,7 +67,7 @@ class StopPlanning(Instruction):
 
 
 class LinkFiles(Instruction):
-    """Link a planned job's files under readable names."""
+    """Create links with readable names to the files of a planned job."""
 
     job: int
 

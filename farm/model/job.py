@@ -1,4 +1,4 @@
-"""Jobs: their states and options, and the progress of their plans."""
+"""Jobs: their states and options, and the progress of their planning."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class JobState(StrEnum):
     QUEUED = "queued"
     PLANNING = "planning"  # being repaired, decomposed and sliced
     HELD = "held"  # planned; waits until a person approves it
-    PRINTING = "printing"  # planned and committed; plates go to printers
-    PRINTED = "printed"  # every part is printed; a person has not judged all of them
+    PRINTING = "printing"  # the plan is stored; plates are assigned to printers
+    PRINTED = "printed"  # every part is printed, but a person has not judged all of them
     DONE = "done"  # a person has judged every part good
     FAILED = "failed"
     CANCELLED = "cancelled"
@@ -56,20 +56,20 @@ class JobOptions(Entity):
     engine: Engine = Engine.BEST
     material: str | None = None  # None: any
     colour: str | None = None
-    only: tuple[str, ...] = ()  # printers that may print it; empty: any
+    only: tuple[str, ...] = ()  # names of the printers that may print the job; empty: any
     quality: str = "glue"
     priority: int = Field(default=0, ge=-100, le=100)  # jobs of higher priority print earlier
     at: str | None = Field(default=None, max_length=40)  # earliest start, as the user wrote it
-    overnight: bool = False  # starts when attended hours end
+    overnight: bool = False  # the job starts when attended hours end
     done_by: str | None = Field(default=None, max_length=40)  # use the fewest parts that finish by this time
     assembled_by: str | None = Field(default=None, max_length=40)  # like `done_by`, but including the gluing
     spares: int = Field(default=0, ge=0)  # free printers kept in reserve for failed plates
     hold: bool = False  # nothing prints before `farm approve`
-    dry_run: bool = False  # planned only: cancelled once its plan has been shown
+    dry_run: bool = False  # the job is only planned, and cancelled once its plan has been shown
     pin_mm: float | None = Field(default=None, ge=MIN_PIN_MM, le=MAX_PIN_MM)  # None: no holes for pins
     pin_fit_mm: float | None = Field(
         default=None, ge=0, le=2
-    )  # clearance around a pin; None: each printer's own
+    )  # clearance of a hole around its pin; None: as fleet.yaml sets it for each printer
     marks: bool = False  # part numbers are cut into the faces that are glued
     copies: int = Field(default=1, ge=1, le=500)
     name: ShortText | None = Field(default=None, max_length=60)  # shown instead of the file's name
@@ -77,15 +77,15 @@ class JobOptions(Entity):
 
 
 class OwnGcode(Entity):
-    """Requirements of a person's own G-code."""
+    """Requirements of G-code that a person submitted: the nozzle's size, and the box of all extrusion."""
 
     nozzle_mm: float | None  # None: not stated in the file
-    min_mm: tuple[float, float, float]  # extent of all extrusion, from the bed's centre
+    min_mm: tuple[float, float, float]  # corners of the box, relative to the bed's centre
     max_mm: tuple[float, float, float]
 
 
 class Reopening(Entity):
-    """Reopening of a job that had ended: a person requested a part again, or judged one bad."""
+    """Reopening of a job that had ended, because a person requested a reprint or judged a part bad."""
 
     ended_s: float  # time at which it had ended
     reopened_s: float
@@ -107,22 +107,22 @@ class Job(Entity):
     model_file: str  # name in the file store
     options: JobOptions
     own_gcode: OwnGcode | None = None  # requirements of submitted G-code, which is printed as one plate
-    size: ModelSize | None = None  # None: own G-code, or submitted to an earlier version
+    size: ModelSize | None = None  # None: submitted G-code, or a job from an earlier version
     state: JobState = JobState.QUEUED
     submitted_s: float
-    submitted_by: str | None = None  # the user; None: submitted to an earlier version
+    submitted_by: str | None = None  # name of the user; None: a job from an earlier version
     hold: Hold | None = None  # reason why its planning has not started
     error: ErrorCode | None = None
     reason: str | None = None
     repairs: tuple[str, ...] = ()
-    scale: float | None = None
-    not_before_s: float | None = None
+    scale: float | None = None  # factor by which the model is scaled
+    not_before_s: float | None = None  # time before which none of its plates starts
     done_by_s: float | None = None
     assembled_by_s: float | None = None
     plan: str | None = None  # hash of the plan and its files, for `farm approve`
     lower_bound_s: float | None = None  # lower bound of any schedule of its plates
     expected_s: float | None = None  # parallel printing time of the plan
-    serial_s: float | None = None
+    serial_s: float | None = None  # printing time of the uncut model on one large printer
     picture: str | None = None  # name of a picture of the assembly in the file store
     assembly: str | None = None  # name of a GLB of the assembly in the file store
     decomposition: str | None = None  # name of the report on the decomposition (JSON) in the file store
@@ -135,10 +135,10 @@ class Job(Entity):
     parts: tuple[str, ...] = ()
     paused: bool = False  # True if a person has paused it; none of its plates starts
     moved_priority: int | None = None  # replaces the priority of its options after a move in the queue
-    moved_rank: float | None = None  # replaces its number in the order of jobs with equal priority
-    restored: bool = False  # True if it is from a backup; more may have been printed than is recorded
-    planned_s: float | None = None
-    planned_for: tuple[str, ...] = ()  # printers that its plan could use; empty: unknown
+    moved_rank: float | None = None  # replaces its id in the order of jobs with equal priority
+    restored: bool = False  # True if read from a backup; more may have been printed than is recorded
+    planned_s: float | None = None  # time at which its plan was complete
+    planned_for: tuple[str, ...] = ()  # names of the printers for which it was planned; empty: unknown
     planning_s: float | None = None  # duration of its planning, on the farm's clock
     assembly_s: float | None = None  # expected time for a person to glue its parts
     gluing: Gluing | None = None
@@ -156,7 +156,7 @@ class Job(Entity):
         return self.options.priority if self.moved_priority is None else self.moved_priority
 
     def compute_print_deadline_s(self, assembly_ratio: float) -> float | None:
-        """Return the time by which its last part has to be printed; None for no limit.
+        """Return the time by which the last part of the job has to be printed; None for no limit.
 
         Parameters
         ----------
@@ -169,17 +169,17 @@ class Job(Entity):
 
     @property
     def assembled_s(self) -> float | None:
-        """Time at which a person reported that its parts are glued; None before."""
+        """Time at which a person reported that all parts are glued; None before that report."""
         return None if self.gluing is None else self.gluing.at_s
 
     @property
     def gluing_s(self) -> float | None:
-        """Time that a person reported for gluing its parts; None before."""
+        """Duration of the gluing in seconds, as a person reported it; None before that report."""
         return None if self.gluing is None else 60.0 * self.gluing.minutes
 
     @property
     def queue_rank(self) -> tuple[int, float, int]:
-        """Sort key of the queue: the smallest is served first."""
+        """Sort key of the queue: the job with the smallest key gets printers first."""
         return -self.priority, self.id if self.moved_rank is None else self.moved_rank, self.id
 
 
@@ -194,18 +194,18 @@ class PlanStep(StrEnum):
 
 
 class PlanProgress(Entity):
-    """Progress of a job's plan, in memory only."""
+    """Progress of the planning of a job, kept only in memory."""
 
     step: PlanStep
     done: int = 0  # number of sliced plates
     of: int = 0  # total number of plates; 0 while unknown
     cached: int = 0  # number of these plates that came from the cache
-    share: float | None = None  # used share of the search's budget, 0 to 1; the search may end sooner
-    remaining_s: float | None = None  # longest remaining time of that search, in wall seconds
+    share: float | None = None  # used share, 0 to 1, of the search's time budget; the search may end sooner
+    remaining_s: float | None = None  # maximum remaining time of that search, in wall seconds
 
 
 _PRIOR_TIME_S = 3600.0  # the prior is one assembly of this duration that took as long as expected
-_MAX_RATIO, _MIN_RATIO = 4.0, 0.25  # bounds on the ratio of one report, against wrong entries
+_MAX_RATIO, _MIN_RATIO = 4.0, 0.25  # bounds on the ratio of each report, in case the entered time is wrong
 
 
 def compute_assembly_ratio(jobs: Iterable[Job]) -> float:

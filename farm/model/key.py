@@ -8,7 +8,7 @@ from farm.model.entity import Entity
 
 
 class Role(StrEnum):
-    """Permission of a caller on the network; each role includes those before it."""
+    """Permissions of a caller on the network; each role includes the permissions of those before it."""
 
     LOOK = "look"  # see everything
     PRINT = "print"  # submit, pause and cancel
@@ -40,14 +40,14 @@ class Key(Entity):
     role: Role
     digest: str  # SHA-256 of the key's text, in hexadecimal
     created_s: float
-    by: str  # name of the operator who added it; for a session, the caller who opened it
+    by: str  # name of the operator who added the key, or of the caller who opened the session
     expires_s: float | None = None  # None: never; the end of a session is postponed while it is used
     revoked_s: float | None = None
     opened_by: str | None = None  # id of the key that opened a session; None: a link for a user
 
     @property
     def user(self) -> str | None:
-        """Name of the host's user who owns this session; None for a key and the sessions that it opened."""
+        """Name of the user of this host who owns the session; None for a key and for a key's sessions."""
         return self.name if self.kind is KeyKind.SESSION and self.opened_by is None else None
 
     @property

@@ -1,4 +1,4 @@
-"""Parts of a job, the plates that print them, and the time of their layers by feature."""
+"""Parts of a job, the plates on which they are printed, and the time of each feature of the layers."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ class PartPrintOptions(Entity):
     Attributes
     ----------
     brim_width_mm, layer_0_expansion_mm
-        None for the value of the quality.
+        Width of the brim, and horizontal expansion of the first layer; None: as the print quality sets it.
     bed_face_hidden, tops_hidden
         True if all faces on the bed, or all top faces, are cut faces that gluing hides.
     hidden_sides
         Outward normals nx, ny and offsets in mm of the upright sides that gluing hides.
     hidden_grooves
-        Grooves for keys in these sides: the number of the side, the positions along it between which the
-        groove lies (along (-ny, nx)), and its depth, in mm.
+        Grooves for keys in these sides: index of the side, start and end of the groove along the side (in
+        the direction (-ny, nx)), and its depth, in mm.
     hidden_recesses
-        Boxes of the marks and grooves in level faces that gluing hides: min_x, min_y, max_x, max_y, and the
-        heights of the face and of the bottom, in mm.
+        Boxes around the marks and grooves in horizontal faces that gluing hides: min_x, min_y, max_x, max_y,
+        height of the face, and height of the bottom of the mark or groove, in mm.
     stands
         True if the part is expected to stay upright while it is printed.
     """
@@ -68,17 +68,17 @@ class Part(Entity):
     id: str  # "3/p01"
     job: int
     plate: str
-    file: str  # STL in printing pose, or own G-code as submitted
+    file: str  # name in the file store: STL in printing pose, or G-code that a person submitted
     geometry: PartGeometry
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
-    cut_from: str | None = None  # the failed part that it was cut from
+    cut_from: str | None = None  # id of the failed part from which it was cut
     copy_number: int = 1  # number of the copy of the model, from 1
     glue_rank: int | None = None  # place in the order in which parts are glued, from 1; None: unknown
 
     @model_validator(mode="before")
     @classmethod
     def _nest_flat_fields(cls, fields: Any) -> Any:
-        """Nest the geometry and the print options of a part, which farm 0.1 stored as flat fields."""
+        """Move geometry and print options, which farm 0.1 stored as flat fields, into nested records."""
         if not isinstance(fields, dict) or "geometry" in fields:
             return fields
         nested_fields: dict[str, Any] = dict(fields)
@@ -94,9 +94,9 @@ Shares = tuple[float, ...]
 
 
 class FeatureSeconds(Entity):
-    """Sliced seconds of a plate's layers by feature; supports include the brim.
+    """Time of each feature of a plate's layers, as sliced.
 
-    Travel is all time without extrusion, including retractions.
+    Supports include the brim. Travel is all time without extrusion, including retractions.
     """
 
     walls_s: float
@@ -138,7 +138,10 @@ class TimeFactors:
     feature_factors: tuple[float, ...] | None = None  # in the order of `Shares`
 
     def compute_factor(self, shares: Shares | None) -> float:
-        """Compute the factor of layers with these shares; the overall one without shares or factors."""
+        """Compute the time factor of layers from the shares of their features.
+
+        Without shares, or before the printer has feature factors, return the overall factor.
+        """
         if self.feature_factors is None or shares is None:
             return self.overall_factor
         return float(sum(map(mul, shares, self.feature_factors)))
@@ -156,37 +159,37 @@ class Plate(Entity):
     parts: tuple[str, ...]
     gcode: str
     sha256: str
-    sliced_s: float  # time of its layers: by CuraEngine, or for own G-code by the firmware's planner
-    features: FeatureSeconds | None = None  # `sliced_s` by feature; None: unknown, for example for own G-code
-    expected_s: float  # time with heat-up, start and end code, and with the printer's factor
+    sliced_s: float  # time of its layers, as estimated by CuraEngine, or for submitted G-code by the farm
+    features: FeatureSeconds | None = None  # `sliced_s` by feature; None: unknown, as for submitted G-code
+    expected_s: float  # time with heat-up, start and end code, and with the printer's time factor
     grams: float
     filament_mm: float
     price: float | None = None  # price of its filament on the planned printer, in the fleet's currency
     layers: int
-    min_mm: tuple[float, float, float]  # extent of all extrusion, from the bed's centre
+    min_mm: tuple[float, float, float]  # corners of the box of all extrusion, relative to the bed's centre
     max_mm: tuple[float, float, float]
     material: str
     nozzle_mm: float
     family: str | None = None  # `Profile.family`: the printer family that it was sliced for; None: any
     printer: str  # the printer that the plan chose
-    time_factor: float = 1.0  # factor of that printer when the plate was planned; included in `expected_s`
-    cached: bool = False  # True if its slice came from the cache
-    warnings: tuple[str, ...] = ()  # such as walls too thin to print, or parts that may fall over
+    time_factor: float = 1.0  # time factor of that printer at planning; included in `expected_s`
+    cached: bool = False  # True if its G-code came from the slice cache
+    warnings: tuple[str, ...] = ()  # sentences, such as on walls that are too thin to print
     prints: tuple[str, ...] = ()
     counted_from: int = 0  # index of the first print whose failure counts, after `farm reprint`
     replaced_by: tuple[str, ...] = ()  # plates printed instead of this one
     cancelled: bool = False  # True if a person has cancelled it; it is printed only on request
-    paused: bool = False  # True from a person's pause command until it is resumed
+    paused: bool = False  # True if a person has paused it and nobody has resumed it
 
     @model_validator(mode="before")
     @classmethod
     def _drop_hold(cls, fields: Any) -> Any:
-        """Drop the hold of a plate stored by farm 0.1; holds are now derived."""
+        """Drop the hold that farm 0.1 stored in a plate; holds are now computed from the state."""
         return {k: v for k, v in fields.items() if k != "hold"} if isinstance(fields, dict) else fields
 
     @property
     def overhead_s(self) -> float:
-        """Expected time apart from the layers: heat-up, start and end code, in seconds."""
+        """Expected time of everything except the layers: heat-up, start and end code, in seconds."""
         return self.expected_s - self.sliced_s * self.time_factor
 
     @property
@@ -196,9 +199,9 @@ class Plate(Entity):
 
     @property
     def first_layer_s(self) -> float:
-        """Expected time in seconds until the first layer, which is printed at half speed, is done."""
+        """Expected time in seconds to the end of the first layer, which is printed at half speed."""
         return self.overhead_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
     def compute_expected_s(self, time_factors: TimeFactors) -> float:
-        """Return the expected time on a printer with these time factors, in seconds."""
+        """Compute the expected time on a printer with these time factors, in seconds."""
         return self.overhead_s + self.sliced_s * time_factors.compute_factor(self.feature_shares)

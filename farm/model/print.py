@@ -10,7 +10,7 @@ from farm.model.entity import Entity
 class PrintState(StrEnum):
     """State of a print."""
 
-    ASSIGNED = "assigned"  # committed; the start request is sent to its agent
+    ASSIGNED = "assigned"  # stored in the database; its agent is requested to start it
     HEATING = "heating"
     PRINTING = "printing"
     PAUSED = "paused"  # a person has paused it: the head is parked, and the bed is kept warm
@@ -33,7 +33,7 @@ class Verdict(StrEnum):
 
 
 class Moment(StrEnum):
-    """Moment of a print at which a still is kept."""
+    """Moment of a print at which a still (a picture by the camera) is kept."""
 
     FIRST_LAYER = "first_layer"
     END = "end"
@@ -55,7 +55,7 @@ class Print(Entity):
     plate: str
     job: int
     printer: str
-    number: int = 0  # sequence number in order of start, because clocks may be set back
+    number: int = 0  # sequence number in order of assignment, because clocks may be set back
     state: PrintState = PrintState.ASSIGNED
     assigned_s: float
     started_s: float | None = None
@@ -64,13 +64,13 @@ class Print(Entity):
     reason: str | None = None
     extruded: bool = False
     cancel_reason: str | None = None
-    restored: bool = False  # True if from a backup; it may have started or ended since, and is never started
+    restored: bool = False  # True if read from a backup; never started, as it may have run since that backup
     fail_reason: str | None = None  # reason why a person marked it as failed (`farm fail`)
     charged: bool = True  # True if its failure counts as an attempt of its plate
     verdict: Verdict | None = None  # judgement of its part; None until a person has judged it
     verdict_why: str | None = None  # reason for the verdict
     pause_requested: bool = False  # True if a person has requested a pause
-    paused: bool = False  # True if it was ever paused, so no time factor is learned from it
+    paused: bool = False  # True if it was ever paused, so that no time factor is learned from it
     starved_s: float = 0.0
     grams: float = 0.0  # used filament; 0 until the print has ended
     stills: tuple[Still, ...] = ()  # at most one for each moment

@@ -40,7 +40,7 @@ class HostLoss(Entity):
     """Loss of the connection to a host with printers; their prints may continue."""
 
     host: str
-    at_s: float  # time of the first loss among hosts lost together, which are reported once
+    at_s: float  # time of the first loss, if several hosts were lost together
     reason: str
 
 
@@ -50,7 +50,7 @@ class Printer(Entity):
     name: str
     bed: Bed = Bed.NOT_CLEAR
     filament: FilamentState = FilamentState.UNKNOWN
-    attention_reason: str | None = None  # reason why a person has to inspect it before it prints
+    attention_reason: str | None = None  # reason why a person has to inspect it before the next print
     attention_since_s: float | None = None  # time since which it needs inspection
     alarm: str | None = None  # its agent's last report of a heater that cannot be switched off
     alarm_s: float | None = None  # time of that report
@@ -58,14 +58,14 @@ class Printer(Entity):
     disconnected_at_s: float | None = None  # time at which the connection to its board was lost
     host_loss: HostLoss | None = None  # loss of the connection to its host; None while connected
     restored_s: float | None = None  # time at which the database was restored from a backup
-    unreported_since_s: float | None = None  # time of the backup since which its agent has not reported
+    unreported_since_s: float | None = None  # time of the restored backup; None after its agent's report
     reel: Reel | None = None  # None: the reel in fleet.yaml
-    time_factor: float = 1.0  # actual over sliced time of its layers, learned from its prints
-    feature_factors: FeatureFactors | None = None  # the same ratio for each feature; None: too few prints
+    time_factor: float = 1.0  # ratio of actual to sliced time of its layers, learned from its prints
+    feature_factors: FeatureFactors | None = None  # the same ratio by feature; None: too few prints so far
 
     @property
     def time_factors(self) -> TimeFactors:
-        """Factors that determine the time of any plate on this printer."""
+        """Ratios of actual to sliced time on this printer, overall and by feature."""
         by_feature = None if self.feature_factors is None else self.feature_factors.factors
         return TimeFactors(self.time_factor, by_feature)
 
@@ -81,7 +81,7 @@ class Outage(Entity):
 
 @dataclass(frozen=True, slots=True)
 class Temperatures:
-    """Highest readings of a minute, in whole degrees Celsius, and the last targets; None: no reading."""
+    """Highest readings within a minute, in whole degrees Celsius, and the last targets; None: no reading."""
 
     at_s: float
     nozzle_c: int | None

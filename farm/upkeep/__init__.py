@@ -1,4 +1,4 @@
 """Upkeep of the state folder: expired files and events are deleted after each verified backup.
 
-This file imports none of the modules, because each command or worker needs only one of them.
+This file does not import the modules of the package, because a command or a worker needs only one of them.
 """

@@ -25,11 +25,11 @@ def measure_disk(state: StateFolder, books: Books, farm_now_s: float, time_scale
     state
         The state folder, which exists.
     books
-        The books, from which the files that a prune may delete are derived.
+        The farm's state, which determines the files that a prune may delete.
     farm_now_s
-        Farm time, in seconds.
+        Time on the farm's clock, in seconds since the epoch.
     time_scale
-        Farm seconds per wall second.
+        Seconds of the farm's clock per wall second.
 
     Raises
     ------

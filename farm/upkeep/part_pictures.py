@@ -1,4 +1,4 @@
-"""Small pictures of parts, for the report of a job; they are kept when its files are deleted."""
+"""Small pictures of parts, for the report on a job; they are kept when the job's files are deleted."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PICTURE_PX = 220
 
 def draw_part(stl: Path) -> bytes | None:
     """Draw a part in its printing pose as a PNG; return None if the file is not a readable STL."""
-    import numpy as np  # these are slow to load
+    import numpy as np  # slow to load, like the imports below
     import trimesh
 
     from decompose.export import draw_assembly
@@ -35,21 +35,21 @@ def draw_part(stl: Path) -> bytes | None:
 
 
 def store_part_pictures(files: Path, parts: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """Draw parts, and store their pictures; runs in a worker.
+    """Draw parts and store their pictures. Call this in a worker, because drawing takes time.
 
     Parameters
     ----------
     files
         The file store.
     parts
-        STL of each part in the store, by the part's id.
+        Name of each part's STL in the store, by the part's id.
     folder
         Folder for temporary files, on the disk of the store.
 
     Returns
     -------
     dict of str to str
-        Picture of each part in the store, by the part's id; a part that cannot be drawn is left out.
+        Name of each part's picture in the store, by the part's id; parts that cannot be drawn are left out.
     """
     pictures = {}
     for part, name in parts.items():

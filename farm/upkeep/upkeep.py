@@ -1,4 +1,4 @@
-"""Upkeep after each backup: old events, files of old jobs and slices are deleted.
+"""Upkeep after each backup: old events, files of old jobs and old slices are deleted.
 
 Each deletion is committed to the database before it is carried out.
 """
@@ -49,21 +49,24 @@ from slicing.cache_limit import trim_cache
 log = logging.getLogger(__name__)
 
 MAX_EVENTS = 500_000
-"""Maximum job_id of events that are kept, about 300 MB; a print has about ten events."""
+"""Maximum number of events that are kept, about 300 MB; a print has about ten events."""
 FARM_CALLER = "the farm"
-# long enough for a worker that must first compile its code
+"""Name of the caller in the events of deletions that no person requested."""
+# The limit includes the time of a worker that must first compile its code.
 _DRAWING_LIMIT = Limit("drawing the parts of an old job", 1800.0)
 _store_part_pictures = DeferredFunction("farm.upkeep.part_pictures:store_part_pictures")
 _DAY_S = 86400.0
 
 
 class Upkeep:
-    """Deletion of the files and events beyond `fleet.keep`: one run at a time, on the event loop's thread.
+    """Deletion of files and events that exceed the limits of `fleet.keep`, one run at a time.
+
+    All methods must be called on the event loop's thread.
 
     Parameters
     ----------
     controller
-        Controller that handles the events that record the deletions.
+        Controller of the farm's state, which records each deletion as an event.
     store
         The database, whose old events are deleted.
     state
@@ -82,8 +85,8 @@ class Upkeep:
 
     # -- background -------------------------------------------------------------------------------------
 
-    def begin(self) -> None:
-        """Finish the deletions that an earlier daemon left, in the background."""
+    def finish_earlier_deletions(self) -> None:
+        """Finish, in the background, the deletions that an earlier daemon did not complete."""
         self._start_task(self._finish_deletions())
 
     def clean_up(self, backup: Path) -> None:
@@ -91,15 +94,15 @@ class Upkeep:
         self._start_task(self._run_upkeep(backup, FARM_CALLER))
 
     async def check_free_space(self) -> None:
-        """Warn people if the disk will be full within two nights; otherwise withdraw the warning."""
+        """Warn people if the disk is likely to be full within two nights; otherwise withdraw the warning."""
         controller, reserve_gb = self._controller, self._controller.fleet.fleet.uploads.free_gb
         now_s, scale = controller.clock.now(), controller.clock.scale
         try:
-            use = await asyncio.to_thread(measure_disk, self._state, controller.books, now_s, scale)
+            disk_use = await asyncio.to_thread(measure_disk, self._state, controller.books, now_s, scale)
         except OSError as error:
             log.warning("the disk cannot be measured: %s", error)
             return
-        controller.warn("disk", describe_shortage(str(self._state.root), use, self._keep_gb, reserve_gb))
+        controller.warn("disk", describe_shortage(str(self._state.root), disk_use, self._keep_gb, reserve_gb))
 
     def stop(self) -> None:
         """Stop the deletions; the next daemon finishes them."""
@@ -131,7 +134,7 @@ class Upkeep:
         Raises
         ------
         FarmError
-            If the backup fails and there is no earlier backup; no file is deleted then.
+            If the backup fails and there is no earlier backup; in this case no file is deleted.
         """
         async with self._run_lock:
             now_s = self._controller.clock.now()
@@ -139,12 +142,12 @@ class Upkeep:
                 return await self._preview_prune(now_s)
             try:
                 backup = await asyncio.to_thread(back_up, self._state, now_s)
-            except StoreError as error:  # on a full disk, files of jobs in the last backup can be deleted
+            except StoreError as error:  # such as a full disk; jobs in the latest backup can still be pruned
                 backups = list_backups(self._state)
                 if not backups:
                     raise
                 backup = backups[0]
-                log.error("%s; jobs that ended before %s are pruned", error, backup)
+                log.error("%s; only jobs that ended before the backup %s are pruned", error, backup)
             return await self._run_upkeep(backup, caller_name)
 
     async def _preview_prune(self, now_s: float) -> api.PruneResponse:
@@ -194,7 +197,7 @@ class Upkeep:
         )
 
     async def _delete_old_events(self, backup: Path) -> int:
-        """Delete expired events in batches; return the job_id of deleted events."""
+        """Delete expired events in batches; return the number of deleted events."""
         now_s = self._controller.clock.now()
         last = self._store.find_last_deletable_number(now_s - self._rules.max_age_days * _DAY_S, MAX_EVENTS)
         if not last:
@@ -208,7 +211,7 @@ class Upkeep:
         return deleted_count
 
     async def _prune_jobs(self, backup_s: float, caller_name: str) -> list[api.PrunedJob]:
-        """Record the expired jobs as pruned, one by one, with pictures of their parts; return these jobs."""
+        """Draw the parts of each expired job, and record the job as pruned; return the pruned jobs."""
         controller = self._controller
         files = await asyncio.to_thread(list_files, self._state.files)
         pruned_jobs = []
@@ -239,8 +242,8 @@ class Upkeep:
     async def _finish_deletions(self) -> int:
         """Delete files of pruned jobs, and old files to which no job refers; return their total bytes.
 
-        Such files remain if a daemon was killed while it pruned jobs or stored files. A restored backup may
-        refer to files that are gone; the jobs with these files count as pruned.
+        Such files remain if a daemon was killed while it was pruning jobs or storing files. After a backup
+        was restored, the files of some jobs may be gone; these jobs are recorded as pruned.
         """
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)
@@ -256,17 +259,17 @@ class Upkeep:
     def _list_deletions(
         self, files: dict[str, StoredFile], books: Books
     ) -> list[tuple[frozenset[str], float]]:
-        """List sets of files to delete, each with the wall seconds for which its files must be kept.
+        """List sets of file names to delete, each with the minimum age of its files in wall seconds.
 
         Files to which no job refers are kept for `fleet.keep.days`, because they may belong to a database
         that a person restores.
         """
         deletable = list_deletable_files(books)
-        unknown = files.keys() - deletable - list_referenced_files(books)
+        unreferenced = files.keys() - deletable - list_referenced_files(books)
         days_s = self._rules.max_age_days * _DAY_S / self._controller.clock.scale
         return [
             (deletable & files.keys(), NEW_FILE_GRACE_S),
-            (frozenset(unknown), max(NEW_FILE_GRACE_S, days_s)),
+            (frozenset(unreferenced), max(NEW_FILE_GRACE_S, days_s)),
         ]
 
     def _select_jobs(

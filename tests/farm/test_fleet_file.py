@@ -76,7 +76,7 @@ def test_fleet_file_of_the_repository_is_valid():
         ("printers: [", "not YAML"),
         (
             VALID_TEXT.replace("name: lab", "quiet: at night"),
-            "fleet.yaml:2: fleet.quiet: 'at night' is not a time",
+            "fleet.yaml:2: fleet.quiet: 'at night' is not a weekly time",
         ),
         (VALID_TEXT.replace("name: lab", "attended: mo 8:00-9:00"), "'mo' is not a day; use mon"),
         (
@@ -122,7 +122,10 @@ def test_fleet_file_of_the_repository_is_valid():
             VALID_TEXT.replace("/dev/serial/by-path/one", "sim://ultimaker2_extended_plus"),
             "a model other than",
         ),
-        (VALID_TEXT.replace("model: ultimaker2_plus", "model: prusa"), "'prusa' is not one of"),
+        (
+            VALID_TEXT.replace("model: ultimaker2_plus", "model: prusa"),
+            "'prusa' is not a supported printer",
+        ),
         (VALID_TEXT.replace("name: a,", "name: ../a,"), "printers.0.name"),
         (
             VALID_TEXT.replace("timezone", "compute: {cores: 2}, timezone"),
@@ -145,7 +148,7 @@ def test_fleet_file_of_the_repository_is_valid():
         (VALID_TEXT.replace("name: lab", "name: 7"), "fleet.name: must be text; put it in quotes"),
         (
             VALID_TEXT.replace("name: lab", "quiet: 22:00"),
-            "fleet.quiet: '1320' is not a time of the week; write it",
+            "fleet.quiet: '1320' is not a weekly time window; write it",
         ),
         (
             VALID_TEXT.replace("name: lab", "operators: Lab Staff"),

@@ -47,9 +47,10 @@ Address = Path | NetworkAddress
 
 
 class SocketConnection(HTTPConnection):
-    """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if the response is incomplete.
+    """HTTP connection over the daemon's Unix socket.
 
-    It uses the HTTP client of the standard library, which is fast to import.
+    The class uses the HTTP client of the standard library, because that is fast to import. A failed request
+    raises OSError or HTTPException.
     """
 
     def __init__(self, path: Path, connect_timeout_s: float, response_timeout_s: float) -> None:
@@ -73,28 +74,28 @@ class SocketConnection(HTTPConnection):
 
 
 def open_connection(address: Address, connect_timeout_s: float, response_timeout_s: float) -> HTTPConnection:
-    """Make an HTTP connection, which is opened by its first request.
+    """Make an HTTP connection; its first request opens it.
 
     Parameters
     ----------
     address
         The daemon.
     connect_timeout_s, response_timeout_s
-        Seconds to wait for a connection, and for a response; on the network, only the latter is used.
+        Seconds to wait for a connection, and for a response; on the network, the latter is used for both.
     """
     if isinstance(address, Path):
         return SocketConnection(address, connect_timeout_s, response_timeout_s)
-    kind = HTTPSConnection if address.scheme == "https" else HTTPConnection
-    return kind(address.netloc, timeout=response_timeout_s, blocksize=_CHUNK_BYTES)
+    connection_class = HTTPSConnection if address.scheme == "https" else HTTPConnection
+    return connection_class(address.netloc, timeout=response_timeout_s, blocksize=_CHUNK_BYTES)
 
 
 def make_headers(address: Address) -> dict[str, str]:
-    """Return the headers of each request, which contain the key on the network."""
+    """Return the headers for each request; over the network, they contain the key."""
     return {} if isinstance(address, Path) else {"X-Api-Key": address.key}
 
 
 def make_target(address: Address, path: str) -> str:
-    """Return the path of a request with the prefix that the daemon at an address expects."""
+    """Return the path of a request, with the prefix that a daemon on the network expects."""
     return path if isinstance(address, Path) else f"{address.path_prefix}{NETWORK_PREFIX}{path}"
 
 

@@ -39,7 +39,7 @@ _CHUNK_BYTES = 1 << 20  # size of a chunk of a download
 class Client:
     """Client of one daemon.
 
-    Every method raises DaemonUnreachable, or the FarmError that the daemon returned.
+    Every method may raise DaemonUnreachable, or the error that the daemon returned, as FarmError.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Client:
         return self._request(api.History, "GET", "/history", params=params)
 
     def send_command(self, path: str, why: str | None = None) -> str:
-        """Send a command about a job, a part or a printer; return the name of its target."""
+        """Send a command; return the name of the affected part or printers, if the daemon returns one."""
         body = None if why is None else api.Reason(why=why)
         response = self._send("POST", path, body=body)
         return _validate_response(api.NameResponse, response).name if response else ""
@@ -131,7 +131,10 @@ class Client:
         self._send("GET", f"/jobs/{number}/files/{name}", write=write)
 
     def prune(self, dry_run: bool) -> api.PruneResponse:
-        """Delete expired files, or only list them in a dry run; the parts of each job are drawn first."""
+        """Delete expired files, or only list them in a dry run.
+
+        This may take long, because the daemon draws the parts of a job before it deletes the job's files.
+        """
         body = api.PruneRequest(dry_run=dry_run)
         return _validate_response(
             api.PruneResponse,
@@ -178,7 +181,7 @@ class Client:
         retry_s
             Seconds for which to retry.
         report
-            Function that is called with the progress every half second.
+            Function that is called with the progress of the upload every half second.
         """
         params = {
             "request_id": uuid.uuid4().hex,
@@ -199,7 +202,7 @@ class Client:
     def _upload_model(
         self, model: Path, params: Mapping[str, str], report: Callable[[api.UploadView], None]
     ) -> api.SubmitResponse:
-        """Upload a model once, and wait as long as the daemon reports its progress."""
+        """Upload a model once, and wait for the response while the daemon reports progress."""
         result: Future[Any] = Future()
 
         def send() -> None:
@@ -280,13 +283,13 @@ class Client:
         except (OSError, HTTPException) as error:
             cause = (error.strerror if isinstance(error, OSError) else None) or error
             raise DaemonUnreachable(
-                f"no daemon answers on {self._address} ({cause}); {_make_advice(self._address)}"
+                f"no daemon answers at {self._address} ({cause}); {_make_advice(self._address)}"
             ) from error
         return _read_response(response.status, text)
 
 
 def _read_response(status: int, text: bytes) -> Any:
-    """Read the JSON of a response. Raises FarmError with the daemon's message if the daemon refused."""
+    """Parse the JSON of a response. Raises FarmError with the daemon's message if the status is an error."""
     try:
         values = json.loads(text)
         if status < _MIN_ERROR_STATUS:
@@ -300,7 +303,7 @@ def _read_response(status: int, text: bytes) -> Any:
 
 
 def connect(paths: FarmPaths) -> Client:
-    """Return a client of the daemon at a farm's paths: over the network if they have a URL.
+    """Return a client of the daemon: over the network if `paths` has a URL, else over the Unix socket.
 
     Raises
     ------
@@ -320,8 +323,8 @@ def _make_advice(address: Address) -> str:
 
 def _make_version_error(problem: object) -> FarmError:
     return FarmError(
-        f"the daemon has a different version from this command ({problem}): end it with SIGTERM, which ends "
-        "no print, and start it again with `farm up`"
+        f"the daemon has a different version from this command ({problem}): end it with SIGTERM, which does "
+        "not end prints, and start it again with `farm up`"
     )
 
 

@@ -1,1 +1,1 @@
-"""Commands, one file for each group; the table in `farm.cli.main` names them, and imports one on use."""
+"""Commands, one file for each group; `farm.cli.main` lists them. A file is imported when it is needed."""

@@ -1,4 +1,4 @@
-"""`farm up`, `farm down` and `farm daemon` start and stop the daemon; `farm host` runs agents for it."""
+"""`farm up`, `farm down` and `farm daemon`: start and stop the daemon; `farm host`: run agents for it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def up(
         print(f"farm {status.daemon.version} is already up: pid {status.daemon.pid}")
     for name in replace or ():
         client.send_command(f"/printers/{name}/replace")
-        print(f"{name}: its agent is replaced")
+        print(f"{name}: its agent was replaced")
 
 
 def _load_fleet(paths: FarmPaths) -> Fleet:
@@ -151,9 +151,9 @@ def host(
         typer.Option(help="Run the service of this farm in the foreground, as a systemd unit does."),
     ] = None,
 ) -> None:
-    """Run the agents of a farm's printers on this host; the daemon starts it over ssh.
+    """Run the agents of a farm's printers on this host; the daemon starts this command over ssh.
 
-    Its stdin and stdout are the connection to the daemon. The agents continue without it.
+    Its stdin and stdout are the connection to the daemon. If the connection ends, the agents keep running.
     """
     if farm is not None:
         from drivers.host.service import run_service

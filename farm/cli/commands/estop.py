@@ -78,7 +78,7 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: ReportCallback) 
     NotFoundError
         If a name is unknown; the other printers are stopped.
     FarmError
-        If it is not confirmed that a printer's heaters are off, or that the printer stands still.
+        If some heaters are not confirmed to be off, or some printers not confirmed to stand still.
     """
     start_s = time.time()
     targets, fleet_error = find_targets(paths)
@@ -153,7 +153,7 @@ def _describe_outcome(result: StopResult, start_s: float) -> StopReport:
 
 
 def _report_progress(report: ReportCallback, printer: str, text: str) -> None:
-    """Report the progress of a printer whose stop has not ended."""
+    """Report the progress of a stop that has not ended."""
     report(StopReport(printer=printer, text=text))
 
 
@@ -176,14 +176,14 @@ def synchronise_reports(report: ReportCallback) -> ReportCallback:
 
 @dataclass(frozen=True, slots=True)
 class HostTarget:
-    """Printer on a host whose service stops several printers over one connection.
+    """Printer on another host, whose host service can stop several printers over one connection.
 
     Attributes
     ----------
     connection
         The host, the command that runs `farm host` there, and the name of the farm.
     start_file
-        Start file of the printer's agent.
+        Start file of the printer's agent: the printer's name, model, port and mains relay.
     """
 
     connection: tuple[str, str, str]
@@ -191,9 +191,9 @@ class HostTarget:
 
 
 def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | None]:
-    """Find the stop target of each printer of the state folder and of `fleet.yaml`.
+    """Find the target of the stop for each printer that has an agent folder or is in `fleet.yaml`.
 
-    If `fleet.yaml` cannot be read, only the printers of the state folder are returned, with the error.
+    If `fleet.yaml` cannot be read, only the printers with an agent folder are returned, with the error.
     """
     from drivers.records import StartFile  # slow to load
     from drivers.remote import runs_host_service
@@ -209,10 +209,12 @@ def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | 
         name, relay = section.name, section.power_off_cmd
         if section.host is not None:
             start_file = StartFile(name, section.model, section.port, power_off_cmd=relay)
-            remote = (section.host, section.host_command, fleet.fleet.name)
+            connection = (section.host, section.host_command, fleet.fleet.name)
             has_service = runs_host_service(section.host_command)
             targets[name] = (
-                HostTarget(remote, start_file) if has_service else _make_remote_stop(*remote, start_file)
+                HostTarget(connection, start_file)
+                if has_service
+                else _make_remote_stop(*connection, start_file)
             )
         elif section.enabled and name not in targets:
             folder, firmware = paths.state.find_agent_folder(name), find_firmware(section.model)

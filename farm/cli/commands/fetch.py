@@ -1,4 +1,4 @@
-"""`farm fetch`: fetch the files of a job from the daemon on this host or another."""
+"""`farm fetch`: fetch the files of a job from a daemon on this or another host."""
 
 from __future__ import annotations
 

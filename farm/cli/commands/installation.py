@@ -98,7 +98,7 @@ def _format_entry(name: str, model: str, port: str) -> str:
 def _commission_printer(
     paths: FarmPaths, sections: tuple[PrinterSection, ...], target: str, yes: bool
 ) -> None:
-    """Reset the board of an idle printer and check that it restarts, through its agent if one is running."""
+    """Reset the board of an idle printer, and check that it restarts; use the agent if one is running."""
     from drivers.discovery import verify_reset, verify_reset_through_agent
 
     section = next(
@@ -122,19 +122,19 @@ def _commission_printer(
     try:
         if section is not None and is_locked(paths.state.find_agent_folder(section.name) / AGENT_LOCK):
             verify_reset_through_agent(paths.state.find_agent_folder(section.name))
-            print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
+            print(f"{section.name}: its board restarts when DTR is pulsed, so the printer can be stopped")
             return
         folder = paths.state.find_agent_folder(section.name) if section is not None else None
         firmware = find_firmware(_DEFAULT_MODEL if section is None else section.model)
         model = verify_reset(section.port if section is not None else target, folder, firmware)
     except DriverError as error:
         raise RefusedError(str(error)) from error
-    print(f"{target}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
+    print(f"{target}: its board restarts when DTR is pulsed, so the printer can be stopped; model: {model}")
     if section is None:
         print(_format_entry(_make_name({section.name for section in sections}), model, target))
     elif section.model != model:
         raise FarmError(
-            f"{section.name} is an {model}, but fleet.yaml says {section.model}: change it there",
+            f"{section.name} is of the model {model}, but fleet.yaml says {section.model}: correct it there",
             ErrorCode.FLEET_FILE,
         )
 

@@ -186,7 +186,7 @@ def _parse_overrides(pairs: Iterable[str]) -> dict[str, str]:
 
 
 def _describe_slice(report: Mapping[str, Any], out: Path) -> Iterator[str]:
-    """Yield lines on a sliced model: repairs, warnings, and its times and filament."""
+    """Yield the repairs and warnings of a sliced model, and a line with its times and its filament."""
     for line in (*report["repairs"], *report["warnings"]):
         yield f"  {line}"
     amount = format_filament(report["grams"], report["filament_mm"], report.get("price"))
@@ -214,19 +214,23 @@ def coupon(
     fits = report["fits_mm"]
     print(
         f"{out}: holes and grooves {fits[0]:g} to {fits[-1]:g} mm wider than a pin "
-        f"of {report['pin_mm']:g} mm, numbered in tenths; gauges for pins and keys {lengths} mm long"
+        f"of {report['pin_mm']:g} mm, numbered in tenths of a millimetre; gauges for pins and keys "
+        f"{lengths} mm long"
     )
-    print("Slice it as it is with `farm slice`; the number that fits goes into `pin_fit_mm` of fleet.yaml")
+    print(
+        "Slice the coupon as it is with `farm slice`; write the number that fits, in mm (4: 0.4), as "
+        "`pin_fit_mm` into fleet.yaml"
+    )
 
 
 def _exit(signal_number: int, _: object) -> NoReturn:
-    """Exit as after Ctrl-C, so that the engine ends and temporary files are removed."""
+    """Exit as after Ctrl-C, so that CuraEngine is ended and temporary files are removed."""
     sys.exit(128 + signal_number)
 
 
 @contextlib.contextmanager
 def _show_step() -> Iterator[Callable[[str], None]]:
-    """Show the current step and its duration on a terminal."""
+    """Show the current step and its duration on a terminal; yield a function that sets the step."""
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(
         *columns, console=open_console(stderr=True), transient=True, disable=not sys.stderr.isatty()
@@ -282,7 +286,7 @@ def worker(
         memory_gb,
     )
     options.folder.mkdir(parents=True, exist_ok=True)
-    if acquire_lock(options.folder / "lock") is None:  # held until this process ends
+    if acquire_lock(options.folder / "lock") is None:  # the lock is held until this process ends
         raise RefusedError(f"another worker uses {options.folder}: give each its own --folder")
     with translate_errors():
         asyncio.run(serve_tasks(options, warm_up_planning))

@@ -1,4 +1,4 @@
-"""Commands of operators: `farm cleared`, `fail`, `reprint`, `cancel`, `pause`, `resume`, `load`, ..."""
+"""Commands on jobs and printers: `cleared`, `fail`, `reprint`, `cancel`, `pause`, `resume`, `load`, ..."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def find_target_path(target: str) -> str:
 
 
 def select_printers_to_clear(printers: Iterable[PrinterView]) -> list[str]:
-    """Select the printers for `all`: those with a bed to clear.
+    """Select the printers that `farm cleared all` means: those that wait for their beds to be cleared.
 
-    Absent printers and those in maintenance are left out, because a part may still be on the bed.
+    Absent printers and those in maintenance are left out, because parts may still be on their beds.
     """
     excluded_states = (HoldCode.MAINTENANCE, Link.ABSENT)
     return [

@@ -1,4 +1,4 @@
-"""`farm prune`: delete the files of old jobs, and old entries of the database's log."""
+"""`farm prune`: delete the files of old jobs, and old events in the database."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def prune(
 
 
 def describe_prune(response: api.PruneResponse) -> list[str]:
-    """Describe the deleted jobs and amounts, one on each line; for a dry run, those that would be deleted."""
+    """Describe each pruned job on a line, then the totals; for a dry run, what would be deleted."""
     lines = [f"job {job.id}  {job.size_bytes / _GB:.2f} GB  {job.name}" for job in response.jobs]
     jobs = format_count(len(response.jobs), "job")
     verb = "would be pruned" if response.dry_run else "pruned"

@@ -1,4 +1,4 @@
-"""`farm queue`: the order in which jobs are served."""
+"""`farm queue`: the order in which jobs get printers."""
 
 from __future__ import annotations
 

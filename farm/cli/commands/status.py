@@ -1,4 +1,4 @@
-"""`farm status`, `farm history`, `farm report` and `farm hosts`: the current state and the past."""
+"""`farm status`, `farm history`, `farm report` and `farm hosts`: show the current state and past prints."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _watch_status(client: Client, number: int | None) -> None:
             return render_job(client.fetch_job(number).job, screen.width)
         return render_status(client.fetch_status_summary(), screen.width, height)
 
-    # The size is queried each time, because a terminal may be resized.
+    # The size is read for each page, because the terminal may be resized.
     try:
         with Live(console=screen, auto_refresh=False, screen=True, vertical_overflow="crop") as live:
             while True:
@@ -163,7 +163,7 @@ def history(
 
 
 def _show_speeds(speeds: Sequence[api.PrinterSpeed], screen: Console) -> None:
-    """Show the speed of printers by feature; show nothing if none of them has enough prints."""
+    """Show the time factors of printers by feature; show nothing if no printer has enough prints."""
     rows = []
     for speed in speeds:
         factors = speed.feature_factors

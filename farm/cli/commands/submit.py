@@ -86,7 +86,7 @@ def submit(
     models = expand_patterns(models)
     if name is not None and len(models) > 1:
         raise typer.BadParameter(
-            "names one model: leave it out, or submit one at a time", param_hint="--name"
+            "is for one model: leave it out, or submit the models one by one", param_hint="--name"
         )
     options = _check_options(
         printers=parse_printer_count(printers),
@@ -133,7 +133,7 @@ def approve(
     job: Job,
     plan: Annotated[str | None, typer.Option(help="Approve only this plan (see `farm status JOB`).")] = None,
 ) -> None:
-    """Release a held job, to print exactly as planned."""
+    """Release a held job, which is then printed exactly as planned."""
     client = connect(paths)
     job_view = client.fetch_job(job).job
     if not job_view.plates:

@@ -43,4 +43,4 @@ def web(
         f"this link opens the farm as {link.user} ({link.role}), once, within {format_duration(link.valid_s)}"
     )
     if link.url.startswith("http://"):
-        print_notice("it is not encrypted: for other hosts use `web.tls`, a proxy or a VPN")
+        print_notice("the link is not encrypted: for other hosts use `web.tls`, a proxy or a VPN")

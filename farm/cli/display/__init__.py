@@ -1,4 +1,4 @@
-"""Pages, tables, progress and figures on the terminal."""
+"""Pages, tables and progress on the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blocks of lines that fit into the height of a terminal; the least important ones are shortened first."""
+"""Blocks of lines that fit into the height of a terminal; less important blocks are shortened first."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Block:
     lines
         The lines, the most important first.
     rank
-        Order of shortening: the highest rank first, 0 last.
+        Order in which blocks are shortened: the highest rank first, 0 last.
     noun
-        Noun for a line, in the count of the omitted ones.
+        Word for one line of the block, in the count of omitted lines.
     min_lines
-        Number of lines that stay until all other blocks are at their own minimum.
+        Number of lines that remain until all blocks are shortened to their minimum.
     """
 
     lines: Sequence[Text]
@@ -34,9 +34,9 @@ class Block:
 
 
 def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
-    """Return at most `height` lines of the blocks, in order.
+    """Return at most `height` lines of the blocks, in order; None for no limit.
 
-    The last line of a shortened block tells how many lines are left out.
+    The last line of a shortened block states the number of omitted lines.
     """
     line_counts = [len(block.lines) for block in blocks]
     shortening_order = sorted(range(len(blocks)), key=lambda i: blocks[i].rank, reverse=True)

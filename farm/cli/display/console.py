@@ -25,7 +25,7 @@ def open_console(stderr: bool = False) -> Console:
 
 
 def read_terminal_width(screen: Console) -> int | None:
-    """Return the columns of a terminal; None for a file or a pipe, whose lines are not wrapped."""
+    """Return the width of a terminal in columns; None for a file or a pipe, whose lines are not wrapped."""
     return screen.width if screen.is_terminal else None
 
 

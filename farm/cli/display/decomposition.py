@@ -10,7 +10,7 @@ from farm.wording import format_filament
 
 
 def summarise_decomposition(report: dict[str, Any], printer_count: int, out: Path) -> list[str]:
-    """Summarise a decomposition.
+    """Summarise a decomposition in at most nine lines.
 
     Parameters
     ----------
@@ -24,9 +24,9 @@ def summarise_decomposition(report: dict[str, Any], printer_count: int, out: Pat
     Returns
     -------
     list of str
-        At most nine lines. The first one has two times of the uncut model on one large printer: in its best
-        pose, and in the pose of its file. The efficiency E is defined as in the paper: the time in the pose
-        of the file, divided by the number of printers times the makespan.
+        The lines. One of them has two printing times of the uncut model on a large printer: in the best pose,
+        and in the pose of the file. The efficiency E is defined as in the paper: the time in the pose of the
+        file, divided by the product of the number of printers and the makespan.
     """
     parts = report["parts"]
     part_range = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
@@ -56,16 +56,16 @@ def _summarise_times(report: dict[str, Any], printer_count: int) -> list[str]:
             f"slowest; {amount}"
         )
     rotation = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
-    # The lower bound is proven: the makespan exceeds the least one by no more than it exceeds the bound.
-    least = "least makespan with cuts along its grid" if report["cells"] else "least possible makespan"
-    gap = f"at most {report['gap']:.0%} above the {least}"
-    any_boxes_s = report.get("any_boxes_bound_s")
-    any_note = (
-        f", {makespan_s / any_boxes_s - 1.0:.0%} above the lower bound for cuts into any boxes"
-        if any_boxes_s
+    # The bound is below the least makespan, so the gap to the least makespan is at most the gap to the bound.
+    optimum = "least makespan with cuts along its grid" if report["cells"] else "least possible makespan"
+    gap = f"at most {report['gap']:.0%} above the {optimum}"
+    any_boxes_bound_s = report.get("any_boxes_bound_s")
+    bound_note = (
+        f", {makespan_s / any_boxes_bound_s - 1.0:.0%} above the lower bound for cuts into any boxes"
+        if any_boxes_bound_s
         else ""
     )
-    return [*lines, f"By {report['engine']}{rotation}: {gap}{any_note}"]
+    return [*lines, f"By {report['engine']}{rotation}: {gap}{bound_note}"]
 
 
 def _summarise_assembly(report: dict[str, Any]) -> list[str]:
@@ -94,7 +94,7 @@ def _summarise_assembly(report: dict[str, Any]) -> list[str]:
 
 
 def _summarise_warnings(report: dict[str, Any]) -> list[str]:
-    """Summarise the first three warnings in one line; return no line if there are none."""
+    """Join the first three warnings into one line; return no line if there are no warnings."""
     unstable_parts = [part["id"] for part in report["parts"] if not part["stands"]]
     warnings = [
         *(f"{fault['part']} {fault['what']}" for fault in report["faults"]),

@@ -1,4 +1,4 @@
-"""Page of one job. All of its content is in `--json` too."""
+"""Page of one job on the terminal. `--json` prints all of its content too."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from farm.wording import (
 )
 
 _MIN_STARVED_SHARE = 0.01
-"""Share of waiting time of simulated printers above which their times are not realistic."""
+"""Maximum share of time for which simulated printers may wait for this computer, for valid print times."""
 
 _PART_COLUMNS = (
     Column("PART"),
@@ -53,7 +53,10 @@ def show_job(view: api.JobView) -> None:
 
 
 def show_submitted_job(view: api.JobView, wait: bool) -> None:
-    """Print the changes to a submitted model and, unless the command waits, the command for its progress."""
+    """Print the changes that the farm made to a submitted model.
+
+    Unless `wait` is set, also print the command that shows the progress of the job.
+    """
     screen = open_console()
     screen.print(f"job {view.id}: {view.name} submitted")
     for line in _list_changes(view):
@@ -74,14 +77,14 @@ def show_result(view: api.JobView) -> None:
 
 
 def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
-    """Lay out a job: changes to its model, figures, parts, failures, and reasons to wait.
+    """Lay out a job: changes to its model, key figures, parts, failed prints, and reasons to wait.
 
     Parameters
     ----------
     view
         The job.
     width
-        Columns of the terminal; None for no limit.
+        Width of the terminal in columns; None for no limit.
     """
     now = view.now
     rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style=HEADING_STYLE)]
@@ -133,7 +136,7 @@ def _format_change(line: str) -> Text:
 
 
 def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
-    """List the figures of a job, each with its name."""
+    """List the key figures of a job, each with its name."""
     rows: list[tuple[str, str]] = []
     if view.submitted_by is not None:
         rows.append(("submitted", f"{format_time(view.submitted, view.now)} by {view.submitted_by}"))
@@ -215,7 +218,7 @@ def _lay_out_parts(view: api.JobView, width: int | None) -> list[Text]:
 
 
 def _format_part_state(part: api.PartView) -> str:
-    """Format the state of a part's last print, or the verdict on the part."""
+    """Format the state of a part's last print, or a person's verdict on the printed part."""
     prints = part.own_prints
     if not prints:
         return "waiting"

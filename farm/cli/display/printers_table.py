@@ -29,7 +29,7 @@ _STATE_NAMES = {"look": "inspect"}
 
 
 def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int | None) -> list[Text]:
-    """Lay out the table, with the headings in its first line."""
+    """Lay out the table of printers; its first line has the headings."""
     return lay_out_table(_COLUMNS, [_list_cells(printer, now) for printer in printers], width)
 
 
@@ -78,7 +78,7 @@ def _format_reel(reel: api.Reel) -> str:
 
 
 def _format_action(printer: api.PrinterView) -> str:
-    """Describe the action that the printer needs before its next print, or name the job that reserves it."""
+    """Describe the action that a printer needs before its next print, or name the job that reserves it."""
     if printer.state == PrintState.PAUSED:
         return "resume"
     if printer.print is not None:
@@ -99,7 +99,7 @@ def _format_action(printer: api.PrinterView) -> str:
 
 
 def _format_nozzle(printer: api.PrinterView) -> str:
-    """Show the nozzle's size in mm, and its temperature while it is heated."""
+    """Format the nozzle's size in mm, and its temperature while the nozzle is heated."""
     heat = _format_degrees(printer.nozzle_c, printer.targets.nozzle_c) if printer.targets.nozzle_c else ""
     return f"{printer.reel.nozzle_mm:g} {heat}".rstrip()
 

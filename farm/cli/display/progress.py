@@ -31,7 +31,7 @@ def retry_during_restart(request: Callable[[], T]) -> T:
     Raises
     ------
     DaemonUnreachable
-        If it has not answered for `_RESTART_TIMEOUT_S`.
+        If the daemon has not answered for `_RESTART_TIMEOUT_S`.
     """
     deadline_s: float | None = None
     while True:
@@ -47,7 +47,7 @@ def retry_during_restart(request: Callable[[], T]) -> T:
 
 @contextmanager
 def show_upload(quiet: bool = False) -> Iterator[Callable[[api.UploadView], None]]:
-    """Show the progress of a submission: an updated line on a terminal, or one line for each step."""
+    """Show the progress of an upload: an updated line on a terminal, or one line for each step."""
     screen = open_console(stderr=True)
     if quiet or not sys.stderr.isatty():
         steps = set[str]()
@@ -64,19 +64,19 @@ def show_upload(quiet: bool = False) -> Iterator[Callable[[api.UploadView], None
 
 
 def describe_upload(view: api.UploadView) -> str:
-    """Describe the progress of a submission in a few words."""
+    """Describe the progress of an upload in a few words."""
     share = f" {view.received / view.size:.0%}" if view.received < view.size else ""
     return f"{view.step}{share}"
 
 
 @contextmanager
 def show_progress(number: int, quiet: bool = False) -> Iterator[Callable[[api.JobView], None]]:
-    """Show the progress of a job: a bar on a terminal, and each step as a line.
+    """Show the progress of a job: each step as a line, and on a terminal also a progress bar.
 
     Yields
     ------
     Callable
-        Function that shows a view of the job.
+        Function that shows the progress in a new view of the job.
     """
     screen = open_console(stderr=True)
     lines = ProgressLines(screen, quiet)
@@ -146,7 +146,7 @@ class ProgressLines:
 
 
 def _format_step(progress: PlanProgress) -> str:
-    """Describe a step of planning, in a text that rarely changes."""
+    """Describe a step of planning in a text that rarely changes, because each new text is printed."""
     if progress.step is PlanStep.SLICING:
         return f"slicing {format_count(progress.of, 'plate')}"
     if progress.step is PlanStep.DECOMPOSING and progress.share is not None:

@@ -32,8 +32,8 @@ _TASK_LABELS = {
     "approve": "approve",
 }
 _NAME_WIDTH = 32  # columns of a model's name
-_OTHER_LINE_COUNT = 12  # number of lines of a short page besides those of its printers
-_PIPE_WIDTH = 200  # columns up to which texts are joined into one line when the page has no maximum width
+_OTHER_LINE_COUNT = 12  # number of lines of a short page, not counting the lines of printers
+_PIPE_WIDTH = 200  # maximum columns of a line of joined texts, on a page without a maximum width
 
 
 def render_status(view: api.StatusSummary, width: int | None = None, height: int | None = None) -> Text:
@@ -44,9 +44,9 @@ def render_status(view: api.StatusSummary, width: int | None = None, height: int
     view
         The farm.
     width
-        Columns of the terminal, the maximum width of a line; None for sentences that are not wrapped.
+        Width of the terminal in columns; None for lines of any length.
     height
-        Lines of the terminal, the maximum height of the page; None for no limit.
+        Height of the terminal in lines; None for a page of any length.
     """
     lines = fit_blocks(_list_blocks(view, width, None), None)
     if height is not None and len(lines) > height:
@@ -55,7 +55,7 @@ def render_status(view: api.StatusSummary, width: int | None = None, height: int
 
 
 def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None) -> list[Block]:
-    """List the blocks of the page; with a `height`, one line for each job, and urgent printers first."""
+    """List the blocks of the page; with a `height`, list one line for each job, and urgent printers first."""
     now, is_brief = view.fleet.now, height is not None
     open_jobs = [job for job in view.jobs if not _is_finished(job)]
     ended_jobs = [job for job in view.jobs if _is_finished(job)]
@@ -68,8 +68,8 @@ def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None)
         line for lines in _list_open_job_lines(open_jobs, now, width) for line in lines[:max_lines]
     ]
     ended_lines = [line for job in ended_jobs for line in _list_job_lines(job, now, width)[:max_lines]]
-    night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
-    cluster = [] if view.cluster is None else _fold_texts("COMPUTE", [view.cluster.text], "", width)
+    night = [] if view.night is None else _lay_out_texts("NIGHT", [format_night(view.night)], "", width)
+    cluster = [] if view.cluster is None else _lay_out_texts("COMPUTE", [view.cluster.text], "", width)
     return [
         Block(wrap_text(_format_title(view.fleet), width, _INDENT)),
         Block(_list_task_lines(view.todo, width), rank=1, min_lines=4),
@@ -110,12 +110,12 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
         fits = _INDENT + len(line) <= (width or _PIPE_WIDTH)
         tasks += [line] if briefs and fits else [f"{label}: {brief}" for brief in briefs]
     if not tasks:
-        return _fold_texts("DO NOW", ["nothing"], "", width)
-    return _fold_texts("DO NOW", tasks, _TASK_GAP, width, URGENT_STYLE)
+        return _lay_out_texts("DO NOW", ["nothing"], "", width)
+    return _lay_out_texts("DO NOW", tasks, _TASK_GAP, width, URGENT_STYLE)
 
 
 def _summarise_tasks(items: Iterable[api.Todo]) -> list[str]:
-    """Summarise the tasks; printers with the same problem, such as those on one hub, share a summary."""
+    """Summarise the tasks; printers with the same problem, such as those on one USB hub, share a summary."""
     problems: dict[str, list[tuple[str, str]]] = {}  # by the text without the printer's name
     briefs: list[str] = []
     for item in items:
@@ -130,7 +130,7 @@ def _summarise_tasks(items: Iterable[api.Todo]) -> list[str]:
     ] + briefs
 
 
-def _fold_texts(
+def _lay_out_texts(
     label: str,
     texts: Sequence[str],
     separator: str,
@@ -158,7 +158,7 @@ def _fold_texts(
 
 
 def format_night(view: api.NightView) -> str:
-    """Format the counts of last night."""
+    """Describe last night: the numbers of plates by outcome, and the filament that was used."""
     other_counts = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
     counts = "".join(f", {count} {label}" for label, count in other_counts.items() if count)
     waste = f" + {format_mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
@@ -186,7 +186,7 @@ def _list_open_job_lines(jobs: Sequence[api.JobSummary], now: str, width: int | 
             numbers = shorten_names(str(held_job.id) for held_job in jobs_with_same_hold)
             names = join_counted_names(held_job.name[:_NAME_WIDTH] for held_job in jobs_with_same_hold)
             text = f"{numbers} ({names}): {_list_job_figures(job, now)[0]}"
-            yield _fold_texts("JOBS", [text], "", width)
+            yield _lay_out_texts("JOBS", [text], "", width)
 
 
 def _waits_in_queue(job: api.JobSummary) -> bool:
@@ -199,23 +199,23 @@ def _list_job_lines(job: api.JobSummary, now: str, width: int | None) -> list[Te
     figures = [f"{job.name[:_NAME_WIDTH]}{submitter}: {first}", *more]
     texts = [f"{figure};" for figure in figures[:-1]] + figures[-1:]
     label_style, text_style = (NOTE_STYLE, NOTE_STYLE) if _is_finished(job) else (HEADING_STYLE, "")
-    lines = _fold_texts(f"JOB {job.id}", texts, " ", width, label_style, text_style)
+    lines = _lay_out_texts(f"JOB {job.id}", texts, " ", width, label_style, text_style)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
-        lines += _fold_texts("", [job.reason], "", width, text_style=ERROR_STYLE)
+        lines += _lay_out_texts("", [job.reason], "", width, text_style=ERROR_STYLE)
     return lines
 
 
 def _list_wait_lines(waits: Iterable[api.Wait], width: int | None) -> list[Text]:
-    """List the reasons of waiting plates, each sentence once, with all of its plates."""
+    """List the reasons for which plates wait, each with all plates that wait for this reason."""
     lines: list[Text] = []
     for wait in waits:
         text = f"{shorten_names(wait.plates)}: {wait.hold.text}"
-        lines += _fold_texts("" if lines else "WAIT", [text], "", width)
+        lines += _lay_out_texts("" if lines else "WAIT", [text], "", width)
     return lines
 
 
 def _list_job_figures(job: api.JobSummary, now: str) -> list[str]:
-    """List the progress and the figures of a job."""
+    """List the progress and the key figures of a job."""
     if job.progress is not None and not job.plate_count:
         return [format_planning(job.progress)]
     if not job.plate_count:

@@ -1,4 +1,4 @@
-"""Tables that fit into the width of a terminal: important columns stay complete, others are left out."""
+"""Tables that fit into the width of a terminal: less important columns are shortened or left out."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Column:
     Attributes
     ----------
     heading
-        Text of its first line.
+        Text in the first line of the column.
     rank
-        0 for a column that is always shown completely; other columns are left out, the highest rank first.
+        0 for a column that is always shown; other columns may be left out, those of the highest rank first.
     min_width
-        Width to which its texts may be shortened; None if they must not be shortened.
+        Width to which the cells may be shortened; None if they must not be shortened.
     """
 
     heading: str
@@ -86,8 +86,8 @@ def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
     if rest:
         remainder = text[len(first.plain) :]
         remainder = remainder[len(remainder.plain) - len(remainder.plain.lstrip()) :]
-        folded_lines = _wrap_lines(remainder, max(1, width - indent))
-        lines += [Text.assemble(" " * min(indent, width - 1), line) for line in folded_lines]
+        wrapped_lines = _wrap_lines(remainder, max(1, width - indent))
+        lines += [Text.assemble(" " * min(indent, width - 1), line) for line in wrapped_lines]
     for line in lines:
         line.plain = line.plain.replace(_NON_BREAKING_SPACE, " ")
     return lines
@@ -103,7 +103,7 @@ def _wrap_lines(text: Text, width: int) -> list[Text]:
 def _fit_widths(
     columns: Sequence[Column], full_widths: Sequence[int], empty_flags: Sequence[bool], width: int
 ) -> list[int] | None:
-    """Choose the width of each column, 0 to leave it out; return None if those of rank 0 are too wide."""
+    """Choose the width of each column, 0 to leave it out; return None if columns of rank 0 do not fit."""
     min_widths = [
         full_width if c.min_width is None else min(full_width, c.min_width)
         for c, full_width in zip(columns, full_widths, strict=True)

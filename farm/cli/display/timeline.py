@@ -12,7 +12,7 @@ from farm.text import format_count, format_duration
 from farm.wording import format_time, parse_time
 
 _CHART_WIDTH = 79  # columns
-_MIN_BAR_WIDTH = 20  # minimum width of all bars of a row
+_MIN_BARS_WIDTH = 20  # minimum width of the chart without the names of the printers, in columns
 _COLUMNS = (
     Column("PARTS"),
     Column("PRINTER"),
@@ -69,16 +69,16 @@ def draw_gantt(slots: list[api.SlotView], now: str, chart_width: int = _CHART_WI
     slots
         The plates.
     now
-        Current time, to shorten times of the same day.
+        Present time; dates are shown only for times that are far from it.
     chart_width
-        Width of the chart with the printers' names, in columns.
+        Width of the chart in columns, including the names of the printers.
     """
     if not slots:
         return []
     begin = min(parse_time(slot.starts) for slot in slots)
     total_s = max((parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
     name_width = max(len(slot.printer) for slot in slots)
-    width = max(_MIN_BAR_WIDTH, chart_width - name_width - 2)
+    width = max(_MIN_BARS_WIDTH, chart_width - name_width - 2)
     lines = []
     for printer in sorted({slot.printer for slot in slots}):
         cells = [" "] * width

@@ -46,8 +46,8 @@ def make_event_routes(services: Services) -> APIRouter:
     ) -> StreamingResponse:
         """Send the events after a given number, and new ones as they happen; without a number, only new ones.
 
-        Each event is an EventView as JSON, with its number as the id. A stream ends when the daemon does, or
-        when the key is revoked. With `wait=false` it ends after the last event.
+        Each event is an EventView as JSON, with its number as the id. The stream ends when the daemon ends,
+        or when the key is revoked; with `wait=false`, it ends after the last event.
         """
         last_number = streams.log.find_last_event_number()
         after = next((number for number in (last_event_id, since) if number is not None), last_number)

@@ -19,7 +19,7 @@ _CONTENT = {"content": {"application/octet-stream": {"schema": {"type": "string"
 
 
 def make_file_routes(services: Services) -> APIRouter:
-    """Return the routes of files. A name is looked up among the job's files; it is never used as a path."""
+    """Return the routes of files. They look a name up among the job's files, and never use it as a path."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/jobs/{number}/files")
@@ -37,7 +37,7 @@ def make_file_routes(services: Services) -> APIRouter:
 
 
 def map_stored_files(books: Books, number: int) -> dict[str, str]:
-    """Return the name in the store of each file of a job, by the file's name. Raises NotFoundError."""
+    """Map the public name of each file of a job to its name in the file store. Raises NotFoundError."""
     job = books.get_job(number)
     names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.list_plates(job))
     if job.pruned_s is None:
@@ -60,7 +60,7 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
     number
         Number of the job.
     name
-        One of the names in `map_stored_files`; it is never used as a path.
+        One of the keys of `map_stored_files`; it is never used as a path.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Routes of hosts with printers, and their descriptions."""
+"""Routes of other computers that run agents, and descriptions of these hosts."""
 
 from __future__ import annotations
 

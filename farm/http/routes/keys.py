@@ -1,4 +1,4 @@
-"""Routes of network keys and browser sessions; only on the Unix socket."""
+"""Routes of network keys and browser sessions; the daemon offers them only on the Unix socket."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from farm.views import ViewContext
 
 
 def make_key_routes(services: Services, keys: KeyCommands) -> APIRouter:
-    """Return the routes of keys, and of programs' requests for keys."""
+    """Return the routes of keys, and of the requests of programs for keys."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/keys")
@@ -55,7 +55,7 @@ def make_key_routes(services: Services, keys: KeyCommands) -> APIRouter:
 
 
 def make_session_routes(services: Services) -> APIRouter:
-    """Return the routes of sessions in the browser."""
+    """Return the routes of browser sessions."""
     router, controller = APIRouter(), services.controller
 
     @router.post("/sessions/link")
@@ -86,7 +86,7 @@ def list_keys(context: ViewContext, last_uses_s: Mapping[str, float]) -> list[ap
     Parameters
     ----------
     context
-        The farm.
+        State of the farm, and the present time.
     last_uses_s
         Time of the last use of each key since the daemon started, by the key's id.
     """

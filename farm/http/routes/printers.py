@@ -73,8 +73,8 @@ def make_camera_routes(services: Services) -> APIRouter:
         "/printers/{name}/camera",
         response_class=Response,
         responses={
-            200: {"description": "A still, two seconds old at most.", "content": _IMAGES},
-            503: {"description": "The camera sends no still.", "model": api.Problem},
+            200: {"description": "A picture by the camera, at most two seconds old.", "content": _IMAGES},
+            503: {"description": "The camera sends no picture.", "model": api.Problem},
         },
     )
     async def send_still(name: str) -> Response:

@@ -1,4 +1,4 @@
-"""Routes of the whole farm: status, names, history, prune, and shutdown."""
+"""Routes of the whole farm: status, names, history, deletion of old files, and shutdown."""
 
 from __future__ import annotations
 
@@ -129,14 +129,14 @@ def _check_farm_is_idle(services: Services) -> None:
 
 
 def describe_farm(services: Services) -> api.Status:
-    """Describe the whole farm: tasks, last night, printers, jobs with their parts and plates."""
+    """Describe the whole farm: tasks for people, last night, printers, jobs with their parts and plates."""
     context = services.controller.build_view_context(services.state)
     jobs = describe_jobs(context, select_shown_jobs(context.books))
     return api.Status(**dict(_describe_overview(services, context)), jobs=jobs)
 
 
 def summarise_farm(services: Services) -> api.StatusSummary:
-    """Describe the whole farm as `farm status` prints it: without the parts and plates of jobs."""
+    """Describe the whole farm for `farm status`, without the parts and plates of jobs."""
     context = services.controller.build_view_context(services.state)
     jobs = select_shown_jobs(context.books)
     return api.StatusSummary(
@@ -175,17 +175,17 @@ def _describe_overview(services: Services, context: ViewContext) -> api.FarmOver
 
 
 def describe_cluster(state: ClusterState) -> api.ClusterView:
-    """Describe the state of the cluster, with the place where tasks run and the reason why they wait."""
+    """Describe the state of the compute cluster: the tasks, where they run, and why they wait."""
     return api.ClusterView(
         scheduler=state.scheduler,
         place=state.place,
-        text=_describe_work(state),
+        text=_describe_task_places(state),
         workers=[
             api.ClusterWorkerView(name=worker.name, slots=worker.slot_count, refused=worker.refusal_reason)
             for worker in state.workers
         ],
         tasks=[
-            api.ClusterTaskView(what=task.work_name, group=_name_group(task), worker=task.host)
+            api.ClusterTaskView(what=task.work_name, group=_format_group(task), worker=task.host)
             for task in state.tasks
         ],
         waiting=state.waiting_count,
@@ -193,7 +193,7 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
     )
 
 
-def _describe_work(state: ClusterState) -> str:
+def _describe_task_places(state: ClusterState) -> str:
     """Describe in one sentence where tasks run."""
     if state.place is Place.THIS_COMPUTER:
         tasks = format_count(state.local_count, "task") if state.local_count else "nothing to do"
@@ -214,7 +214,7 @@ def _describe_work(state: ClusterState) -> str:
     return f"{head}; {running_note}{queue_note}{local_note}"
 
 
-def _name_group(task: RunningTask) -> str | None:
+def _format_group(task: RunningTask) -> str | None:
     if isinstance(task.group, int):
         return f"job {task.group}"
     return f"plate {task.group}" if isinstance(task.group, str) else None

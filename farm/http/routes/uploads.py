@@ -1,4 +1,4 @@
-"""Routes of submissions."""
+"""Routes that submit models and report the progress of uploads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MODEL_BODY = {
 
 
 def make_upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
-    """Return the routes of submissions."""
+    """Return the routes that submit models and report the progress of uploads."""
     router, uploads = APIRouter(), services.uploads
 
     @router.post("/jobs", response_model_exclude_defaults=True, openapi_extra={"requestBody": _MODEL_BODY})

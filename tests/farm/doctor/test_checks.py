@@ -134,7 +134,7 @@ CASES = {
         {"ports": (PortFacts("a", "/dev/x", True, False, "plugdev"),)},
         "problem",
         "ports",
-        "may not be read and written by farm",
+        "farm may not read and write",
     ),
     "no engine": (
         {"cura": replace(SOUND_FACTS.cura, engine=None, engine_error="none: set it")},
@@ -196,8 +196,8 @@ def test_sound_installation_has_no_problem():
 @pytest.mark.parametrize(
     ("groups", "text"),
     [
-        ({"ops"}, "the daemon's socket is for farm alone, as there is no group farm"),
-        ({"ops", "farm"}, "the daemon's socket is for members of farm"),
+        ({"ops"}, "the daemon's socket is open to farm alone, as there is no group farm"),
+        ({"ops", "farm"}, "the daemon's socket is open to members of farm"),
     ],
 )
 def test_users_of_the_socket_are_named(groups, text):

@@ -345,5 +345,5 @@ def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
 
 
 async def finish_cleanup(cleanup):
-    cleanup.begin()
+    cleanup.finish_earlier_deletions()
     await asyncio.gather(*cleanup._tasks)
