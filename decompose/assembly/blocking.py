@@ -20,7 +20,7 @@ MAX_AXES = 9
 
 
 def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
-    """Find the axes along which parts can be separated: the normals of joints, then of other cuts.
+    """List the axes along which parts may be separated: the normals of the joints, then those of other cuts.
 
     The normals of the largest joints come first. Three orthogonal axes are always included.
 
@@ -60,9 +60,9 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
     Returns
     -------
     Bools
-        (2 k, n, n) bool: ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. If the
-        bounding boxes of two parts are disjoint in a frame of the axis, these boxes decide; otherwise, the
-        shadows of the parts decide.
+        (2 k, n, n) bool: ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. The
+        bounding boxes of two parts, aligned with the axis, decide if they do not overlap; otherwise, the
+        shadows of the parts are compared.
     """
     count = len(solids)
     blocking = np.zeros((2 * len(axes), count, count), dtype=np.bool_)
@@ -74,7 +74,7 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
         hi_mm = np.array([points_mm.max(axis=0) for points_mm in rotated_mm])
         overlap_mm = _compute_overlap_mm(lo_mm[:, 1:], hi_mm[:, 1:])
         is_beside = (overlap_mm > MAX_TOUCH_OVERLAP_MM).all(axis=2) & ~np.eye(count, dtype=np.bool_)
-        # [i, j] is true if all of part i lies beyond part j.
+        # [i, j] is true if the whole of part i lies beyond part j along the axis.
         is_beyond = lo_mm[:, None, 0] >= hi_mm[None, :, 0] - MAX_TOUCH_OVERLAP_MM
         blocking[k], blocking[k + len(axes)] = is_beside & is_beyond, is_beside & is_beyond.T
         needs_shadows = is_beside & ~is_beyond & ~is_beyond.T
@@ -87,9 +87,9 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
 
 
 def make_frame(axis: Floats, axes: Sequence[Floats] | Floats = ()) -> Floats:
-    """Make a frame (3, 3) of unit vectors as rows: an axis, and two vectors across it.
+    """Make a frame (3, 3) of unit vectors as rows: an axis, and two vectors perpendicular to it.
 
-    The second row is one of `axes`, if one is orthogonal to the axis.
+    The second row is one of `axes` if one of them is perpendicular to the axis.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _compute_overlap_mm(lo_mm: Floats, hi_mm: Floats) -> Floats:
 
 
 def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floats, Floats]:
-    """Choose two unit vectors (3,) orthogonal to an axis and to each other, one of `axes` if possible."""
+    """Choose two unit vectors (3,) perpendicular to an axis and to each other, one of `axes` if possible."""
     across = next((other for other in axes if abs(float(other @ axis)) < SAME_AXIS_SIN), None)
     if across is None:
         across = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)
@@ -117,5 +117,5 @@ def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floa
 
 
 def _is_new_axis(axis: Floats, known_axes: Sequence[Floats]) -> bool:
-    """Check whether an axis differs from all known ones."""
+    """Check whether an axis differs from all known axes."""
     return all(float(np.linalg.norm(np.cross(axis, other))) > SAME_AXIS_SIN for other in known_axes)

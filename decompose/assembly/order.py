@@ -62,7 +62,7 @@ class AssemblyStep:
 
     @property
     def work(self) -> StepWork:
-        """Quantities on which the step's time depends."""
+        """Quantities that determine the work time of the step."""
         bodies = frozenset(self.moved_parts), frozenset(self.fixed_parts)
         return StepWork(bodies, len(self.joints), self.glue_mm2, bool(self.rests_on))
 
@@ -89,7 +89,7 @@ class Assembly:
 
     @property
     def total_s(self) -> float:
-        """Time of one person from the first step to the end of the last one, with waits for glue."""
+        """Time of one person from the first step to the end of the last one, with the drying of glue."""
         return max((step.start_s + step.work_s for step in self.steps), default=0.0)
 
     @property
@@ -127,10 +127,10 @@ def plan_assembly(
     if len(pieces) < 2:
         return Assembly()
     planner = _AssemblyPlanner(pieces, joints, min_glue_mm2)
-    planner.split_parts(np.ones(len(pieces), dtype=np.bool_), is_outermost=True)
+    planner.split_parts(np.ones(len(pieces), dtype=np.bool_), is_unattached=True)
     step_works = [step.work for step in planner.steps]
     steps = (
-        replace(planner.steps[number], work_s=step_works[number].seconds, start_s=start_s)
+        replace(planner.steps[number], work_s=step_works[number].work_s, start_s=start_s)
         for number, start_s in order_steps(step_works)
     )
     return Assembly(tuple(steps), tuple(planner.locked_sets))
@@ -159,15 +159,15 @@ class _AssemblyPlanner:
             np.concatenate([high_mm, -low_mm]),
         )
 
-    def split_parts(self, parts: Bools, *, is_outermost: bool) -> int:
+    def split_parts(self, parts: Bools, *, is_unattached: bool) -> int:
         """Split a set of parts into single parts, append the steps, and return the level of the last step.
 
         Parameters
         ----------
         parts
             (n,) bool, true for the parts of the set.
-        is_outermost
-            Whether the set is glued to no other part; if so, loose bodies in it need no step.
+        is_unattached
+            Whether no part outside the set is glued to it; if so, loose bodies in the set need no step.
         """
         if parts.sum() < 2:
             return 0
@@ -177,15 +177,16 @@ class _AssemblyPlanner:
             return 0
         is_loose = not self._search.glue.measure_glued_area_mm2(split)
         sides = sorted((split.is_moved, split.is_fixed), key=lambda side: int(side.sum()))
-        level = 1 + max(self.split_parts(side, is_outermost=is_outermost and is_loose) for side in sides)
-        if not (is_loose and is_outermost):
+        level = 1 + max(self.split_parts(side, is_unattached=is_unattached and is_loose) for side in sides)
+        if not (is_loose and is_unattached):
             self.steps.append(self._build_step(split, level))
         return level
 
     def _build_step(self, split: Split, level: int) -> AssemblyStep:
         """Build the step of a split.
 
-        The lighter body is moved, unless it is the only one that stands with its joint up.
+        The lighter body is moved, unless it is the only one of the two that stands on the table with the
+        joint facing up.
         """
         moved, fixed = split.is_moved, split.is_fixed
         direction = self._search.directions[split.direction_number]

@@ -47,7 +47,7 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
                 yield f"step {n} {verb} {_name_parts(side)} together, but they are not joined yet"
             elif body != set(side):
                 others = _name_parts(sorted(body.difference(side)))
-                yield f"step {n} {verb} {_name_parts(side)} without {others}, which are joined to them"
+                yield f"step {n} {verb} {_name_parts(side)} but not {others}, although they are joined"
         joined_body = frozenset((*step.moved_parts, *step.fixed_parts))
         bodies |= dict.fromkeys(joined_body, joined_body)
     for joint in joints:
@@ -79,4 +79,4 @@ def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> 
 
 def _name_parts(parts: Sequence[int]) -> str:
     """Name parts by their numbers, counted from 1."""
-    return "parts " + ", ".join(str(number + 1) for number in parts)
+    return ("part " if len(parts) == 1 else "parts ") + ", ".join(str(number + 1) for number in parts)

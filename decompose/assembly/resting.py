@@ -1,4 +1,4 @@
-"""Stability of a glued body on the table while the next one is put on it."""
+"""Stability of a glued body on the table while the next body is put on top."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.geometry import Solid, choose_plane_axes, find_convex_outline, find_half_planes
 
-MAX_CONTACT_HEIGHT_MM = 0.1  # maximum height above the lowest point of points that touch the table
-MIN_STABILITY_MM = 2.0  # minimum distance from the centre of mass to the border of the contact area
+MAX_CONTACT_HEIGHT_MM = 0.1  # points up to this height above the lowest point count as touching the table
+MIN_STABILITY_MM = 2.0  # minimum distance in plan from the centre of mass to the border of the contact area
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,10 @@ class MassProperties:
 
     @classmethod
     def from_solid(cls, solid: Solid) -> MassProperties:
-        """Compute the centre of mass of a solid of uniform density, from the tetrahedra below its faces."""
+        """Compute the mass properties of a solid of uniform density.
+
+        The centre of mass is that of the tetrahedra between each face and the mean of the vertices.
+        """
         vertices, faces = solid.arrays()
         base = vertices.mean(axis=0)
         a, b, c = (vertices[faces[:, k]] - base for k in range(3))

@@ -26,9 +26,9 @@ class StepWork:
     Attributes
     ----------
     bodies
-        Parts of the two bodies that it joins.
+        Parts of each of the two bodies that the step joins.
     joint_count
-        Number of joints that it glues.
+        Number of joints that are glued.
     glue_mm2
         Area of these joints.
     is_steady
@@ -41,7 +41,7 @@ class StepWork:
     is_steady: bool
 
     @property
-    def seconds(self) -> float:
+    def work_s(self) -> float:
         """Estimated time that a person needs, without waits for glue to dry."""
         single_count = sum(len(body) == 1 for body in self.bodies)
         glue_s = (
@@ -89,7 +89,7 @@ def order_steps(steps: Sequence[StepWork], drying_s: float = DRYING_S) -> list[t
         }
         number = min(ready_s, key=lambda i: (ready_s[i], i))
         order.append((number, ready_s[number]))
-        now_s = ready_s[number] + steps[number].seconds
+        now_s = ready_s[number] + steps[number].work_s
         dry_at_s[number] = now_s + drying_s
     return order
 
@@ -111,7 +111,7 @@ def compute_critical_path_s(steps: Sequence[StepWork], drying_s: float = DRYING_
     """
     ends_s: list[float] = []
     for step, predecessors in zip(steps, _find_predecessors(steps), strict=True):
-        ends_s.append(max((ends_s[j] + drying_s for j in predecessors), default=0.0) + step.seconds)
+        ends_s.append(max((ends_s[j] + drying_s for j in predecessors), default=0.0) + step.work_s)
     return max(ends_s, default=0.0)
 
 

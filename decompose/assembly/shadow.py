@@ -1,7 +1,7 @@
 """Shadows of parts along an axis: the ends of each part on a grid of parallel lines.
 
-A part that is moved along an axis by any distance collides with another part if, on some line along that
-axis, the other part has material further on. The ends of both parts on all lines are enough to decide this.
+A part that is moved along an axis without limit collides with another part if, on some line parallel to the
+axis, the other part has material ahead of it. The ends of both parts on all lines are enough to decide this.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from decompose.arrays import Floats
 from decompose.geometry import Solid
 from decompose.jit import jit
 
-LINE_SPACING_MM = 0.6  # distance between lines: less than two walls of the thinnest part
+LINE_SPACING_MM = 0.6  # distance between lines: less than the thickness of two printed walls
 LINE_OFFSET_MM = 0.2137  # offset of the lines from round coordinates, at which many parts end
 MAX_TOUCH_OVERLAP_MM = 0.05  # maximum overlap of parts that only touch
 
@@ -37,7 +37,7 @@ class Shadow:
     high_mm: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
-        """Check whether this part blocks another one that moves forwards, and backwards, along the axis."""
+        """Check whether this part blocks another one that moves along the axis: forwards, and backwards."""
         start = np.maximum(self.first_lines, other.first_lines)
         end = np.minimum(
             np.add(self.first_lines, self.low_mm.shape), np.add(other.first_lines, other.low_mm.shape)
@@ -61,15 +61,15 @@ def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
     solid
         Solid of a part, in mm.
     frame
-        (3, 3) unit vectors as rows: along the axis, and two across it.
+        (3, 3) unit vectors as rows: the axis, and two vectors perpendicular to it.
     """
     vertices, faces = solid.arrays()
-    rotated_vertices = vertices @ frame.T
-    cells = (rotated_vertices[:, 1:] - LINE_OFFSET_MM) / LINE_SPACING_MM
+    rotated_mm = vertices @ frame.T
+    cells = (rotated_mm[:, 1:] - LINE_OFFSET_MM) / LINE_SPACING_MM
     first, last = np.floor(cells.min(axis=0)).astype(np.int64), np.ceil(cells.max(axis=0)).astype(np.int64)
     low_mm = np.full(tuple(last - first + 1), np.inf)
     high_mm = np.full(low_mm.shape, -np.inf)
-    points = np.column_stack([cells - first, rotated_vertices[:, 0]])
+    points = np.column_stack([cells - first, rotated_mm[:, 0]])
     _extend_ends(points[faces], low_mm, high_mm)
     return Shadow((int(first[0]), int(first[1])), low_mm, high_mm)
 

@@ -1,10 +1,11 @@
 """Search for the split of a set of parts into two sets that can be moved apart.
 
-Faces that close along their normal can have pins and keys, and the glue stays on them. A split whose faces
-all close is never worse than another one, because any way to take the whole set apart also takes its two
-halves apart, along the same faces or fewer of them. So there is a choice only if every split slides. In that
-case, the splits with the least sliding glue are compared by the total sliding glue until only single parts
-remain.
+When two bodies are joined along a direction, some glued faces are perpendicular to it and close; others are
+oblique or parallel to it and slide over each other. Faces that close can have pins and keys, and keep their
+glue. A split whose faces all close is never worse than another one, because any way to take the whole set
+apart also takes its two halves apart, along the same faces or fewer of them. So the choice matters only if
+every split slides. In that case, the splits with the smallest sliding area are compared by the total sliding
+area of all steps that take the set apart into single parts.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.assembly.shadow import MAX_TOUCH_OVERLAP_MM
 from decompose.pieces import Joint
 
-MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glue closes along its normal
+MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glued area closes
 MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of a step
 MAX_COMPARED_SPLITS = 8  # maximum number of sliding splits that are compared by taking the set apart
-# Maximum number of sets that are taken apart for this comparison; after them, the least sliding glue decides.
+# Maximum number of sets that are taken apart for this comparison; then the smallest sliding area decides.
 MAX_EXAMINED_SETS = 400
 
 
@@ -48,7 +49,7 @@ class Glue:
     Attributes
     ----------
     area_mm2, holds
-        (n, n) float64 areas of the joints, and (n, n) bool whether they hold.
+        (n, n) float64 areas of the joints, and (n, n) bool, true for joints that hold.
     closing_mm2
         (d, n, n) float64 area of the faces that close along each of d directions.
     """
@@ -59,7 +60,7 @@ class Glue:
 
     @classmethod
     def from_joints(cls, count: int, joints: Sequence[Joint], axes: Floats, min_glue_mm2: float) -> Glue:
-        """Build the glue between parts from their joints; the directions are the axes, then their opposites.
+        """Compute the glue between parts from their joints; directions are the axes, then their opposites.
 
         Parameters
         ----------
@@ -76,26 +77,26 @@ class Glue:
         holds = np.zeros((count, count), dtype=np.bool_)
         closing_mm2 = np.zeros((len(axes), count, count))
         for joint in joints:
-            ends = [joint.a, joint.b], [joint.b, joint.a]
-            area_mm2[ends] = joint.area_mm2
-            holds[ends] = joint.holds(min_glue_mm2)
+            both_orders = [joint.a, joint.b], [joint.b, joint.a]
+            area_mm2[both_orders] = joint.area_mm2
+            holds[both_orders] = joint.holds(min_glue_mm2)
             for face in joint.faces:
                 closing_axes = np.flatnonzero(np.abs(axes @ face.normal) > MIN_ALIGNED_COS)
-                for one, other in zip(*ends, strict=True):
+                for one, other in zip(*both_orders, strict=True):
                     closing_mm2[closing_axes, one, other] += face.area_mm2
         return cls(area_mm2, holds, np.concatenate([closing_mm2, closing_mm2]))
 
     def measure_glued_area_mm2(self, split: Split) -> float:
-        """Measure the area that is glued between both sets of a split."""
+        """Measure the area of the glue between the two sets of a split."""
         return float(self.area_mm2[split.is_moved][:, split.is_fixed].sum())
 
     def measure_sliding_area_mm2(self, split: Split) -> float:
-        """Measure the glued area of a split without the faces that close along its direction."""
+        """Measure the glued area of a split without the faces that are perpendicular to its direction."""
         closing_mm2 = float(self.closing_mm2[split.direction_number][split.is_moved][:, split.is_fixed].sum())
         return max(0.0, self.measure_glued_area_mm2(split) - closing_mm2)
 
     def is_closing(self, split: Split) -> bool:
-        """Check whether all faces of a split close along their normal."""
+        """Check whether nearly all of the glued area of a split is perpendicular to its direction."""
         max_sliding_mm2 = (1.0 - MIN_CLOSING_SHARE) * self.measure_glued_area_mm2(split)
         return self.measure_sliding_area_mm2(split) <= max_sliding_mm2
 
@@ -104,7 +105,7 @@ class Glue:
         return int(connected_components(self.holds[parts][:, parts], directed=False)[0])
 
     def count_added_bodies(self, split: Split) -> int:
-        """Count the bodies that a split adds to those of its set."""
+        """Count by how much the number of bodies grows when a set is split."""
         sides = self.count_bodies(split.is_moved) + self.count_bodies(split.is_fixed)
         return sides - self.count_bodies(split.is_moved | split.is_fixed)
 
@@ -135,8 +136,8 @@ class SplitSearch:
     def find_split(self, parts: Bools) -> Split | None:
         """Find the best split of a set (n,) into two that can be moved apart; None if there is none.
 
-        The split makes as few bodies as possible. Among splits that close, halves of equal size are
-        preferred, because their glue dries at the same time.
+        The split leaves as few bodies as possible. Among splits that close, those with halves of equal size
+        are preferred, because the glue of both halves dries at the same time.
         """
         return self._choose_split(
             parts, MAX_COMPARED_SPLITS if len(self._sliding_mm2) < MAX_EXAMINED_SETS else 1
@@ -167,7 +168,7 @@ class SplitSearch:
         )
 
     def _measure_total_sliding_mm2(self, split: Split) -> float:
-        """Measure the sliding glue of a split and of those that follow, each with the least sliding glue."""
+        """Measure the sliding area of a split and of the least sliding splits that can follow it."""
         sliding_mm2 = self.glue.measure_sliding_area_mm2(split)
         for parts in (split.is_moved, split.is_fixed):
             key = parts.tobytes()
@@ -193,27 +194,27 @@ class SplitSearch:
     def _list_movable_sets(self, direction_number: int, numbers: Ints) -> Iterator[Bools]:
         """List the sets of parts that can be moved along a direction, as masks over `numbers`.
 
-        These sets are each part with all parts that block it, the parts beyond a plane that cuts no part, and
-        the bodies of these sets if no other body blocks them.
+        These sets are: each part with all parts that block it, directly or through others; the parts beyond a
+        plane that cuts no part; and single bodies of these sets that no other body blocks.
         """
         blocked_by = self.blocking[direction_number][np.ix_(numbers, numbers)].T | np.eye(
             len(numbers), dtype=np.bool_
         )
-        reach = _compute_closure(blocked_by)
-        sets = [*reach, *self._list_sets_beyond_planes(direction_number, numbers)]
-        sets += chain.from_iterable([self._list_bodies(mask, numbers, reach) for mask in sets])
+        blockers = _compute_closure(blocked_by)
+        sets = [*blockers, *self._list_sets_beyond_planes(direction_number, numbers)]
+        sets += chain.from_iterable([self._list_bodies(mask, numbers, blockers) for mask in sets])
         distinct = {mask.tobytes(): mask for mask in sets if 0 < mask.sum() < len(numbers)}
         yield from distinct.values()
 
-    def _list_bodies(self, mask: Bools, numbers: Ints, reach: Bools) -> list[Bools]:
-        """List the bodies of a set that no other part blocks; none for a set of a single body."""
+    def _list_bodies(self, mask: Bools, numbers: Ints, blockers: Bools) -> list[Bools]:
+        """List the bodies of a set that no part outside them blocks; none if the set is a single body."""
         members = numbers[mask]
         count, label = connected_components(self.glue.holds[np.ix_(members, members)], directed=False)
         bodies = []
         for body in range(count if count > 1 else 0):
             is_inside = np.zeros(len(numbers), dtype=np.bool_)
             is_inside[np.flatnonzero(mask)[label == body]] = True
-            if (reach[is_inside].any(axis=0) <= is_inside).all():
+            if (blockers[is_inside].any(axis=0) <= is_inside).all():
                 bodies.append(is_inside)
         return bodies
 
@@ -231,9 +232,9 @@ class SplitSearch:
 
 def _compute_closure(relation: Bools) -> Bools:
     """Compute the transitive closure of a reflexive relation (n, n)."""
-    reach = relation
+    closure = relation
     while True:
-        longer: Bools = (reach.astype(np.float32) @ reach.astype(np.float32)) > 0.0
-        if (longer == reach).all():
+        longer: Bools = (closure.astype(np.float32) @ closure.astype(np.float32)) > 0.0
+        if (longer == closure).all():
             return longer
-        reach = longer
+        closure = longer

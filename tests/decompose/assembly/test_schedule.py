@@ -18,23 +18,23 @@ def test_person_glues_the_next_pair_while_the_first_dries() -> None:
     works = [make_work({0}, {1}), make_work({0, 1}, {2}), make_work({3}, {4}), make_work({0, 1, 2}, {3, 4})]
     order = order_steps(works, drying_s=100.0)
     assert [number for number, _ in order] == [0, 2, 1, 3]
-    assert order[1][1] == pytest.approx(works[0].seconds)
-    assert order[2][1] == pytest.approx(works[0].seconds + works[2].seconds)
+    assert order[1][1] == pytest.approx(works[0].work_s)
+    assert order[2][1] == pytest.approx(works[0].work_s + works[2].work_s)
 
 
 def test_person_waits_if_no_other_step_is_ready() -> None:
     works = [make_work({0}, {1}), make_work({0, 1}, {2})]
     order = order_steps(works, drying_s=1000.0)
-    assert order == [(0, 0.0), (1, pytest.approx(works[0].seconds + 1000.0))]
-    assert compute_critical_path_s(works, drying_s=1000.0) == pytest.approx(order[1][1] + works[1].seconds)
+    assert order == [(0, 0.0), (1, pytest.approx(works[0].work_s + 1000.0))]
+    assert compute_critical_path_s(works, drying_s=1000.0) == pytest.approx(order[1][1] + works[1].work_s)
 
 
 def test_step_takes_longer_with_more_joints_more_glue_or_a_single_part() -> None:
     work = StepWork((frozenset({0, 1}), frozenset({2, 3})), 1, 100.0, is_steady=True)
-    assert StepWork(work.bodies, 2, 100.0, is_steady=True).seconds > work.seconds
-    assert StepWork(work.bodies, 1, 900.0, is_steady=True).seconds > work.seconds
-    assert StepWork(work.bodies, 1, 100.0, is_steady=False).seconds > work.seconds
-    assert StepWork((frozenset({0}), frozenset({2, 3})), 1, 100.0, is_steady=True).seconds > work.seconds
+    assert StepWork(work.bodies, 2, 100.0, is_steady=True).work_s > work.work_s
+    assert StepWork(work.bodies, 1, 900.0, is_steady=True).work_s > work.work_s
+    assert StepWork(work.bodies, 1, 100.0, is_steady=False).work_s > work.work_s
+    assert StepWork((frozenset({0}), frozenset({2, 3})), 1, 100.0, is_steady=True).work_s > work.work_s
 
 
 @st.composite
@@ -55,12 +55,12 @@ def test_no_step_begins_before_its_bodies_are_dry(works: list[StepWork], drying_
     order = order_steps(works, drying_s)
     assert sorted(number for number, _ in order) == list(range(len(works)))
     dry_at_s = {
-        work.parts: at_s + work.seconds + drying_s for work, (_, at_s) in pair_with_order(works, order)
+        work.parts: at_s + work.work_s + drying_s for work, (_, at_s) in pair_with_order(works, order)
     }
     for work, (_, at_s) in pair_with_order(works, order):
         assert all(at_s >= dry_at_s[body] - 1e-6 for body in work.bodies if body in dry_at_s)
-    end_s = max(at_s + works[number].seconds for number, at_s in order)
-    busy_s = sum(work.seconds for work in works)
+    end_s = max(at_s + works[number].work_s for number, at_s in order)
+    busy_s = sum(work.work_s for work in works)
     assert (
         max(busy_s, compute_critical_path_s(works, drying_s)) - 1e-6
         <= end_s
