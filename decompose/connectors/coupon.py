@@ -1,4 +1,7 @@
-"""Coupon: a block with numbered holes and grooves of several fits, to find the fit of pins on a printer."""
+"""Coupon: a block with numbered holes and grooves of several fits, to find the fit of pins on a printer.
+
+A fit is the clearance of a pin in its hole: the width of the hole minus the diameter of the pin.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +62,7 @@ class Coupon:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Extents of the coupon for pins of a diameter, in mm."""
+    """Dimensions in mm of the coupon for pins of one diameter."""
 
     pin_mm: float
 
@@ -70,7 +73,7 @@ class _Layout:
 
     @property
     def lengths_mm(self) -> tuple[float, ...]:
-        """Lengths of all pins and keys of the diameter, the longest first."""
+        """Lengths of all pins and keys of this diameter, the longest first."""
         pins_mm = {2.0 * (depth_mm - END_GAP_MM) for depth_mm in choose_depths_mm(self.pin_mm)}
         return tuple(sorted(pins_mm | {*choose_key_lengths_mm(self.pin_mm)}, reverse=True))
 
@@ -98,7 +101,7 @@ class _Layout:
 
 
 def make_coupon(pin_mm: float) -> Coupon:
-    """Make the coupon for pins of a diameter.
+    """Make the coupon for pins of one diameter.
 
     The holes in the top open upwards; those in the front are horizontal and have a roof. The grooves in the
     back are upright, and meet those in the plate.
@@ -178,7 +181,7 @@ def _make_key_groove(layout: _Layout, n: int, y_mm: float, inward_normal: Floats
 
 
 def _name_fits() -> Iterator[str]:
-    """Yield the number that marks each fit, in tenths of a millimetre."""
+    """Yield each fit in tenths of a millimetre, as the text of its mark."""
     return (f"{10.0 * fit_mm:.0f}" for fit_mm in FITS_MM)
 
 
@@ -190,13 +193,13 @@ def _make_printable_hole(mouth_mm: Floats, direction: Floats, width_mm: float, d
     return hole
 
 
-def _make_mark(text: str, middle_mm: Floats, up_direction: Floats, direction: Floats) -> Mark:
-    """Make the mark of a number around a point (3,) on a face; the directions (3,) are up and inward."""
-    right = np.cross(up_direction, -direction)
+def _make_mark(text: str, middle_mm: Floats, up_direction: Floats, inward_normal: Floats) -> Mark:
+    """Make a mark centred at a point (3,) of a face, whose text has its top in an upward direction (3,)."""
+    right = np.cross(up_direction, -inward_normal)
     lines = (
         draw_strokes(text) * (LETTER_HEIGHT_MM / GRID_HEIGHT) @ np.stack([right, up_direction]) + middle_mm
     )
     grooves = tuple(
-        make_groove(0, line, direction, GROOVE_DEPTH_MM - 0.002 * n) for n, line in enumerate(lines)
+        make_groove(0, line, inward_normal, GROOVE_DEPTH_MM - 0.002 * n) for n, line in enumerate(lines)
     )
     return Mark(0, 0, text, LETTER_HEIGHT_MM, lines, grooves)

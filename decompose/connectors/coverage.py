@@ -1,4 +1,4 @@
-"""Glued area of a step that is far from its pins, as points on its faces."""
+"""Sample points of the glued area of an assembly step, and those of them that are far from its pins."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from decompose.arrays import Floats
 from decompose.connectors.faces import Side
 from decompose.connectors.records import Pin
 
-REACH_MM = 60.0  # distance of glue from the nearest pin beyond which another pin is placed
-MIN_REACHED_SHARE = 0.95  # share of a step's glue within reach that is enough
-GLUE_PITCH_MM = 5.0  # pitch of the sample points of the glue
-MIN_GAIN_MM2 = 100.0  # minimum area of glue for which another pin is worthwhile
+REACH_MM = 60.0  # distance up to which a pin reaches glue; farther glue needs another pin
+MIN_REACHED_SHARE = 0.95  # minimum share of a step's glued area that its pins have to reach
+GLUE_PITCH_MM = 5.0  # pitch of the sample points of the glued area
+MIN_GAIN_MM2 = 100.0  # minimum area of glue that no other pin reaches and that makes a pin worthwhile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Site:
-    """Glued face of a step: its side on the moved part, and its side on the fixed one."""
+    """Glued face on which connectors may be placed: its sides on the moved and on the fixed part."""
 
     moved_side: Side
     fixed_side: Side
 
 
 def sample_glue(sides: Sequence[Side]) -> Floats:
-    """List sample points (n, 3) in mm of the glue on faces, including those that slide."""
+    """List sample points (n, 3) in mm of the glued area of all faces, including faces that slide."""
     return np.concatenate(
         [sample_points(side, side.face.outline, GLUE_PITCH_MM) for side in sides] or [np.zeros((0, 3))]
     )
 
 
 def find_far_glue(glue_points_mm: Floats, pins: Sequence[Pin]) -> Floats:
-    """Find the points of glue that are far from all pins.
+    """Find the sample points that no pin reaches.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def find_far_glue(glue_points_mm: Floats, pins: Sequence[Pin]) -> Floats:
     Returns
     -------
     ndarray
-        (k, 3) points; all if there are no pins, none if nearly all glue is within reach.
+        (k, 3) points; all if there are no pins, none if the pins reach nearly all points.
     """
     if not pins:
         return glue_points_mm
@@ -64,9 +64,9 @@ def find_far_glue(glue_points_mm: Floats, pins: Sequence[Pin]) -> Floats:
 def sort_places_by_gain(
     places_mm: Floats, far_glue_points_mm: Floats, weights: Floats | float = 1.0
 ) -> list[int]:
-    """Sort places by the area of far glue within reach, multiplied by their weights.
+    """Sort places for a pin by the area of far glue that it would reach, multiplied by the place's weight.
 
-    Places with little far glue within reach are left out.
+    Places from which a pin would reach little far glue are left out.
 
     Parameters
     ----------
@@ -110,4 +110,6 @@ def sample_points(side: Side, area: shapely.Geometry, pitch_mm: float) -> Floats
     spans = (np.arange(a + pitch_mm / 2.0, b, pitch_mm) for a, b in ((low_x, high_x), (low_y, high_y)))
     grid = np.array(np.meshgrid(*spans)).reshape(2, -1).T
     inside = grid[shapely.contains_xy(area, grid)]
-    return side.lift(inside if len(inside) else shapely.get_coordinates(area.representative_point()))
+    return side.compute_points_mm(
+        inside if len(inside) else shapely.get_coordinates(area.representative_point())
+    )

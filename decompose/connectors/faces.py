@@ -1,4 +1,4 @@
-"""Areas for tools on the faces of joints, where a tool stays inside both parts."""
+"""Areas on the faces of joints in which a hole or groove can open and stay inside its part."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from decompose.geometry import Solid, choose_plane_axes, compute_cross_product
 from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
-SLAB_DEPTH_MM = 8.0  # depth to which the gaps below a face are found and cached; few tools reach deeper
-FILM_DEPTH_MM = 0.05  # depth at which the search for gaps begins: rounding leaves films at the face itself
-LEVEL_SIN = 0.5  # minimum sine of the angle between a level face and the vertical of the pose
+SLAB_DEPTH_MM = 8.0  # depth down to which the gaps below a face are found and cached; few tools are deeper
+# Depth at which the search for gaps begins: at the face itself, rounding errors leave thin films.
+FILM_DEPTH_MM = 0.05
+# Sine of the angle between a face and the vertical from which the face counts as level (nearly horizontal).
+LEVEL_SIN = 0.5
 
 _SideKey = tuple[int, int]  # number of a part, and identity of one of its faces
 
@@ -28,15 +30,15 @@ class Blank:
     Attributes
     ----------
     name
-        Short name that is written on the part.
+        Short name of the part, which is engraved on its faces.
     solid
         Solid in the frame of the joints, in mm.
     up_direction
         (3,) unit vector upwards from the bed in the part's pose, in the same frame.
     pin_fit_mm
-        Clearance of pins in its holes: width of a hole across its flats minus the diameter of the pin.
+        Clearance of pins in the part's holes: width of a hole across flats minus the diameter of the pin.
     right_direction
-        (3,) unit vector along the X axis of the bed in the part's pose; None if it does not matter.
+        (3,) unit vector along the X axis of the bed in the part's pose; None if any direction will do.
     """
 
     name: str
@@ -45,8 +47,8 @@ class Blank:
     pin_fit_mm: float = PIN_FIT_MM
     right_direction: Floats | None = None
 
-    def flatten(self, points_mm: Floats) -> Floats:
-        """Compute the coordinates (n, 2) of points (n, 3) on the bed, relative to an arbitrary origin."""
+    def project_onto_bed(self, points_mm: Floats) -> Floats:
+        """Compute the bed coordinates (n, 2) in mm of points (n, 3), relative to an arbitrary origin."""
         if self.right_direction is None:
             return points_mm @ choose_plane_axes(self.up_direction).T
         forwards = compute_cross_product(self.up_direction, self.right_direction)
@@ -55,7 +57,7 @@ class Blank:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
-    """One part at a face of a joint.
+    """A face of a joint as seen from one of its two parts.
 
     Attributes
     ----------
@@ -64,7 +66,7 @@ class Side:
     joint
         Number of the joint.
     face
-        The face.
+        Face of the joint.
     sign
         1 if the part lies on the side of the face's normal, else -1.
     """
@@ -79,17 +81,17 @@ class Side:
         """Unit vector (3,) from the face into the part."""
         return self.sign * self.face.normal
 
-    def flatten(self, points_mm: Floats) -> Floats:
-        """Compute the coordinates (..., 2) in mm of points (..., 3) in the plane of the face."""
+    def project_onto_face(self, points_mm: Floats) -> Floats:
+        """Compute the coordinates (..., 2) in mm, in the plane of the face, of points (..., 3)."""
         return points_mm @ self.face.axes.T
 
-    def lift(self, coordinates_mm: Floats) -> Floats:
-        """Compute the points (..., 3) in mm on the face with coordinates (..., 2)."""
+    def compute_points_mm(self, coordinates_mm: Floats) -> Floats:
+        """Compute the points (..., 3) of the face that have these coordinates (..., 2) in its plane."""
         return coordinates_mm @ self.face.axes + self.face.offset_mm * self.face.normal
 
 
 def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple[Side, Side]]:
-    """Find both sides of each face of a joint; leave out a face if a part lies on both sides of its plane.
+    """Find both sides of each face of a joint; leave out faces whose plane passes through one of the parts.
 
     Parameters
     ----------
@@ -112,10 +114,13 @@ def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Footprint:
-    """Heights of a tool below a face, from low to high, and its outlines by how far they are widened."""
+    """Least and greatest depth of a tool below a face, and its outlines on the face.
 
-    low_mm: float
-    high_mm: float
+    The key of an outline is the distance in mm by which it is widened.
+    """
+
+    min_depth_mm: float
+    max_depth_mm: float
     outlines: dict[float, shapely.Geometry]
 
     def widen_outline(self, distance_mm: float) -> shapely.Geometry:
@@ -129,8 +134,8 @@ class _Footprint:
 class Workpieces:
     """Parts, with the tools placed so far, and the remaining areas for other tools.
 
-    Each face is queried about a hundred times, so areas are kept, and only the tools that were placed since
-    an earlier query are subtracted from them.
+    Each face is queried about a hundred times, so areas are cached; a query subtracts only the tools that
+    were placed since the previous query.
     """
 
     blanks: Sequence[Blank]
@@ -148,7 +153,7 @@ class Workpieces:
         self._change_counts = [0] * len(self.blanks)
 
     def add_tools(self, tools: Iterable[Tool]) -> None:
-        """Add tools, which later tools have to avoid."""
+        """Add tools to their parts; later tools have to avoid them."""
         for tool in tools:
             self._tools[tool.part].append(tool)
             self._change_counts[tool.part] += 1
@@ -162,58 +167,59 @@ class Workpieces:
             self._free_areas = {key: a for key, a in self._free_areas.items() if key[0][0] != tool.part}
 
     def count_changes(self, part: int) -> int:
-        """Count the tools added to or removed from a part: areas found at the same count are still valid."""
+        """Count the changes of a part's tools: an area is valid as long as this count is the same."""
         return self._change_counts[part]
 
     def is_level(self, side: Side | Tool) -> bool:
-        """Check whether the face of a side or a tool lies level in its pose: grooves in it print slowly."""
+        """Check whether a face lies level in the pose of its part; grooves in such a face print slowly."""
         return abs(float(side.inward_normal @ self.blanks[side.part].up_direction)) > LEVEL_SIN
 
     def find_tool_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
-        """Find the area of a face below which a part is solid to a depth plus a rim, and free of other tools.
+        """Find the area of a face below which there is enough solid material for a tool, and no other tool.
 
         Parameters
         ----------
         side, depth_mm
-            Side of the face, and depth of the tool.
+            Side of the face, and depth of the tool; the material has to be deeper by `RIM_MM`.
 
         Returns
         -------
         shapely.Geometry
-            Area in the coordinates of the face. Tools have to keep `RIM_MM` from its border.
+            Area in the coordinates of the face. A tool has to keep a distance of `RIM_MM` from its border.
         """
         return self.find_solid_area(side, depth_mm + RIM_MM)
 
     def find_solid_area(self, side: Side, depth_mm: float, rim_mm: float = RIM_MM) -> shapely.Geometry:
-        """Find the area of a face below which a part is solid to a depth, and free of other tools.
+        """Find the area of a face below which there is solid material down to a depth, and no other tool.
 
         Parameters
         ----------
         side, depth_mm
-            Side of the face, and the depth including all rims.
+            Side of the face, and depth of the tool plus the rim below it.
         rim_mm
-            Distance that the tool will keep from the border of the area; from other tools it keeps `RIM_MM`.
+            Distance that the tool will keep from the border of the area. In any case, its distance from other
+            tools will be `RIM_MM` or more.
         """
         key = (_get_key(side), round(depth_mm, 3), rim_mm)
         count, area = self._free_areas.get(key) or (0, self._find_solid_area(side, depth_mm))
         footprints = self._list_footprints(side)
         for footprint in footprints[count:]:
-            if footprint.low_mm < depth_mm + RIM_MM - rim_mm and footprint.high_mm > -RIM_MM:
+            if footprint.min_depth_mm < depth_mm + RIM_MM - rim_mm and footprint.max_depth_mm > -RIM_MM:
                 area = area - footprint.widen_outline(max(0.0, RIM_MM - rim_mm))
         self._free_areas[key] = len(footprints), area
         return area
 
     def _list_footprints(self, side: Side) -> list[_Footprint]:
-        """List the footprints of the tools of a part on one of its faces."""
+        """List the footprints of all tools of a part on one of its faces."""
         footprints = self._footprints.setdefault(_get_key(side), [])
         for tool in self._tools[side.part][len(footprints) :]:
-            heights_mm = tool.points_mm @ side.inward_normal - side.sign * side.face.offset_mm
-            outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
-            footprints.append(_Footprint(float(heights_mm.min()), float(heights_mm.max()), {0.0: outline}))
+            depths_mm = tool.points_mm @ side.inward_normal - side.sign * side.face.offset_mm
+            outline = shapely.MultiPoint(side.project_onto_face(tool.points_mm)).convex_hull
+            footprints.append(_Footprint(float(depths_mm.min()), float(depths_mm.max()), {0.0: outline}))
         return footprints
 
     def _find_solid_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
-        """Find the area of a face below which a part without tools is solid to a depth; cached."""
+        """Find the area of a face below which a part without its tools is solid down to a depth; cached."""
         key = (_get_key(side), round(depth_mm, 3))
         if key not in self._solid_areas:
             outline = side.face.outline
@@ -225,9 +231,10 @@ class Workpieces:
         return self._solid_areas[key]
 
     def _find_gaps(self, side: Side, depth_mm: float) -> Solid:
-        """Find the gaps below a face, down to a depth: the space that is not solid.
+        """Find the gaps below a face, down to a depth: the space outside the solid.
 
-        The part may have many triangles, so it is cut only once for each face; afterwards its gaps are cut.
+        The part may have many triangles, so it is cut only once for each face; later queries cut the gaps
+        that were found then.
         """
         solid = self.blanks[side.part].solid
         if depth_mm > SLAB_DEPTH_MM:
@@ -239,19 +246,19 @@ class Workpieces:
 
 
 def _get_key(side: Side) -> _SideKey:
-    """Get the key of a side; faces are compared by their identity, and outlive the workpieces."""
+    """Get the key of a side. It contains the `id` of the face, which exists longer than the workpieces."""
     return side.part, id(side.face)
 
 
 def _build_slab(side: Side, depth_mm: float) -> Solid:
-    """Build the slab below a face, down to a depth."""
+    """Build the solid with the outline of a face that extends from just below the face down to a depth."""
     frame = np.vstack([side.face.axes, side.face.normal])
     ends_mm = side.face.offset_mm + side.sign * np.array([FILM_DEPTH_MM, depth_mm])
     return Solid.prism(list_rings(side.face.outline), frame, float(ends_mm.min()), float(ends_mm.max()))
 
 
 def erode_area(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
-    """Erode an area by a convex shape: find the positions of the shape's origin at which it stays inside.
+    """Erode an area by a convex shape: find the positions of its origin at which the shape stays inside.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
 """Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and leave space for glue.
 
-The slicer begins each ring at its sharpest inner corner. Without an inner corner, it begins at an edge
-between two cut faces, or at a fold of the visible surface, and leaves a bump there. A gutter is sharper than
-the grooves of keys and marks, so that the slicer leaves no bump in the groove of a key.
+The slicer starts each loop of the outer wall at its sharpest inner corner. If there is no inner corner, the
+loop starts at an edge between two cut faces, or at a fold of the visible surface, and leaves a bump there. A
+gutter is sharper than the grooves of keys and marks, so that no bump is left in the groove of a key.
 
-After the outer wall the head travels to an end of the infill, which is at a corner of the part, so gutters
-are placed near corners.
+After the outer wall, the print head travels to the beginning or the end of the infill, which is at a corner
+of the part. So gutters are placed near corners.
 """
 
 from __future__ import annotations
@@ -24,22 +24,23 @@ from decompose.connectors.tools import LIP_MM, make_groove
 from decompose.pieces import Joint
 
 UPRIGHT_SIN = 0.02  # maximum sine of the angle between an upright face and the vertical
-PLACE_PITCH_MM = 4.0  # pitch of the places that are tried
-MIN_RANGE_MM = 15.0  # minimum range of heights that a gutter adds
+PLACE_PITCH_MM = 4.0  # distance between the places that are tried
+MIN_RANGE_MM = 15.0  # minimum range of heights that a gutter covers and the earlier gutters do not
 MAX_GUTTERS = 3  # maximum number of gutters of a part
-MIN_GAIN_SHARE = 0.7  # minimum range of heights of a gutter, as a share of the largest possible one
-# Directions across the lines of infill in successive layers, in which their first and last line are extreme.
+MIN_GAIN_SHARE = 0.7  # minimum range of heights of a gutter, as a share of the largest possible range
+# Directions perpendicular to the infill lines of two successive layers; the first and the last infill line
+# are at the ends of the part along these directions.
 INFILL_DIRECTIONS = np.array([[1.0, 1.0], [1.0, -1.0]])
-ROUNDING_MARGIN_MM = 0.05  # margin for buffers, which may cut inner corners
+ROUNDING_MARGIN_MM = 0.05  # margin for shapely's buffers, which may cut off inner corners
 GUTTER_DEPTH_MM = 0.4
-WIDTH_RATIO = 0.9  # half of the width over the depth: an angle of 84 degrees
+WIDTH_RATIO = 0.9  # half the width of a gutter divided by its depth; the angle of the V is 84 degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Place:
-    """Line (2, 3) on a side from the lower to the upper end, and the heights of the ends in the pose.
+    """Line (2, 3) on a side from its lower to its upper end, and the heights of both ends in the part's pose.
 
-    `travel_mm` is the mean distance to the nearer end of the infill.
+    `travel_mm` is the distance from the line to the nearer end of the infill, as the mean over two layers.
     """
 
     side: Side
@@ -50,9 +51,9 @@ class _Place:
 
 
 def place_gutters(workpieces: Workpieces, joints: Sequence[Joint]) -> list[Gutter]:
-    """Place gutters on the upright faces of each part, so that most of its layers have one.
+    """Place gutters on the upright faces of each part, so that most layers of the part have a gutter.
 
-    Their grooves are added to the tools of the workpieces.
+    The grooves of the gutters are added to the tools of the workpieces.
 
     Parameters
     ----------
@@ -94,12 +95,12 @@ def place_gutters(workpieces: Workpieces, joints: Sequence[Joint]) -> list[Gutte
 
 
 def _make_span(place: _Place) -> shapely.LineString:
-    """Make a line from the lower to the upper height of a place."""
+    """Make the interval of heights of a place, as a line along the x axis."""
     return shapely.LineString([(place.low_mm, 0.0), (place.high_mm, 0.0)])
 
 
 def _trim_place(place: _Place, covered_span: shapely.Geometry) -> _Place:
-    """Trim a place to its longest range of heights without another gutter."""
+    """Trim a place to the longest part of its height that no other gutter covers."""
     new_span = _make_span(place).difference(covered_span)
     longest = max(getattr(new_span, "geoms", [new_span]), key=lambda span: span.length)
     low_mm, _, high_mm, _ = longest.bounds
@@ -109,9 +110,9 @@ def _trim_place(place: _Place, covered_span: shapely.Geometry) -> _Place:
 
 
 def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
-    """Yield the places on a side where a gutter keeps its distance from the rim and from other tools."""
-    reach_mm = GUTTER_DEPTH_MM + LIP_MM + RIM_MM + ROUNDING_MARGIN_MM
-    free_area = workpieces.find_tool_area(side, GUTTER_DEPTH_MM).buffer(-reach_mm)
+    """Yield the places on a side where a gutter is far enough from the rim and from other tools."""
+    margin_mm = GUTTER_DEPTH_MM + LIP_MM + RIM_MM + ROUNDING_MARGIN_MM
+    free_area = workpieces.find_tool_area(side, GUTTER_DEPTH_MM).buffer(-margin_mm)
     if free_area.is_empty:
         return
     blank = workpieces.blanks[side.part]
@@ -119,7 +120,7 @@ def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
     infill_ends_mm = _find_infill_ends(blank)
     upwards = side.face.axes @ up
     frame = np.stack([[upwards[1], -upwards[0]], upwards]) / np.linalg.norm(upwards)
-    rotated_area = shapely.transform(free_area, lambda flat: flat @ frame.T)
+    rotated_area = shapely.transform(free_area, lambda coordinates_mm: coordinates_mm @ frame.T)
     low_x, low_y, high_x, high_y = rotated_area.bounds
     for x in np.arange(
         (low_x + high_x) / 2.0 % PLACE_PITCH_MM + low_x // PLACE_PITCH_MM * PLACE_PITCH_MM,
@@ -127,19 +128,25 @@ def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
         PLACE_PITCH_MM,
     ):
         inside_line = rotated_area.intersection(shapely.LineString([(x, low_y - 1.0), (x, high_y + 1.0)]))
-        for run in getattr(inside_line, "geoms", [inside_line]):
-            if run.length >= MIN_RANGE_MM:
-                ends = np.array(run.coords)[[0, -1]]
-                line_mm = side.lift(ends[ends[:, 1].argsort()] @ frame)
-                distances_mm = np.linalg.norm(infill_ends_mm - blank.flatten(line_mm[:1]), axis=2)
+        for segment in getattr(inside_line, "geoms", [inside_line]):
+            if segment.length >= MIN_RANGE_MM:
+                ends = np.array(segment.coords)[[0, -1]]
+                line_mm = side.compute_points_mm(ends[ends[:, 1].argsort()] @ frame)
+                distances_mm = np.linalg.norm(infill_ends_mm - blank.project_onto_bed(line_mm[:1]), axis=2)
                 travel_mm = float(distances_mm.min(axis=1).mean())
                 low_mm, high_mm = (line_mm @ up).tolist()
                 yield _Place(side, line_mm, low_mm, high_mm, travel_mm)
 
 
 def _find_infill_ends(blank: Blank) -> Floats:
-    """Find the points (2, 2, 2) on the bed where the infill of two successive layers begins and ends."""
-    points_mm = blank.flatten(blank.solid.arrays()[0])
+    """Find the points on the bed where the infill of two successive layers begins and ends.
+
+    Returns
+    -------
+    ndarray
+        (layers, beginning and end, x and y) coordinates in mm.
+    """
+    points_mm = blank.project_onto_bed(blank.solid.arrays()[0])
     coordinates_mm = points_mm @ INFILL_DIRECTIONS.T
     ends = np.stack([coordinates_mm.argmin(axis=0), coordinates_mm.argmax(axis=0)], axis=1)
     return np.asarray(points_mm[ends])

@@ -1,7 +1,7 @@
 """Places of marks: on both faces of each joint, the number of the other part and an upward arrow.
 
-On one face of each part its own number precedes the other number, on a face that is printed upright if it has
-one: each digit takes print time.
+On one face of each part, the part's own number precedes the other number. It is on one face only, because
+each digit takes print time, and on a face that stands upright in the print if the part has one.
 """
 
 from __future__ import annotations
@@ -22,27 +22,30 @@ from decompose.connectors.tools import (
     HALF_RIDGE_MM,
     LIP_MM,
     MAX_GROOVE_SIN,
-    closes_in_a_step,
     compute_overhang_sin,
     make_groove,
+    needs_bridge,
 )
 from decompose.pieces import Joint, list_polygons
 
-LETTER_HEIGHT_MM = 4.0  # on upright faces each layer through a letter takes time
-LETTER_DEPTH_MM = 0.35  # depth of the grooves of letters; at 0.3 mm, some cannot be read back from slices
+LETTER_HEIGHT_MM = 4.0  # low, because on upright faces each layer through a letter takes time
+LETTER_DEPTH_MM = 0.35  # depth of the grooves of letters; at 0.3 mm, some do not appear in the G-code
 ARROW = "^"
-ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
+ARROW_CELL = 7.0  # width reserved for the arrow, in units of the letters' grid
 MAX_DOTS = 3  # maximum number of dots of a mark
-DOT_PITCH = 4.0  # distance between two dots, on the grid of the letters
-DEPTH_STEP_MM = 0.002  # difference in depth of strokes: operations on solids fail where faces coincide
-PLACE_PITCH_MM = 2.0  # pitch of the places that are tried
-# Minimum cosine between the vertical and the normal of a level face, on which the arrow points to the back.
+DOT_PITCH = 4.0  # distance between two dots, in units of the letters' grid
+DEPTH_STEP_MM = 0.002  # strokes differ in depth by this, because boolean operations fail where faces coincide
+PLACE_PITCH_MM = 2.0  # distance between the places that are tried
+# Minimum cosine between the vertical and the normal of a face on which the arrow points to the model's back.
 LEVEL_COS = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TextLayout:
-    """Text as strokes (k, 2, 2) around the origin in mm, and half the extents (2,) of their bounding box."""
+    """A text of letters with this height and grooves with this depth.
+
+    It consists of strokes (k, 2, 2) around the origin; their bounding box has these half extents (2,).
+    """
 
     text: str
     height_mm: float
@@ -90,7 +93,7 @@ def place_marks(
 def _mark_joint(
     workpieces: Workpieces, pairs: Sequence[tuple[Side, Side]], numbered_parts: Set[int], dot_count: int
 ) -> list[Mark]:
-    """Mark the largest face on both sides, or else the sides that have space; if no side has, draw dots."""
+    """Mark both sides of the largest face that has space on both, else one side; without space, draw dots."""
     best_marks: list[Mark] = []
     for pair in pairs:
         marks = [
@@ -135,14 +138,14 @@ def _number_parts(workpieces: Workpieces, joints: Sequence[Joint], numbered_part
 
 
 def _list_texts(workpieces: Workpieces, side: Side, other: Side, is_numbered: bool) -> list[_TextLayout]:
-    """List the texts for a side, the most legible first; a numbered part shows its number already."""
+    """List the texts for a side, the preferred one first; a numbered part already shows its own number."""
     own = "" if workpieces.is_level(side) or is_numbered else workpieces.blanks[side.part].name
     numbers = f"{own}-{workpieces.blanks[other.part].name}"
     return [_lay_out_text(numbers, ARROW), _lay_out_text(numbers, "")]
 
 
 def _lay_out_text(numbers: str, arrow: str) -> _TextLayout:
-    """Lay out part numbers, and an arrow if any."""
+    """Lay out part numbers, followed by an arrow if one is given."""
     strokes, width = draw_strokes(numbers), measure_text_width(numbers)
     if arrow:
         left, right = np.array([[ARROW_CELL / 2.0, 0.0], [width / 2.0, 0.0]])
@@ -164,7 +167,7 @@ def _draw_dots(count: int) -> _TextLayout:
 
 
 def _needs_support(workpieces: Workpieces, side: Side) -> bool:
-    """Check whether a groove in any direction on a face would need support."""
+    """Check whether every groove on a face would need support, whatever its direction."""
     cone = make_groove(side.part, np.zeros((2, 3)), side.inward_normal)
     return (
         compute_overhang_sin(cone.points_mm, side.inward_normal, workpieces.blanks[side.part].up_direction)
@@ -176,7 +179,7 @@ def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_TextLayout]
     """Place the first text that fits on a side of a joint, horizontally or rotated by 90 degrees."""
     if _needs_support(workpieces, side):
         return None
-    # The area is that for gutters, which is kept: finding it takes longer than placing a text.
+    # Use the area for gutters, which is cached: to find an area takes longer than to place a text.
     depth_mm = max(GUTTER_DEPTH_MM, *(text.depth_mm for text in texts))
     free_area = workpieces.find_tool_area(side, depth_mm)
     up_direction = _find_up_direction(side)
@@ -184,14 +187,14 @@ def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_TextLayout]
         for quarter_turns in range(2):
             frame = _build_text_frame(side, up_direction, quarter_turns)
             rotated_area = shapely.transform(
-                free_area, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T
+                free_area, lambda area_mm, frame=frame: side.compute_points_mm(area_mm) @ frame[:2].T
             )
             middle_mm = _find_middle(rotated_area, text.half_extents_mm + text.depth_mm + LIP_MM + RIM_MM)
             if middle_mm is None:
                 continue
-            flat = _keep_arrow_up(text, quarter_turns) + middle_mm
+            strokes_mm = _keep_arrow_up(text, quarter_turns) + middle_mm
             return _engrave_text(
-                workpieces, side, text, flat @ frame[:2] + side.face.offset_mm * side.face.normal
+                workpieces, side, text, strokes_mm @ frame[:2] + side.face.offset_mm * side.face.normal
             )
     return None
 
@@ -216,27 +219,27 @@ def _engrave_text(workpieces: Workpieces, side: Side, text: _TextLayout, lines_m
     up = workpieces.blanks[side.part].up_direction
     for groove in grooves:
         overhang_sin = compute_overhang_sin(groove.points_mm, side.inward_normal, up)
-        if overhang_sin > MAX_GROOVE_SIN or closes_in_a_step(groove, up):
+        if overhang_sin > MAX_GROOVE_SIN or needs_bridge(groove, up):
             return None
     return Mark(side.part, side.joint, text.text, text.height_mm, lines_mm, grooves)
 
 
 def _find_up_direction(side: Side) -> Floats:
-    """Find the direction (3,) of the arrow on a face: up in the model, or to its back on a level face."""
+    """Find the direction (3,) of the arrow on a face: to the model's top, or on a level face to its back."""
     target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL_COS else 2]
-    flat = target - (target @ side.face.normal) * side.face.normal
-    return np.asarray(flat / np.linalg.norm(flat))
+    projection = target - (target @ side.face.normal) * side.face.normal
+    return np.asarray(projection / np.linalg.norm(projection))
 
 
 def _build_text_frame(side: Side, up_direction: Floats, quarter_turns: int) -> Floats:
-    """Build the rotation (3, 3) for a text that is read from outside: rows x, y and out of the face."""
+    """Build the frame (3, 3) of a text that is read from outside: along the text, up, and out of the face."""
     out = -side.inward_normal
     right = np.cross(up_direction, out)
     return np.stack([up_direction, -right, out]) if quarter_turns else np.stack([right, up_direction, out])
 
 
 def _find_middle(area: shapely.Geometry, half_extents_mm: Floats) -> Floats | None:
-    """Find the middle (2,) of a rectangle inside an area, as close as possible to the area's widest place."""
+    """Find the middle (2,) for a rectangle inside an area, as near as possible to the area's widest place."""
     polygons = [polygon for polygon in list_polygons(area) if polygon.area > 0.0]
     if not polygons:
         return None

@@ -1,8 +1,8 @@
 """Places of pins: two far apart for each step of the assembly, and more where glue is far from these two.
 
-The depths of the two pins differ, so that the joint stays open by millimetres if a body is rotated by 180
-degrees. Their distance differs from step to step, so that a body fits only in its own place. Where there
-is no space for holes, keys lie along the joint.
+The holes of the two pins differ in depth, so that the joint stays open by some millimetres if a body is
+rotated by 180 degrees. The distance of the two pins differs from step to step, so that a body fits only in
+its own place. Where there is no space for holes, keys lie along the joint.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from decompose.pieces import Joint, list_polygons
 
 SHALLOW_DEPTH_RATIO = 1.05  # depth of the shallow hole of a pair, as a multiple of the diameter of the pin
 MIN_DEPTH_MM = 2.5  # minimum depth of a hole
-EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap left by a body rotated by 180 degrees
+EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap if a body is rotated by 180 degrees
 END_GAP_MM = 0.5  # gap at each end of a pin
-# Minimum difference between the distances of two pairs, in addition to twice the fit.
+# Minimum difference between the pin distances of two pairs, in addition to twice the fit.
 MIN_DISTANCE_DIFFERENCE_MM = 0.7
-MIN_PAIR_DISTANCE_MM = 8.0  # minimum distance between two pins that fix an angle
-MIN_SLOT_DISTANCE_MM = 80.0  # minimum distance between two pins at which one hole is a slot
+MIN_PAIR_DISTANCE_MM = 8.0  # minimum distance between the two pins of a pair, which prevent rotation
+MIN_SLOT_DISTANCE_MM = 80.0  # minimum distance between two pins for which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
-PLACE_PITCH_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
+PLACE_PITCH_MM = 15.0  # distance between the places that are tried for pins near glue that is far from others
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
-EXTRA_MARGIN_MM = 2.0  # additional margin of a pair, if it does not reduce its distance too much
+EXTRA_MARGIN_MM = 2.0  # additional distance of a pair from the rim, if the pins still are far enough apart
 EXTRA_MARGIN_SHARE = 0.8  # minimum distance of a pair with this margin, as a share of the distance without it
-ROUNDING_MARGIN_MM = 0.03  # margin for buffers, which may cut inner corners
-MIN_CORNER_MM = 0.5  # corners of a hull that protrude by less are left out
+ROUNDING_MARGIN_MM = 0.03  # margin for shapely's buffers, which may cut off inner corners
+MIN_CORNER_MM = 0.5  # corners of a hull that protrude by less are ignored
 MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of the step
 SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and the direction of the step
 NO_SQUARE_FACE_REASON = "no glued face is perpendicular to the direction in which the parts are joined"
@@ -55,7 +55,7 @@ def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
 
 
 def choose_key_diameters_mm(pin_mm: float) -> list[float]:
-    """Choose the diameters of keys: that of pins, then that of thin filament, for narrower places."""
+    """Choose the diameters of keys: the diameter of pins, then that of thin filament, for narrow places."""
     return sorted({pin_mm, min(pin_mm, THIN_FILAMENT_MM)}, reverse=True)
 
 
@@ -68,7 +68,7 @@ def place_pins(
 ) -> tuple[list[Pin], list[tuple[int, str]]]:
     """Place the pins of all steps, and add their holes to the tools of the workpieces.
 
-    The distance of a pair differs from those of all others, and from those in `options`.
+    The distance between the pins of a pair differs from that of all other pairs, and from those in `options`.
 
     Parameters
     ----------
@@ -162,8 +162,8 @@ class _PinPlacer:
     def place_connectors(self, used_distances_mm: Sequence[float]) -> list[Pin]:
         """Place all keys and pins of the step; the distance of its pair differs from `used_distances_mm`.
 
-        A pair of keys is tried first, as it prints in the least time; then pins, for inclined faces, and thin
-        keys, for thin walls.
+        A pair of keys is tried first, because its grooves take the least print time; then pins, for inclined
+        faces, and thin keys, for thin walls.
         """
         pins: list[Pin] = []
         key_placer, *thin_key_placers = [
@@ -202,11 +202,11 @@ class _PinPlacer:
 
     @property
     def min_difference_mm(self) -> float:
-        """Minimum difference between the distances of two pairs."""
+        """Minimum difference between the pin distances of two pairs."""
         return 2.0 * max(blank.pin_fit_mm for blank in self.workpieces.blanks) + MIN_DISTANCE_DIFFERENCE_MM
 
     def _compute_hole_size_mm(self, side: Side, is_shallow: bool) -> tuple[float, float]:
-        """Compute the width across the flats, and the depth, of a part's deep or shallow hole."""
+        """Compute the width across flats and the depth of a deep or shallow hole in a part."""
         return self.pin_mm + self.workpieces.blanks[side.part].pin_fit_mm, choose_depths_mm(self.pin_mm)[
             is_shallow
         ]
@@ -233,17 +233,17 @@ class _PinPlacer:
         if tool is None:
             return shapely.Polygon()
         slack_mm = ROUNDING_MARGIN_MM + (SLOT_MM if is_shallow else 0.0)
-        outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
+        outline = shapely.MultiPoint(side.project_onto_face(tool.points_mm)).convex_hull
         centre = shapely.minimum_bounding_circle(outline).centroid
         radius_mm = shapely.minimum_bounding_radius(outline) + RIM_MM + slack_mm
         area = self.workpieces.find_tool_area(side, float((tool.points_mm @ side.inward_normal).max()))
         places = area.buffer(-radius_mm)
-        if places.is_empty:  # the outline may fit into a thin wall although its circle does not
+        if places.is_empty:  # the outline may fit into a thin wall although its bounding circle does not
             return erode_area(area, outline.buffer(RIM_MM + slack_mm, 3))
         return shapely.transform(places, lambda points: points - (centre.x, centre.y))
 
     def _find_up_direction(self, side: Side) -> Floats:
-        """Find the upward unit vector (3,) in the pose of a side's part."""
+        """Find the unit vector (3,) that points up in the pose of a side's part."""
         return self.workpieces.blanks[side.part].up_direction
 
     def _place_pair(self, used_distances_mm: Sequence[float]) -> list[Pin]:
@@ -266,7 +266,7 @@ class _PinPlacer:
             if any(abs(new_mm - known_mm) < self.min_difference_mm for known_mm in used_distances_mm):
                 continue
             if not shallow_areas[shallow_site].contains(
-                shapely.Point(self.sites[shallow_site].moved_side.flatten(shallow_mm))
+                shapely.Point(self.sites[shallow_site].moved_side.project_onto_face(shallow_mm))
             ):
                 continue
             deep_pin = self._make_pin(site, deep_mm, False, np.zeros(3))
@@ -283,7 +283,7 @@ class _PinPlacer:
         return []
 
     def _compute_slot_mm(self, point_mm: Floats, end_mm: Floats) -> Floats:
-        """Compute the elongation (3,) in mm of a hole towards another one; 0 unless they are far apart."""
+        """Compute the elongation (3,) in mm of a hole towards a hole that is far away; 0 if it is near."""
         offset_mm, direction = end_mm - point_mm, self.step.direction
         separation_vector_mm = offset_mm - (offset_mm @ direction) * direction
         separation_mm = float(np.linalg.norm(separation_vector_mm))
@@ -317,7 +317,7 @@ class _PinPlacer:
                 area.buffer(-ROUNDING_MARGIN_MM).convex_hull.simplify(MIN_CORNER_MM)
             )
             sites += [number] * len(corners)
-            points.append(self.sites[number].moved_side.lift(corners))
+            points.append(self.sites[number].moved_side.compute_points_mm(corners))
         return sites, np.concatenate(points)
 
     def _project_points(self, points_mm: Floats) -> Floats:
@@ -325,7 +325,7 @@ class _PinPlacer:
         return points_mm - np.outer(points_mm @ self.step.direction, self.step.direction)
 
     def _measure_separation_mm(self, start_mm: Floats, end_mm: Floats) -> float:
-        """Measure the distance between two points (3,) across the direction of the step."""
+        """Measure the distance between two points (3,) perpendicular to the direction of the step."""
         return float(np.linalg.norm(self._project_points((start_mm - end_mm)[None])))
 
     def _place_single_pin(self) -> list[Pin]:
@@ -337,7 +337,10 @@ class _PinPlacer:
                 polygon, number = max(polygons, key=lambda pair: pair[0].area)
                 middle = shapely.maximum_inscribed_circle(polygon).coords[0]
                 pin = self._make_pin(
-                    number, self.sites[number].moved_side.lift(np.array(middle)), is_shallow, np.zeros(3)
+                    number,
+                    self.sites[number].moved_side.compute_points_mm(np.array(middle)),
+                    is_shallow,
+                    np.zeros(3),
                 )
                 if pin is not None:
                     self.workpieces.add_tools(pin.holes)
@@ -345,7 +348,7 @@ class _PinPlacer:
         return []
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place a shallow pin that reaches the most glue far from other pins; None if none is worthwhile."""
+        """Place a shallow pin that reaches the most glue far from other pins; None if that is too little."""
         far_glue_points_mm = find_far_glue(self.glue_points_mm, pins)
         if not len(far_glue_points_mm):
             return None
@@ -365,7 +368,7 @@ class _PinPlacer:
         return None
 
     def _make_pin(self, site_number: int, point_mm: Floats, is_shallow: bool, slot_mm: Floats) -> Pin | None:
-        """Make a pin with its holes; None if a hole would need support or lacks clearance."""
+        """Make a pin with its holes; None if a hole would need support, or have too thin a wall around it."""
         site = self.sites[site_number]
         depth_mm = choose_depths_mm(self.pin_mm)[is_shallow]
         holes: list[Tool] = []
@@ -395,6 +398,6 @@ class _PinPlacer:
 
     def _has_clearance(self, side: Side, hole: Tool) -> bool:
         """Check whether a hole keeps its distance from the outside of the part and from other tools."""
-        reach_mm = float((hole.points_mm @ side.inward_normal).max()) - side.sign * side.face.offset_mm
-        outline = shapely.MultiPoint(side.flatten(hole.points_mm)).convex_hull
-        return bool(self.workpieces.find_tool_area(side, reach_mm).contains(outline.buffer(RIM_MM)))
+        depth_mm = float((hole.points_mm @ side.inward_normal).max()) - side.sign * side.face.offset_mm
+        outline = shapely.MultiPoint(side.project_onto_face(hole.points_mm)).convex_hull
+        return bool(self.workpieces.find_tool_area(side, depth_mm).contains(outline.buffer(RIM_MM)))

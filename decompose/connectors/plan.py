@@ -1,4 +1,4 @@
-"""Plan of the pins and marks of all parts, and the parts with their holes and grooves."""
+"""Plan of the pins, marks and gutters of all parts, and the cutting of their holes and grooves."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def plan_connectors(
     joints, assembly
         Joints of these parts, and their assembly, in the same frame.
     options
-        Diameter of the pins, distances that pairs must not have, and whether there are marks. The fit is that
-        of each blank.
+        Diameter of the pins, distances that pairs must not have, and whether there are marks and gutters. The
+        fit comes from each blank.
     min_glue_mm2
         Minimum area of a joint whose glue counts as holding.
     """

@@ -23,14 +23,15 @@ class Tool:
     part
         Number of the part.
     points_mm
-        (n, 3) corners in the frame of the parts. The tool extends slightly beyond the face at which it opens.
+        (n, 3) corners in the frame of the parts. The tool extends slightly beyond the face in which it opens;
+        this opening is its mouth.
     inward_normal
         (3,) unit vector from that face into the part.
     face_offset_mm
         Coordinate of that face along `inward_normal`.
     exit_direction
         (3,) unit vector along which a groove also leaves its part, through another face that is glued; None
-        for a tool that opens at one face only.
+        for a tool that opens in one face only.
     """
 
     part: int
@@ -47,19 +48,19 @@ class Pin:
     Attributes
     ----------
     step, joint
-        Numbers of the step of the assembly that closes its joint, and of the joint.
+        Number of the assembly step that closes the joint, and number of the joint.
     position_mm
-        (3,) point on its axis, in the plane of the joint.
+        (3,) point on the axis of the pin, in the plane of the joint.
     axis
         (3,) unit vector, the direction of the step.
     diameter_mm
         Diameter of the pin itself; its holes are wider by the fit.
     depth_mm
-        Depth of its hole in each part.
+        Depth of the pin's hole in each part.
     length_mm
-        Length to which it is cut; it is shorter than the holes.
+        Length to which the pin is cut; it is shorter than its two holes together.
     is_slotted
-        Whether one of its holes is elongated towards the other pin, because their distance may shrink.
+        Whether one hole is elongated towards the other pin of the pair, because the parts may shrink.
     holes
         Holes, or grooves, in the moved part and in the fixed one.
     key_direction
@@ -80,12 +81,12 @@ class Pin:
 
     @property
     def rod_axis(self) -> Floats:
-        """Unit vector (3,) along the pin itself."""
+        """Unit vector (3,) along the length of the pin or key."""
         return self.axis if self.key_direction is None else self.key_direction
 
     @property
     def slides(self) -> bool:
-        """True if it is a key that enters a groove lengthwise while the faces slide."""
+        """Whether the pin is a key that enters its groove lengthwise, while faces slide over each other."""
         return self.key_direction is not None and abs(float(self.key_direction @ self.axis)) > SLIDING_COS
 
 
@@ -96,14 +97,14 @@ class Mark:
     Attributes
     ----------
     part, joint
-        Numbers of the part that carries it, and of the joint.
+        Number of the part that has the mark, and number of the joint.
     text
-        Number of the neighbour (`-14`; on one face of the part after its own number, `10-14`), and `^`,
-        which points to the top of the model (on level faces, to its back); or the part's number alone. If
-        no digits fit, the text consists of full stops, printed as dots: as many on one face of the joint as
-        on the other.
+        Number of the neighbour (`-14`; on one face of each part after the part's own number, `10-14`), and
+        `^`, an arrow to the top of the model (on level faces, to its back); or the part's own number alone.
+        If no digits fit, the text consists of full stops, which are printed as dots; both faces of the joint
+        have the same number of them.
     height_mm
-        Height of its letters.
+        Height of the letters.
     lines_mm
         (k, 2, 3) ends of the strokes on the face.
     grooves
@@ -125,9 +126,9 @@ class Gutter:
     Attributes
     ----------
     part, joint
-        Numbers of the part that has it, and of the joint.
+        Number of the part that has the gutter, and number of the joint.
     line_mm
-        (2, 3) ends on the face, in the frame of the parts; the lower one in the printing pose is the first.
+        (2, 3) ends on the face, in the frame of the parts; the first is the lower end in the part's pose.
     groove
         Tool of the groove.
     """
@@ -153,7 +154,7 @@ class Connectors:
     gutters
         Gutters in the order of the parts.
     failures
-        Sentences about connectors that were left out because they broke a rule.
+        Sentences on connectors that were left out because they violated a rule.
     """
 
     pins: tuple[Pin, ...] = ()
@@ -190,7 +191,7 @@ def measure_distance_mm(a: Pin, b: Pin) -> float:
 
 
 def find_pairs(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
-    """Find the pair of each step that has one: its first two pins, unless they are alike.
+    """Find the pair of each step that has one: its first two pins, unless both have the same shape.
 
     Keys that slide belong to no pair, because their long grooves fit any key.
     """
@@ -205,5 +206,5 @@ def find_pairs(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
 
 
 def _describe_shape(pin: Pin) -> tuple[float, bool]:
-    """Describe the shape that decides which holes a pin fits; a thin key fits any groove of its length."""
+    """Describe a pin by its length and type; a thinner key fits any groove of its length."""
     return pin.length_mm, pin.key_direction is None

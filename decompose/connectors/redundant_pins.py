@@ -1,7 +1,7 @@
 """Redundant pins, which can be left out because enough of the glue of all steps together is near other pins.
 
-Each step gets pins until its own glue is near them. Some reach only a corner of a face, but their holes take
-as long to print as others.
+Each step gets pins until enough of its own glue is near them. Some of these pins reach only a corner of a
+face, but their holes take as long to print as those of other pins.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from decompose.connectors.faces import Workpieces
 from decompose.connectors.records import Pin, find_pairs
 
 MIN_TOTAL_SHARE = 0.96  # minimum share of the glue of all steps that is near a pin
-MIN_STEP_SHARE = 0.8  # the same for each step
+MIN_STEP_SHARE = 0.8  # minimum share of the glue of each single step that is near a pin
 LEVEL_COST = 4.0  # print time of a groove on a level face, as a multiple of that on an upright face
 
 
 def find_redundant_pins(
     workpieces: Workpieces, glue_points_mm: Sequence[Floats], pins: Sequence[Pin]
 ) -> list[Pin]:
-    """Find the pins that can be left out, first those with little glue for the print time of their holes.
+    """Find the pins that can be left out, first those that reach little glue but take much print time.
 
     Print time counts more in parts with many pins, because the job ends with the slowest part. The first two
-    pins of a step, which fix its alignment, always stay.
+    pins of a step, which align its parts, always stay.
 
     Parameters
     ----------
@@ -57,12 +57,12 @@ def find_redundant_pins(
             for row, n in enumerate(numbers[step]):
                 if pins[n] is first or pins[n] is second:
                     continue
-                left = _count_reached(np.delete(reached[step], row, axis=0))
-                lost = counts[step] - left
-                is_enough = left >= min(counts[step], MIN_STEP_SHARE * reached[step].shape[1])
-                if is_enough and sum(counts) - lost >= min(sum(counts), MIN_TOTAL_SHARE * total):
+                remaining_count = _count_reached(np.delete(reached[step], row, axis=0))
+                lost_count = counts[step] - remaining_count
+                is_enough = remaining_count >= min(counts[step], MIN_STEP_SHARE * reached[step].shape[1])
+                if is_enough and sum(counts) - lost_count >= min(sum(counts), MIN_TOTAL_SHARE * total):
                     cost = float(loads[[hole.part for hole in pins[n].holes]] @ costs[n])
-                    candidate = (lost / cost, step, row)
+                    candidate = (lost_count / cost, step, row)
                     best = candidate if best is None else min(best, candidate)
         if best is None:
             return redundant_pins
@@ -74,5 +74,5 @@ def find_redundant_pins(
 
 
 def _count_reached(rows: Bools) -> int:
-    """Count the points (n,) that at least one pin (k, n) reaches."""
+    """Count the points that at least one pin reaches; `rows[k, n]` is true if pin k reaches point n."""
     return int(np.count_nonzero(rows.any(axis=0)))

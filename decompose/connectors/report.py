@@ -28,9 +28,9 @@ def describe_connectors(
     connectors
         Connectors of a decomposition.
     names
-        Ids of its parts.
+        Ids of the parts.
     joints
-        Its joints.
+        Joints of the parts.
     """
 
     def name_joint_parts(number: int) -> list[str]:

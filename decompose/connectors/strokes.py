@@ -1,6 +1,7 @@
-"""Letters of straight strokes for grooves, on a grid 6 units high.
+"""Letters that consist of straight strokes, on a grid 6 units high.
 
-Each stroke is a groove to print and to check, so digits have few strokes, without rounded corners.
+Each stroke becomes a groove, which takes time to print and to check. So digits have few strokes, and no
+rounded corners.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def draw_strokes(text: str) -> Floats:
     Parameters
     ----------
     text
-        Digits, letters, `-`, `.` and `^`; letters are drawn as capitals, other characters as a gap.
+        Digits, letters, `-`, `.` and `^`; letters are drawn as capitals, and other characters as spaces.
 
     Returns
     -------
@@ -94,5 +95,5 @@ def draw_strokes(text: str) -> Floats:
 
 
 def _measure_letter_width(letter: str) -> int:
-    """Measure the width of a letter in units of the grid; that of a gap is 4."""
+    """Measure the width of a letter in units of the grid; any unknown character is 4 units wide."""
     return max((int(point[0]) for point in LETTERS.get(letter, "40").replace("|", " ").split()), default=0)

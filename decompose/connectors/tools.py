@@ -16,12 +16,12 @@ from decompose.geometry import choose_plane_axes, compute_cross_product
 LIP_MM = 0.1  # distance by which a tool extends beyond its face, so that no film remains
 # Maximum sine of the angle between the ceiling of a hole and the vertical.
 MAX_HOLE_SIN = math.sin(math.radians(40.0))
-# The same for a groove; the slicer supports ceilings from 50 degrees.
+# Maximum sine of this angle for a groove; the slicer supports ceilings of 50 degrees or more.
 MAX_GROOVE_SIN = math.sin(math.radians(47.5))
 GROOVE_DEPTH_MM = 0.6  # depth of a groove, and half its width: its sides slope by 45 degrees
 
-# Roof and tip of a hole as multiples of its inner radius, in ascending order of removed volume. The roof runs
-# along the hole and points upwards; the tip rises from its end.
+# Heights of the roof and the tip of a hole as multiples of its inner radius, in ascending order of removed
+# volume. The roof runs along the hole and points upwards; the tip rises from the end of the hole.
 _CEILINGS = (
     (0.0, 0.0),
     (1.9, 0.0),
@@ -34,11 +34,11 @@ _CEILINGS = (
     (2.6, 6.0),
 )
 HALF_RIDGE_MM = 0.5
-"""Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm, so a ceiling
-that ends in a point closes in a step, which the slicer supports (`closes_in_a_step`)."""
+"""Half the length of the ridge in which a tip ends. A ceiling that ends in a point would need support: the
+slicer leaves out outlines shorter than 1 mm, and so covers a hole that is still wide (`needs_bridge`)."""
 LAYER_HEIGHT_MM = 0.2
-MAX_STEP_MM = 0.23  # maximum step between two layers without support
-MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so a ceiling closes early
+MAX_BRIDGED_MM = 0.23  # maximum distance by which a layer may protrude beyond the layer below without support
+MIN_OUTLINE_MM = 1.0  # minimum length of an outline in a layer: the slicer leaves out shorter ones
 _SAME_HEIGHT_MM = 1e-3  # maximum difference of two heights that count as equal
 _MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 _HEXAGON_ANGLES_RAD = np.deg2rad(90.0 + 60.0 * np.arange(6))
@@ -53,9 +53,9 @@ def make_hole(
     size_mm: tuple[float, float],
     elongation_mm: Floats,
 ) -> Tool | None:
-    """Make a hexagonal hole with the ceiling that its part's pose needs.
+    """Make a hexagonal hole, with a ceiling that needs no support in the pose of its part.
 
-    The corners of a hexagon leave space for air and glue; its sides hold a round pin along six lines.
+    The corners of a hexagon leave space for air and glue; its sides touch a round pin along six lines.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def make_hole(
     Returns
     -------
     Tool | None
-        None if no such shape prints without support.
+        None if no hole of this size can be printed without support.
     """
     width_mm, depth_mm = size_mm
     inner_mm = width_mm / 2.0
@@ -89,7 +89,7 @@ def make_hole(
             ridge = HALF_RIDGE_MM * np.array([[-1.0], [1.0]]) * across
             points = np.vstack([points, depth_mm * inward_normal + tip * inner_mm * up_direction + ridge])
         hole = Tool(part, points + mouth_mm, inward_normal, float(mouth_mm @ inward_normal))
-        if compute_overhang_sin(points, inward_normal, up_direction) <= MAX_HOLE_SIN and not closes_in_a_step(
+        if compute_overhang_sin(points, inward_normal, up_direction) <= MAX_HOLE_SIN and not needs_bridge(
             hole, up_direction
         ):
             return hole
@@ -116,7 +116,7 @@ def make_groove(
     depth_mm
         Depth of the groove.
     width_ratio
-        Half of the width of the groove over its depth: 1 for an angle of 90 degrees.
+        Half the width of the groove divided by its depth: 1 for an angle of 90 degrees.
     """
     along = ends_mm[1] - ends_mm[0]
     if not along.any():
@@ -139,7 +139,7 @@ def cut_groove_at_exit(groove: Tool, end_mm: Floats, exit_direction: Floats) -> 
     groove
         Groove that extends beyond the exit.
     end_mm
-        (3,) point at which it leaves the part.
+        (3,) point at which the groove leaves the part.
     exit_direction
         (3,) unit vector out of the part.
     """
@@ -152,7 +152,7 @@ def cut_groove_at_exit(groove: Tool, end_mm: Floats, exit_direction: Floats) -> 
 
 
 def _choose_cross_axes(inward_normal: Floats, up_direction: Floats) -> tuple[Floats, Floats]:
-    """Choose two unit vectors (3,) across a hole: one as far upwards as possible, the other one level."""
+    """Choose two unit vectors (3,) perpendicular to a hole's axis: one as steep as possible, one level."""
     upwards = up_direction - (up_direction @ inward_normal) * inward_normal
     if np.linalg.norm(upwards) < 1e-6:
         upwards = compute_cross_product(np.eye(3)[int(np.abs(inward_normal).argmin())], inward_normal)
@@ -161,7 +161,7 @@ def _choose_cross_axes(inward_normal: Floats, up_direction: Floats) -> tuple[Flo
 
 
 def _make_hexagon(upwards: Floats, across: Floats, inner_mm: float) -> Floats:
-    """Make the corners (6, 3) of a hexagon around the origin by its inner radius; one points upwards."""
+    """Compute the corners (6, 3) of a hexagon around the origin with one corner at the top."""
     directions = (
         upwards * np.sin(_HEXAGON_ANGLES_RAD)[:, None] + across * np.cos(_HEXAGON_ANGLES_RAD)[:, None]
     )
@@ -171,7 +171,7 @@ def _make_hexagon(upwards: Floats, across: Floats, inner_mm: float) -> Floats:
 def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up_direction: Floats) -> float:
     """Compute the sine of the angle between the flattest ceiling of a convex tool and the vertical.
 
-    The mouth does not count. The sine is negative if nothing overhangs.
+    The mouth does not count as a ceiling. The sine is negative if nothing overhangs.
 
     Parameters
     ----------
@@ -187,36 +187,36 @@ def compute_overhang_sin(points_mm: Floats, inward_normal: Floats, up_direction:
     return float((sides @ up_direction).max())
 
 
-def closes_in_a_step(tool: Tool, up_direction: Floats) -> bool:
-    """Check whether the ceiling of a tool closes in one layer by more than can be printed without support.
+def needs_bridge(tool: Tool, up_direction: Floats) -> bool:
+    """Check whether the layer that covers the top of a tool bridges too wide a gap to print without support.
 
-    The sections of a convex tool shrink towards its top. The slicer drops short ones, so a ceiling that ends
-    in a point closes one or two layers early.
+    The sections of a convex tool shrink towards its top. The slicer leaves out short outlines, so a ceiling
+    that ends in a point is covered one or two layers early, where the section is still wide.
 
     Parameters
     ----------
     tool
-        The tool.
+        Tool that is cut out of a part.
     up_direction
-        (3,) upward direction of the bed in the pose of its part, in the same frame.
+        (3,) upward direction of the bed in the part's pose, in the same frame.
     """
     heights_mm = tool.points_mm @ up_direction
     high_mm = float(heights_mm.max())
     top = tool.points_mm[heights_mm > high_mm - _SAME_HEIGHT_MM]
     if (top @ tool.inward_normal).min() < tool.face_offset_mm + _SAME_HEIGHT_MM:
-        return False  # the section is open at the mouth, so it is a notch in the outline, not a ring
-    if 2.0 * float(np.ptp(top, axis=0).max()) < MIN_RING_MM:
+        return False  # the section is open at the mouth: it is a notch in the part's outline, not a hole
+    if 2.0 * float(np.ptp(top, axis=0).max()) < MIN_OUTLINE_MM:
         low_mm = float(heights_mm.min())
         for _ in range(10):
             middle_mm = (low_mm + high_mm) / 2.0
-            is_short = _cut_section(tool, up_direction, middle_mm).length < MIN_RING_MM
+            is_short = _cut_section(tool, up_direction, middle_mm).length < MIN_OUTLINE_MM
             low_mm, high_mm = (low_mm, middle_mm) if is_short else (middle_mm, high_mm)
-    last = _cut_section(tool, up_direction, high_mm - LAYER_HEIGHT_MM)
-    return last.area > 0.0 and not last.buffer(-MAX_STEP_MM).is_empty
+    last_section = _cut_section(tool, up_direction, high_mm - LAYER_HEIGHT_MM)
+    return last_section.area > 0.0 and not last_section.buffer(-MAX_BRIDGED_MM).is_empty
 
 
 def _cut_section(tool: Tool, up_direction: Floats, height_mm: float) -> shapely.Geometry:
-    """Cut the section of a tool at a height along `up_direction`; empty if the tool does not reach it."""
+    """Cut the section of a tool at a height along `up_direction`; empty if the tool is not at that height."""
     offsets_mm = tool.points_mm @ up_direction - height_mm
     above, below = np.flatnonzero(offsets_mm > 0.0), np.flatnonzero(offsets_mm <= 0.0)
     if not len(above) or not len(below):

@@ -1,4 +1,4 @@
-"""Keys: pins that lie along a joint. Their places, and the choice among them."""
+"""Keys: pins that lie along a joint. The places where they fit, and the choice among these places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Placer of keys: it chooses among the places of an assembly step, and spreads keys over its glued area."""
+"""Placer of keys: chooses places for the keys of an assembly step, spread over the glued area of the step."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from decompose.connectors.keys.places import SHORT_KEY_MM, KeyMaker, KeyPlace
 from decompose.connectors.records import Pin
 
 MIN_SEPARATION_MM = 12.0  # minimum distance between two keys, or between a key and a pin
-# Reduction of a place's weight for each level face: a groove there takes several times longer.
+# Reduction of a place's weight for each level face: a groove in it takes several times longer to print.
 LEVEL_PENALTY = 0.1
 MAX_TRIED_PLACES = 20  # maximum number of places that are tried, the best first
 
 
 @dataclass(slots=True)
 class KeyPlacer:
-    """Placer of keys of one diameter for an assembly step; it adds their grooves to the workpieces' tools.
+    """Placer of keys of one diameter for an assembly step; adds the grooves of the keys to the workpieces.
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class KeyPlacer:
     pins
         Pins and keys of the step so far; new keys are added.
     used_distances_mm, min_difference_mm
-        Distances between the two pins or keys of each of the other steps, and the minimum by which a new
-        distance has to differ from them.
+        Distance between the two pins or keys of each other step, and the minimum difference between a new
+        distance and each of these.
     """
 
     maker: KeyMaker
@@ -89,7 +89,7 @@ class KeyPlacer:
         self._place_key(order[self._differs_from_used_distances(separations_mm[order])].tolist())
 
     def place_further_keys(self) -> None:
-        """Place short keys that reach as much as possible of the glued area far from all pins and keys."""
+        """Place short keys that reach as much as possible of the glue that is far from pins and keys."""
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
@@ -101,7 +101,7 @@ class KeyPlacer:
                 )
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
-        """Place short keys on faces that slide, where they reach as much far glued area as possible."""
+        """Place short keys on faces that slide, to reach glue that is far from all pins and keys."""
         count = -1
         while len(self.pins) > count:
             count = len(self.pins)
@@ -124,7 +124,7 @@ class KeyPlacer:
         self._add_printable_key([places[index] for index in indices[:MAX_TRIED_PLACES]])
 
     def _add_printable_key(self, places: Sequence[KeyPlace]) -> None:
-        """Place a short key at the first of some places where its grooves print without support."""
+        """Place a short key at the first of these places at which its grooves print without support."""
         for place in places[:MAX_TRIED_PLACES]:
             key = self.maker.make_key(place, SHORT_KEY_MM)
             if key is not None:
@@ -137,7 +137,7 @@ class KeyPlacer:
         self.maker.workpieces.add_tools(groove for key in keys for groove in key.holes)
 
     def _list_places(self, length_mm: float) -> list[KeyPlace]:
-        """List the places for a length that are not near a key or pin of the step."""
+        """List the places for keys of this length that are not near a key or pin of the step."""
         if length_mm not in self._places:
             self._places[length_mm] = self.maker.find_places(self.sites, length_mm)
         return self._list_free_places(self._places[length_mm])
@@ -151,7 +151,7 @@ class KeyPlacer:
         return [places[index] for index in np.flatnonzero(is_free).tolist()]
 
     def _weigh_places(self, places: Sequence[KeyPlace]) -> Floats:
-        """Compute the weights (n,) of places by their print time, with lower ones for level faces."""
+        """Compute the weights (n,) of places; level faces lower the weight, because they print slowly."""
         is_level = self.maker.workpieces.is_level
         sites = {id(place.site): place.site for place in places}
         level_counts = {
@@ -160,7 +160,7 @@ class KeyPlacer:
         return 1.0 - LEVEL_PENALTY * np.array([level_counts[id(place.site)] for place in places])
 
     def _differs_from_used_distances(self, separations_mm: Floats) -> Bools:
-        """Check for each distance whether it differs enough from `used_distances_mm`."""
+        """Check for each distance whether it differs enough from all `used_distances_mm`."""
         used_mm = np.concatenate([[-np.inf], np.sort(self.used_distances_mm), [np.inf]])
         above = np.searchsorted(used_mm, separations_mm).clip(1)  # index of the next larger used distance
         gaps_mm = np.minimum(separations_mm - used_mm[above - 1], used_mm[above] - separations_mm)
@@ -177,7 +177,7 @@ class KeyPlacer:
 
 
 def _find_largest(values: Floats, count: int) -> list[int]:
-    """Find the indices of the largest values (n,), sorted as by a stable sort of all."""
+    """Find the indices of the largest values (n,), the largest first; equal values keep their order."""
     least = np.partition(values, -count)[-count] if count < len(values) else -np.inf
     candidates = np.flatnonzero(values >= least)
     order = np.argsort(-values[candidates], kind="stable")

@@ -1,10 +1,10 @@
 """Places of keys: pins that lie along a joint, half in a V groove of each part.
 
-Keys are for joints whose rims have no space for a hole. Their grooves are shallow and taper, so that they
-stay inside a sloping thin wall. The sides of a key hold the parts across its length, and its ends hold them
+Keys are for joints whose rims have no space for a hole. Grooves are shallow and taper, so that they stay
+inside a sloping thin wall. The sides of a key prevent movement across the key, and its ends prevent movement
 along it. Where faces slide over each other, keys lie along the direction of the step. The groove of one part
-is closed at both ends; that of the other part has an exit through a face that closes, and the key enters
-through this exit.
+is closed at both ends; that of the other part leads to a face that closes, and the key enters through this
+exit.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from decompose.connectors.records import KEY_RIM_MM, Pin, Tool
 from decompose.connectors.tools import (
     LIP_MM,
     MAX_GROOVE_SIN,
-    closes_in_a_step,
     compute_overhang_sin,
     cut_groove_at_exit,
     make_groove,
+    needs_bridge,
 )
 from decompose.geometry import compute_cross_product
 from decompose.pieces import list_polygons
 
 SHORT_KEY_MM = 5.0  # length of the shorter key of a pair, and of additional keys
-EXCESS_MM = 1.0  # length by which the long key exceeds the mouth of the short groove, to keep it out
+EXCESS_MM = 1.0  # the long key is longer than the mouth of the short groove by this, so that it does not fit
 END_GAP_MM = 0.25  # gap at each end of a key
 DEPTH_SAMPLES = 6  # number of depths at which the wall around a groove is examined
-RIM_PITCH_MM = 1.0  # minimum distance of the points between which grooves are tried
+RIM_PITCH_MM = 1.0  # minimum distance between points on the rim; grooves are tried between pairs of points
 MAX_RIM_POINTS = 150  # maximum number of these points on a face
-PLACE_PITCH_MM = 3.0  # pitch of the places that are tried on faces that slide
-ROUNDING_MARGIN_MM = 0.05  # tolerance for the rounding of buffers
+PLACE_PITCH_MM = 3.0  # distance between the places that are tried on faces that slide
+ROUNDING_MARGIN_MM = 0.05  # tolerance for the rounded corners of shapely's buffers
 MAX_EXIT_DISTANCE_MM = 80.0  # maximum distance that a key slides through its groove
 
 
@@ -52,7 +52,7 @@ def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
 def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
     """Compute the depth of a groove, which is half its width.
 
-    Its sides touch a circle whose diameter is that of the key plus the fit.
+    The sides of the groove touch a circle whose diameter is that of the key plus the fit.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
 
 
 def compute_bottom_length_mm(key_mm: float, depth_mm: float, length_mm: float) -> float:
-    """Compute the length of the bottom of a groove; its ends rise from there to the ends of the key.
+    """Compute the length of the bottom of a groove, whose ends rise from the bottom to the ends of the key.
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ class KeyPlace:
     Attributes
     ----------
     site, middle_mm, direction
-        Its faces, its middle (3,), and its direction, a (3,) unit vector.
+        Glued face, middle (3,) of the key, and its direction, a (3,) unit vector.
     open_part
-        Part whose groove has an exit along that direction; None if neither groove has one.
+        Part whose groove has an exit in that direction; None if neither groove has an exit.
     exit_distance_mm
-        Distance of the exit from the middle.
+        Distance from the middle of the key to the exit.
     """
 
     site: Site
@@ -99,10 +99,10 @@ class KeyPlace:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KeySlide:
+class KeyPath:
     """Path of a key on a site: the side whose groove has an exit, and the direction (3,) of the exit.
 
-    The exit of the moved part is against the direction of the step, that of the fixed part along it.
+    An exit of the moved part points against the direction of the step, and one of the fixed part along it.
     """
 
     site: Site
@@ -112,7 +112,7 @@ class KeySlide:
 
 @dataclass(frozen=True, slots=True)
 class KeyMaker:
-    """Maker of keys of one diameter for a step with a direction (3,); it also finds their places."""
+    """Maker of keys of one diameter for a step with a direction (3,); also finds places for them."""
 
     workpieces: Workpieces
     step_number: int
@@ -126,7 +126,7 @@ class KeyMaker:
         return choose_key_lengths_mm(self.key_mm)
 
     def find_places(self, sites: Sequence[Site], length_mm: float) -> list[KeyPlace]:
-        """Find the places on the sites where a key of a length leaves a sufficient wall in both parts.
+        """Find the places on the sites where the grooves of a key leave enough wall in both parts.
 
         Parameters
         ----------
@@ -140,14 +140,14 @@ class KeyMaker:
     def find_sliding_places(
         self, sites: Sequence[Site], exits: Sequence[Site], length_mm: float
     ) -> list[KeyPlace]:
-        """Find the places on faces that slide, the nearest to its exit first.
+        """Find the places on faces that slide, those with the shortest way to their exit first.
 
         Parameters
         ----------
         sites
             Faces that slide over each other along the direction of the step.
         exits
-            Faces of the step that close along it.
+            Faces that close along the direction of the step.
         length_mm
             Length of the key.
         """
@@ -158,8 +158,8 @@ class KeyMaker:
                 exit_sides = [end for pair in exits for end in (pair.moved_side, pair.fixed_side)]
                 exit_sides = [end for end in exit_sides if end.part == side.part]
                 if len(middles_mm) and exit_sides:
-                    slide = KeySlide(site, side, direction)
-                    places += self._find_places_with_exit(slide, middles_mm, exit_sides)
+                    key_path = KeyPath(site, side, direction)
+                    places += self._find_places_with_exit(key_path, middles_mm, exit_sides)
         return sorted(places, key=lambda place: place.exit_distance_mm)
 
     def make_key(self, place: KeyPlace, length_mm: float) -> Pin | None:
@@ -182,7 +182,7 @@ class KeyMaker:
             ends = place.middle_mm + np.outer(ends_mm, place.direction)
             groove = make_groove(side.part, ends, side.inward_normal, self._compute_depth_mm(site))
             overhang_sin = compute_overhang_sin(groove.points_mm, side.inward_normal, up)
-            if overhang_sin > MAX_GROOVE_SIN or closes_in_a_step(groove, up):
+            if overhang_sin > MAX_GROOVE_SIN or needs_bridge(groove, up):
                 return None
             grooves.append(cut_groove_at_exit(groove, ends[1], place.direction) if is_open else groove)
         return Pin(
@@ -210,7 +210,7 @@ class KeyMaker:
         return compute_bottom_length_mm(self.key_mm, self._compute_depth_mm(site), length_mm)
 
     def _find_places_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
-        """Yield the places on a site between two points on the rim of the area for groove bottoms."""
+        """Yield the places on a site where both ends of a groove's bottom are on the rim of the free area."""
         bottom_mm = self._compute_bottom_mm(site, length_mm)
         for polygon in list_polygons(self._find_common_area(site)):
             points, pitch_mm = _sample_rim(polygon)
@@ -225,23 +225,25 @@ class KeyMaker:
             shapely.prepare(polygon)
             for n in np.flatnonzero(shapely.covers(polygon.buffer(ROUNDING_MARGIN_MM / 2.0), lines)).tolist():
                 direction = directions[n] @ site.moved_side.face.axes
-                yield KeyPlace(site, site.moved_side.lift(middles[n]), direction)
+                yield KeyPlace(site, site.moved_side.compute_points_mm(middles[n]), direction)
 
     def _find_sliding_middles(self, site: Site, length_mm: float) -> Floats:
-        """Find the middles (n, 3) of keys along the direction of the step that leave a sufficient rim."""
+        """Find the middles (n, 3) of keys that lie along the direction of the step and leave enough rim."""
         area = self._find_common_area(site)
-        middles = site.moved_side.flatten(sample_points(site.moved_side, area, PLACE_PITCH_MM))
-        half_mm = self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved_side.flatten(self.direction)
+        middles = site.moved_side.project_onto_face(sample_points(site.moved_side, area, PLACE_PITCH_MM))
+        half_mm = (
+            self._compute_bottom_mm(site, length_mm) / 2.0 * site.moved_side.project_onto_face(self.direction)
+        )
         lines = shapely.linestrings(np.stack([middles - half_mm, middles + half_mm], axis=1))
         shapely.prepare(area)
-        return site.moved_side.lift(middles[shapely.covers(area, lines)])
+        return site.moved_side.compute_points_mm(middles[shapely.covers(area, lines)])
 
     def _find_places_with_exit(
-        self, slide: KeySlide, middles_mm: Floats, exit_sides: Sequence[Side]
+        self, key_path: KeyPath, middles_mm: Floats, exit_sides: Sequence[Side]
     ) -> Iterator[KeyPlace]:
-        """Yield the places at middles (n, 3) whose groove can have an exit through one of the sides."""
-        side, direction = slide.open_side, slide.direction
-        half_width_mm = self._compute_depth_mm(slide.site) + KEY_RIM_MM + ROUNDING_MARGIN_MM
+        """Yield the places at these middles (n, 3) whose groove can have an exit through one of the sides."""
+        side, direction = key_path.open_side, key_path.direction
+        half_width_mm = self._compute_depth_mm(key_path.site) + KEY_RIM_MM + ROUNDING_MARGIN_MM
         area = self.workpieces.find_solid_area(side, half_width_mm, KEY_RIM_MM)
         shapely.prepare(area)
         across = half_width_mm * compute_cross_product(side.inward_normal, direction)
@@ -256,16 +258,16 @@ class KeyMaker:
                     section + depth_mm * side.inward_normal
                     for depth_mm in (ROUNDING_MARGIN_MM, half_width_mm)
                 ]
-                path = np.concatenate(
+                path_corners = np.concatenate(
                     [middle_mm + np.array([-across, across]), section - ROUNDING_MARGIN_MM * direction]
                 )
                 if end.face.outline.covers(
-                    _build_hull(end.flatten(np.concatenate(lower_corners)))
-                ) and area.covers(_build_hull(side.flatten(path))):
-                    yield KeyPlace(slide.site, middle_mm, direction, side.part, exit_distance_mm)
+                    _build_hull(end.project_onto_face(np.concatenate(lower_corners)))
+                ) and area.covers(_build_hull(side.project_onto_face(path_corners))):
+                    yield KeyPlace(key_path.site, middle_mm, direction, side.part, exit_distance_mm)
 
     def _find_common_area(self, site: Site) -> shapely.Geometry:
-        """Find the area of a site for the bottoms of both grooves; kept until its parts get or lose tools."""
+        """Find the area of a site for the bottoms of both grooves; cached until a part's tools change."""
         sides = (site.moved_side, site.fixed_side)
         change_count = sum(self.workpieces.count_changes(side.part) for side in sides)
         kept_count, area = self._bottom_areas.get(id(site), (-1, shapely.Polygon()))
@@ -278,15 +280,15 @@ class KeyMaker:
     def _find_bottom_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area for the bottom of a groove.
 
-        The sides of the groove taper, so the rim is checked at several depths.
+        The groove becomes narrower with depth, so its distance from the outside is checked at several depths.
         """
         levels_mm = np.linspace(0.0, depth_mm + KEY_RIM_MM, DEPTH_SAMPLES)
         areas = []
         for above_mm, below_mm in pairwise(levels_mm.tolist()):
-            reach_mm = depth_mm + min(KEY_RIM_MM, math.sqrt(2.0) * KEY_RIM_MM - above_mm)
+            margin_mm = depth_mm + min(KEY_RIM_MM, math.sqrt(2.0) * KEY_RIM_MM - above_mm)
             areas.append(
                 self.workpieces.find_solid_area(side, below_mm, KEY_RIM_MM).buffer(
-                    -reach_mm - ROUNDING_MARGIN_MM
+                    -margin_mm - ROUNDING_MARGIN_MM
                 )
             )
         return shapely.intersection_all(areas)
@@ -298,7 +300,7 @@ def _build_hull(points: Floats) -> shapely.Geometry:
 
 
 def _sample_rim(polygon: shapely.Polygon) -> tuple[Floats, float]:
-    """Sample points (n, 2) along the rims of a polygon; return them and their pitch in mm."""
+    """Sample points (n, 2) along the boundary of a polygon; return the points and their spacing in mm."""
     rings = [polygon.exterior, *polygon.interiors]
     pitch_mm = max(RIM_PITCH_MM, sum(ring.length for ring in rings) / MAX_RIM_POINTS)
     points = [shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, pitch_mm)) for ring in rings]

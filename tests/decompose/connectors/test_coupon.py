@@ -10,7 +10,7 @@ from decompose.connectors import Coupon, make_coupon
 from decompose.connectors.coupon import UP_DIRECTION
 from decompose.connectors.keys import choose_key_lengths_mm
 from decompose.connectors.pins import END_GAP_MM, choose_depths_mm
-from decompose.connectors.tools import MAX_GROOVE_SIN, MAX_HOLE_SIN, closes_in_a_step, compute_overhang_sin
+from decompose.connectors.tools import MAX_GROOVE_SIN, MAX_HOLE_SIN, compute_overhang_sin, needs_bridge
 from decompose.geometry import Solid, round_triangles
 
 
@@ -96,4 +96,4 @@ def test_coupon_prints_without_support_in_two_pieces_and_is_a_closed_stl(
     ):
         for tool in tools:
             assert compute_overhang_sin(tool.points_mm, tool.inward_normal, UP_DIRECTION) <= limit_sin
-            assert not closes_in_a_step(tool, UP_DIRECTION)
+            assert not needs_bridge(tool, UP_DIRECTION)

@@ -45,7 +45,7 @@ def test_infill_ends_at_the_corners_of_the_pose():
     solid = Solid.box((0, 0, 0), (20, 60, 40))
     for right in (RIGHT, np.array([0.5**0.5, 0.5**0.5, 0.0])):
         blank = Blank("1", solid, UP, right_direction=right)
-        corners = blank.flatten(np.array([(x, y, 0.0) for x in (0, 20) for y in (0, 60)]))
+        corners = blank.project_onto_bed(np.array([(x, y, 0.0) for x in (0, 20) for y in (0, 60)]))
         ends = _find_infill_ends(blank).reshape(-1, 2)
         assert all(np.linalg.norm(corners - end, axis=1).min() < 1e-9 for end in ends)
     # Without a turn, each layer begins and ends at opposite corners.

@@ -14,10 +14,10 @@ from decompose.connectors.strokes import draw_strokes
 from decompose.connectors.tools import (
     MAX_GROOVE_SIN,
     MAX_HOLE_SIN,
-    closes_in_a_step,
     compute_overhang_sin,
     make_groove,
     make_hole,
+    needs_bridge,
 )
 
 UP_AXIS = np.array([0.0, 0.0, 1.0])
@@ -81,23 +81,21 @@ def test_groove_on_a_leaning_face_overhangs():
     )
 
 
-def test_ceiling_that_ends_in_a_point_closes_in_a_step_and_a_ridge_does_not():
+def test_ceiling_that_ends_in_a_point_needs_a_bridge_and_a_ridge_does_not():
     hole = make_hole(0, np.zeros(3), UP_AXIS, UP_AXIS, SIZE_MM, np.zeros(3))
-    assert hole is not None and not closes_in_a_step(hole, UP_AXIS)
+    assert hole is not None and not needs_bridge(hole, UP_AXIS)
     top = hole.points_mm[:, 2].argsort()[-2:]
     pointed_mm = hole.points_mm.copy()
     pointed_mm[top, :2] = 0.0  # a slice of this shape had 1.3 mm3 of support in the hole
-    assert closes_in_a_step(replace(hole, points_mm=pointed_mm), UP_AXIS)
+    assert needs_bridge(replace(hole, points_mm=pointed_mm), UP_AXIS)
     assert compute_overhang_sin(pointed_mm, UP_AXIS, UP_AXIS) <= MAX_HOLE_SIN
 
 
-def test_ceiling_of_a_conical_dot_closes_in_a_step():
+def test_ceiling_of_a_conical_dot_needs_a_bridge():
     cone = make_groove(0, np.zeros((2, 3)), UP_AXIS)
-    assert closes_in_a_step(cone, UP_AXIS)
-    assert not closes_in_a_step(
-        make_groove(0, np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]), UP_AXIS), UP_AXIS
-    )
-    assert not closes_in_a_step(make_groove(0, np.zeros((2, 3)), -UP_AXIS), UP_AXIS)  # it opens upwards
+    assert needs_bridge(cone, UP_AXIS)
+    assert not needs_bridge(make_groove(0, np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]), UP_AXIS), UP_AXIS)
+    assert not needs_bridge(make_groove(0, np.zeros((2, 3)), -UP_AXIS), UP_AXIS)  # it opens upwards
 
 
 def test_letters_are_all_different_and_text_is_centred():
