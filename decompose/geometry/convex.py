@@ -8,8 +8,8 @@ from decompose.arrays import Floats
 from decompose.jit import jit
 
 COLLINEARITY_TOLERANCE_MM2 = 1e-9  # twice the area of a triangle up to which its corners count as collinear
-MIN_FILTERED_POINTS = 64  # minimum number of points at which inner points are dropped first
-MIN_INSIDE_MM2 = 1e-6  # minimum value of the cross product at which a point counts as inside an edge
+MIN_FILTERED_POINTS = 64  # minimum number of points for which it is worthwhile to drop inner points first
+MIN_INSIDE_MM2 = 1e-6  # minimum value of the cross product for a point on the inner side of an edge
 
 
 @jit
@@ -54,7 +54,7 @@ def find_convex_outline(points: Floats) -> Floats:
 def _drop_inner_points(points: Floats) -> Floats:
     """Drop most points inside the convex outline, which takes less time than sorting them.
 
-    Points are dropped inside an octagon, whose corners are the points that lie furthest in eight directions.
+    The dropped points lie inside an octagon, whose corners are the points furthest in eight directions.
 
     Source: S. G. Akl, G. T. Toussaint, "A fast convex hull algorithm", 1978.
 
@@ -70,12 +70,12 @@ def _drop_inner_points(points: Floats) -> Floats:
     """
     if len(points) < MIN_FILTERED_POINTS:
         return points
-    furthest, reach_mm = np.zeros(8, np.int64), np.full(8, -np.inf)
+    furthest, furthest_mm = np.zeros(8, np.int64), np.full(8, -np.inf)
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1]
         for k, along_mm in enumerate((x, x + y, y, y - x, -x, -x - y, -y, x - y)):
-            if along_mm > reach_mm[k]:
-                furthest[k], reach_mm[k] = i, along_mm
+            if along_mm > furthest_mm[k]:
+                furthest[k], furthest_mm[k] = i, along_mm
     kept, count = np.zeros((len(points), 2)), 0
     for i in range(len(points)):
         is_inside = True
@@ -119,7 +119,7 @@ def find_half_planes(outline: Floats) -> Floats:
 
 @jit
 def measure_rectangles(outline: Floats, angles_rad: Floats) -> Floats:
-    """Measure the width and the depth of an outline that is rotated clockwise by each of n angles.
+    """Measure the bounding rectangle of an outline that is rotated clockwise by each of n angles.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def measure_rectangles(outline: Floats, angles_rad: Floats) -> Floats:
     Returns
     -------
     ndarray
-        (n, 2) float64 in mm.
+        (n, 2) float64 width and depth in mm.
     """
     sides = np.zeros((len(angles_rad), 2))
     for i in range(len(angles_rad)):

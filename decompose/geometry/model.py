@@ -1,4 +1,4 @@
-"""Reader of models: it turns any mesh file into a closed solid in mm, or raises an error."""
+"""Reader of models: converts a mesh file to a closed solid in mm, or raises an error."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class Model:
     @property
     def extents_mm(self) -> Floats:
         """Size (3,) along the axes."""
-        lo, hi = self.solid.bounds_mm
-        return np.asarray(hi - lo)
+        lo_mm, hi_mm = self.solid.bounds_mm
+        return np.asarray(hi_mm - lo_mm)
 
     @property
     def mesh(self) -> Any:
@@ -106,7 +106,8 @@ def load_model(
     ------
     ModelUnreadable, ModelEmpty, ModelTooDetailed, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge,
     ModelNotSolid
-        The model cannot be used; see the classes, approximately in the order of the checks.
+        The model cannot be used, for the reason that the class describes. The classes are listed
+        approximately in the order of the checks.
     """
     source = _replace_unprintable_characters(str(path) if name is None else name)
     suffix = Path(path.name if name is None else name).suffix.lower()
@@ -135,7 +136,7 @@ def _check_size_options(scale: float | None, longest_side_mm: float | None) -> N
 
 
 def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
-    """Measure the longest side and the greatest coordinate of triangles (m, 3, 3), in the unit of the file.
+    """Measure the longest side and the largest coordinate of triangles (m, 3, 3), in the unit of the file.
 
     Triangles that are not finite, have no area, or are all in one plane are refused.
     """

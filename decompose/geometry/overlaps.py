@@ -1,7 +1,8 @@
-"""Repair of surfaces that overlap themselves: their branches are united into one solid.
+"""Repair of a surface that intersects itself: its branches are united into one solid.
 
-Where two branches of one surface intersect, their common volume counts twice. Vertical rays find such places.
-The surface is cut there, so that the branches are separate pieces, and the pieces are united.
+Branches are regions of one connected solid, such as two limbs of a figure, that pass through each other.
+Their common volume counts twice. Vertical rays find such places. The solid is cut there, so that the branches
+become separate pieces, and the pieces are united.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from decompose.geometry.rays import compute_unit_normals, find_bounds, find_cros
 from decompose.geometry.solid import Solid
 
 RAY_COUNT = 40_000  # approximate number of rays over the area of a solid seen from above
-MARGIN_STEPS = 2.0  # margin around the rays that meet an overlap, in steps between rays
+MARGIN_STEPS = 2.0  # margin around the rays that meet an overlap, as a multiple of the distance between rays
 ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height
 MAX_HALVINGS = 4  # maximum number of times that a piece is halved to separate its branches
 # Maximum share of an overlap that remains after its branches are united; if more remains, the overlap is a
 # fold of one branch, which is kept.
 MAX_REMAINING_SHARE = 0.1
-MAX_PLACES = 64  # maximum number of places, the largest first
+MAX_PLACES = 64  # maximum number of places that are repaired, the largest first
 # Maximum number of rounds; each cuts the whole surface, which takes seconds for a million faces.
 MAX_ROUNDS = 4
 MAX_LOST_SHARE = 0.1  # maximum unexpected loss of volume: this share of the overlaps plus 0.001 of the solid
@@ -37,7 +38,7 @@ class Overlaps:
     Attributes
     ----------
     volume_mm3
-        Volume that is counted in excess, estimated from the rays that meet it.
+        Volume that is counted in excess, estimated from the rays that meet overlaps.
     boxes_mm
         (k, 2, 3) corners of a box around each place, the largest overlap first.
     """
@@ -57,16 +58,16 @@ def find_overlaps(solid: Solid) -> Overlaps:
     Returns
     -------
     Overlaps
-        The places where rays meet overlaps; smaller overlaps may lie between the rays.
+        Places where rays meet overlaps; there may be smaller overlaps between the rays.
     """
     vertices, faces = solid.arrays()
     triangles = np.ascontiguousarray(vertices[faces])
-    lo, hi = find_bounds(triangles)
-    width_mm, depth_mm, height_mm = (hi - lo).tolist()
+    lo_mm, hi_mm = find_bounds(triangles)
+    width_mm, depth_mm, height_mm = (hi_mm - lo_mm).tolist()
     step_mm = max(
         math.sqrt(width_mm * depth_mm / RAY_COUNT), max(width_mm, depth_mm) / RAY_COUNT
-    )  # the second term for a narrow solid
-    rays, normals = place_rays(lo, hi, step_mm), compute_unit_normals(triangles)
+    )  # the second term limits the number of rays over a narrow solid
+    rays, normals = place_rays(lo_mm, hi_mm, step_mm), compute_unit_normals(triangles)
     origin_mm, _, shape = rays
     crossings = find_crossings(triangles, normals, rays)
     ray = np.repeat(np.arange(len(crossings.start) - 1), np.diff(crossings.start))
@@ -105,9 +106,9 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     Returns
     -------
     tuple
-        The solid, in which overlaps count once, and the volume in mm3 that was counted in excess before. The
-        unchanged solid and 0 if nothing overlaps, if all overlaps are folds of one branch, or if more than
-        the overlaps would be lost.
+        Solid in which overlaps count once, and the volume in mm3 that was counted in excess before. The
+        result is the unchanged solid and 0 if nothing overlaps, if all overlaps are folds of one branch, or
+        if more volume than that of the overlaps would be lost.
     """
     overlaps_before = find_overlaps(solid)
     united_solid, remaining_boxes = solid, list(overlaps_before.boxes_mm[:MAX_PLACES])
@@ -128,7 +129,7 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
 
 
 def _has_lost_only_overlaps(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
-    """Check whether the union has lost no body and no volume besides the overlaps, and has kept the size."""
+    """Check whether the union has the same bodies and bounds, and has lost no volume but the overlaps."""
     unexplained_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
     return (
         unexplained_mm3 <= MAX_LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3
@@ -147,7 +148,7 @@ def _choose_separate_boxes(boxes_mm: list[Floats]) -> list[int]:
 
 
 def _unite_branches_in_boxes(solid: Solid, boxes_mm: list[Floats]) -> Solid:
-    """Unite the branches in boxes that do not touch; return the solid unchanged if all are folds."""
+    """Unite the branches in boxes that do not touch; return the same solid if all overlaps are folds."""
     results = [(box_mm, _unite_branches(solid.clip(*box_mm))) for box_mm in boxes_mm]
     united_boxes = [(box_mm, united_solid) for box_mm, united_solid in results if united_solid is not None]
     if not united_boxes:
@@ -157,7 +158,7 @@ def _unite_branches_in_boxes(solid: Solid, boxes_mm: list[Floats]) -> Solid:
 
 
 def _unite_branches(solid_in_box: Solid) -> Solid | None:
-    """Unite the branches in a box around an overlap; None if it is a fold of one branch."""
+    """Unite the branches in a box around an overlap; None if the overlap is a fold of one branch."""
     branches = [
         branch for piece in solid_in_box.list_pieces() for branch in _split_branches(piece, MAX_HALVINGS)
     ]
@@ -175,9 +176,9 @@ def _split_branches(piece: Solid, max_halvings: int) -> list[Solid]:
     boxes_mm = find_overlaps(piece).boxes_mm
     if not len(boxes_mm) or not max_halvings:
         return [piece]
-    lo, hi = boxes_mm[:, 0].min(axis=0), boxes_mm[:, 1].max(axis=0)
-    axis = int(np.argmax(hi - lo))
-    halves = piece.split(axis, float(lo[axis] + hi[axis]) / 2.0)
+    lo_mm, hi_mm = boxes_mm[:, 0].min(axis=0), boxes_mm[:, 1].max(axis=0)
+    axis = int(np.argmax(hi_mm - lo_mm))
+    halves = piece.split(axis, float(lo_mm[axis] + hi_mm[axis]) / 2.0)
     return [
         branch
         for half in halves

@@ -1,4 +1,4 @@
-"""Vertical rays through a mesh: the heights at which they cross its faces, and the solid between these."""
+"""Vertical rays through a mesh: the heights at which they cross faces, and their stretches in the solid."""
 
 from __future__ import annotations
 
@@ -78,16 +78,16 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
     tuple
         (3,) float64 least x, y and z, and (3,) float64 greatest x, y and z, in mm.
     """
-    lo, hi = np.full(3, np.inf), np.full(3, -np.inf)
+    lo_mm, hi_mm = np.full(3, np.inf), np.full(3, -np.inf)
     for t in range(len(triangles)):
         for corner in range(3):
             for axis in range(3):
                 coordinate = triangles[t, corner, axis]
-                if coordinate < lo[axis]:
-                    lo[axis] = coordinate
-                if coordinate > hi[axis]:
-                    hi[axis] = coordinate
-    return lo, hi
+                if coordinate < lo_mm[axis]:
+                    lo_mm[axis] = coordinate
+                if coordinate > hi_mm[axis]:
+                    hi_mm[axis] = coordinate
+    return lo_mm, hi_mm
 
 
 @jit
@@ -185,7 +185,7 @@ def find_stretch(crossings: Crossings, normals: Floats, first: int, end: int) ->
     Returns
     -------
     tuple
-        Indices of the crossings at which the ray enters and leaves; `end` instead of one that does not exist.
+        Indices of the crossings at which the ray enters and leaves; `end` for a crossing that does not exist.
     """
     depth, entry = 0, end
     for k in range(first, end):
@@ -216,7 +216,7 @@ def _allocate_crossings(counts: Ints) -> Crossings:
 
 @jit_inline
 def _find_ray_rectangle(triangles: Floats, t: int, rays: Rays) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Find the half-open ranges, along x and along y, of the rays in the rectangle around a triangle.
+    """Find the half-open ranges, along x and along y, of the rays that pass the bounding box of a triangle.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def _find_ray_rectangle(triangles: Floats, t: int, rays: Rays) -> tuple[tuple[in
 def _find_ray_range(
     low_mm: float, high_mm: float, origin_mm: float, step_mm: float, count: int
 ) -> tuple[int, int]:
-    """Find the half-open range of the rays from one coordinate to another along an axis.
+    """Find the half-open range of the rays between two coordinates along an axis.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ def _find_edge_span(edges: Floats, x: float) -> tuple[float, float]:
     Parameters
     ----------
     edges
-        (3, 4) float64 of `_set_edges`.
+        (3, 4) float64 from `_set_edges`.
     x
         Coordinate of the line in mm.
 

@@ -1,7 +1,7 @@
-"""Repair of triangles into a closed solid, with a sentence on each change, or a refusal.
+"""Repair of triangles, so that they bound a closed solid; each change is described in a sentence.
 
-A repair is judged by its effect on the surface: no part of the surface may be lost or moved, unless it lies
-inside the repaired solid, and only a little surface may be added.
+A repair is judged by its effect on the surface: hardly any surface outside the repaired solid may be lost or
+moved, and only a little surface may be added.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from decompose.geometry.weld import EdgeUses, Surface, count_edge_uses
 from decompose.jit import jit
 
 MAX_MOVE_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
-# Maximum share of the surface that is further than that distance from the repaired surface, and outside it.
+# Maximum share of the surface that is outside the repaired solid, and further from its surface than that.
 MAX_LOST_SHARE = 0.02
 MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired surface
 MAX_EXTENT_CHANGE_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
 SAMPLE_COUNT = 40_000  # number of points on a surface to which distances are measured
 PROBE_COUNT = 5_000  # number of points from which distances are measured
 MIN_VOLUME_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5
-NEIGHBOUR_COUNT = 6  # number of nearest samples whose triangles' distance is computed exactly
-# Each body is closed and joined separately. Real models have hundreds of bodies at most. Each loose triangle
-# is a body, and a large file of them would take hours.
+NEIGHBOUR_COUNT = 6  # number of nearest samples; the exact distance to the triangle of each is computed
+# Each body is closed and joined separately. Real models have hundreds of bodies at most. In a file of loose
+# triangles each triangle is a body, and a large file of this kind would take hours.
 MAX_BODIES = 1000
 
 
@@ -57,14 +57,14 @@ def close_surface(
     name
         Name of the file, for messages.
     surface
-        Surface with common vertices.
+        Surface whose triangles share vertices.
     report
         Function that is called with a short name of each step when it begins.
 
     Raises
     ------
     ModelNotSolid
-        The surface bounds no solid, or closing it would remove or add too much.
+        The surface bounds no solid, or its repair would remove or add too much surface.
     """
     repairs = list(surface.repairs)
     split_bodies = _list_bodies(name, surface)
@@ -126,9 +126,9 @@ def _close_bodies(
 ) -> tuple[list[Any], bool]:
     """Close surfaces that enclose a volume; also return whether a hole was filled or a surface changed.
 
-    Flat holes are capped. Other holes are closed by MeshFix, one body after the other, because it keeps
-    only the largest of several bodies. If MeshFix removes part of a body's surface, all holes of the body are
-    capped.
+    Flat holes are capped. Other holes are closed by MeshFix, one body after the other, because MeshFix keeps
+    only the largest of several bodies. If it removes part of a body's surface, its result is not used, and
+    all holes of the body are capped.
     """
     closed_bodies: list[Any] = []
     open_bodies: list[Any] = []
@@ -191,7 +191,7 @@ def _run_mesh_fix(body: Any) -> Any:
 def _describe_repair(
     name: str, surface: Surface, solid: Solid, single_edge_count: int, nonmanifold_edge_count: int
 ) -> str:
-    """Describe the repair of a surface in a sentence; refuse one that changes too much of the model."""
+    """Describe the repair of a surface in a sentence; refuse a repair that changes the model too much."""
     is_open = single_edge_count > 0
     unpaired_defect = f"no solid ({nonmanifold_edge_count} edges whose triangles do not pair up)"
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
@@ -204,7 +204,7 @@ def _describe_repair(
 
 
 def _check_repair(name: str, mesh_before: Any, solid: Solid, defect: str) -> float:
-    """Measure the share of new surface; refuse a repair that changes too much of the model."""
+    """Measure the share of new surface; refuse a repair that changes the model too much."""
     mesh_after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
     probes = _draw_probes(mesh_before, PROBE_COUNT)
     far_probes = probes[_is_far(mesh_before, mesh_after)]
@@ -278,7 +278,7 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
     tuple
         Volume, which is below 0 if triangles face inwards, and area.
     """
-    cx, cy, cz = 0.0, 0.0, 0.0  # a point near the surface, so that large numbers do not cancel
+    cx, cy, cz = 0.0, 0.0, 0.0  # mean of the vertices; tetrahedra with this corner have small volumes
     for i in range(len(vertices)):
         cx += vertices[i, 0] / len(vertices)
         cy += vertices[i, 1] / len(vertices)
@@ -336,10 +336,10 @@ def _join_bodies(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
     order = np.argsort(-np.abs(volumes_mm3), kind="stable")
     bodies, volumes_mm3 = [bodies[i] for i in order], volumes_mm3[order]
     inverted_count = 0
-    lo, hi = (np.array([b.bounds[end] for b in bodies]) for end in (0, 1))
+    lo_mm, hi_mm = (np.array([b.bounds[end] for b in bodies]) for end in (0, 1))
     cavity_flags = []
     for i, body in enumerate(bodies):
-        is_surrounded = ((lo[:i] <= lo[i]) & (hi[:i] >= hi[i])).all(axis=1).any()
+        is_surrounded = ((lo_mm[:i] <= lo_mm[i]) & (hi_mm[:i] >= hi_mm[i])).all(axis=1).any()
         if volumes_mm3[i] < 0.0:
             body.invert()
             inverted_count += not is_surrounded  # otherwise it is a cavity

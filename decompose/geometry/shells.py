@@ -1,4 +1,4 @@
-"""Oriented shells of triangles: the neighbours across each edge, and the caps of holes.
+"""Oriented shells of triangles: separated where more than two faces meet, and with caps on their holes.
 
 No function of this module moves a vertex or drops a triangle.
 """
@@ -20,9 +20,9 @@ MAX_PLANE_GAP_SHARE = 1e-6
 
 
 def orient_faces(faces: Ints) -> Ints | None:
-    """Orient faces so that the two faces of each edge have the same outside.
+    """Orient faces consistently, so that the two faces of each edge have the outside on the same side.
 
-    In each surface the smaller part of the faces is reversed.
+    In each connected surface, the smaller number of faces is reversed.
 
     Parameters
     ----------
@@ -57,9 +57,9 @@ def orient_faces(faces: Ints) -> Ints | None:
 def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
     """Split triangles into surfaces in which each edge has one or two faces and no rim meets itself.
 
-    Where more than two triangles meet at an edge, each continues to the next one around the edge on the side
-    of the solid, so touching bodies are separated. If bodies overlap at such an edge, or one is inside out,
-    there are two ways to continue, and the one that separates more surfaces is used.
+    Where more than two triangles meet at an edge, the two triangles on both sides of a solid are joined, so
+    bodies that touch are separated. If bodies overlap at such an edge, or one is inside out, there are two
+    ways to join the triangles, and the one that separates more surfaces is used.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def find_rims(faces: Ints) -> list[Ints]:
     Returns
     -------
     list of ndarray
-        (k,) int64 vertices of each rim, in the order of a face that fills the hole.
+        (k,) int64 vertices of each rim, in the order in which a face that fills the hole has them.
     """
     tail, head, _ = _list_half_edges(faces)
     order, starts, counts = _sort_half_edges_by_edge(tail, head)
@@ -154,8 +154,8 @@ def is_flat(rim: Floats) -> bool:
 def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     """Build faces that close all holes of shells, without a new vertex.
 
-    A hole is filled in its plane. Two rims in one plane, one inside the other and of opposite orientation,
-    are the end of a pipe, so the ring between them is filled.
+    A hole is filled in its plane. If two rims lie in one plane, one inside the other, and have opposite
+    orientations, they are the end of a pipe, and the ring between them is filled.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def _list_half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _sort_half_edges_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
-    """Sort half-edges by their edges; return their order, and the first index and the count of each edge."""
+    """Sort half-edges by their edges; return the order, and the first index and number for each edge."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))
     starts = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))
@@ -256,8 +256,8 @@ def _sort_half_edges_by_angle(
 ) -> tuple[Ints, Bools] | None:
     """Sort the half-edges (k,) of an edge by angle, and find those at which the solid begins.
 
-    The order starts at a face at which the solid begins, where the fewest solids overlap. The result is None
-    if the numbers of faces at which the solid begins and ends differ.
+    The order starts outside the solid, or where the fewest solids overlap. The result is None if the numbers
+    of faces at which the solid begins and ends differ.
     """
     start, end = min(tail[half_edges[0]], head[half_edges[0]]), max(tail[half_edges[0]], head[half_edges[0]])
     along = vertices[end] - vertices[start]
@@ -275,7 +275,7 @@ def _sort_half_edges_by_angle(
     depth = np.cumsum(np.where(begins[order], 1, -1))  # number of solids at each angle around the edge
     if depth[-1] != 0:
         return None
-    order = np.roll(order, -1 - int(depth.argmin()))  # the first angle is outside the solid
+    order = np.roll(order, -1 - int(depth.argmin()))
     return half_edges[order], begins[order]
 
 

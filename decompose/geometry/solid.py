@@ -1,6 +1,6 @@
 """Closed solids in double precision. Only this module imports manifold3d.
 
-Manifold reports a failed operation as a status value and continues with an empty solid; this module checks
+When an operation fails, manifold3d sets a status and returns an empty solid; this module checks the status of
 every operation and raises an error.
 """
 
@@ -66,15 +66,15 @@ class Solid:
         return cls(_check_status(manifold3d.Manifold(mesh), "building a solid"))
 
     @classmethod
-    def box(cls, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
-        """Build an axis-aligned box with exactly these corners, in mm.
+    def box(cls, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> Solid:
+        """Build an axis-aligned box with exactly these corners.
 
         Parameters
         ----------
-        lo, hi
+        lo_mm, hi_mm
             (3,) corners in mm.
         """
-        ends = np.array([lo, hi], dtype=np.float64)
+        ends = np.array([lo_mm, hi_mm], dtype=np.float64)
         corners = np.array([[ends[i & 1, 0], ends[i >> 1 & 1, 1], ends[i >> 2, 2]] for i in range(8)])
         return cls.from_arrays(corners, _BOX_FACES)
 
@@ -98,7 +98,8 @@ class Solid:
         Parameters
         ----------
         rings_mm
-            Closed lines (n, 2) in u and w that do not cross; a line inside another one bounds a hole.
+            Closed lines (n, 2), in coordinates along u and w, that do not cross; a line inside another one
+            bounds a hole.
         frame
             (3, 3) orthonormal rows u, w and n.
         start_mm, end_mm
@@ -145,18 +146,18 @@ class Solid:
         return Solid(_check_status(self.manifold ^ other.manifold, "intersecting solids"))
 
     def subtract(self, other: Solid) -> Solid:
-        """Build the solid minus another one."""
+        """Subtract another solid."""
         return Solid(_check_status(self.manifold - other.manifold, "subtracting solids"))
 
-    def clip(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
+    def clip(self, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> Solid:
         """Cut out the part inside an axis-aligned box.
 
         Parameters
         ----------
-        lo, hi
+        lo_mm, hi_mm
             (3,) corners of the box in mm.
         """
-        return self.intersect(Solid.box(lo, hi))
+        return self.intersect(Solid.box(lo_mm, hi_mm))
 
     def rotate(self, rotation: Floats) -> Solid:
         """Rotate every vertex v to ``rotation @ v`` by a rotation (3, 3)."""
@@ -164,11 +165,11 @@ class Solid:
         return Solid.from_arrays(vertices @ rotation.T, faces)
 
     def translate(self, offset_mm: Floats) -> Solid:
-        """Move by an offset (3,) in mm."""
+        """Move the solid by an offset (3,) in mm."""
         return Solid(self.manifold.translate(tuple(offset_mm.tolist())))
 
     def simplify(self, tolerance_mm: float) -> Solid:
-        """Remove edges shorter than the tolerance, and flatten surfaces that are flat within it."""
+        """Remove edges shorter than a tolerance, and flatten surfaces that are flat within this tolerance."""
         return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
     def measure_gap_mm(self, other: Solid, max_gap_mm: float) -> float:
@@ -177,14 +178,14 @@ class Solid:
         Parameters
         ----------
         other
-            The other solid.
+            Solid to which the distance is measured.
         max_gap_mm
             Maximum of the result; a larger distance is not measured.
         """
         return float(self.manifold.min_gap(other.manifold, max_gap_mm))
 
     def project(self, frame: Floats) -> list[Floats]:
-        """Project along the third row of an orthonormal frame (3, 3) onto the first two.
+        """Project the solid along the third row of an orthonormal frame (3, 3), onto the other two rows.
 
         Returns
         -------
@@ -198,19 +199,19 @@ class Solid:
         return [np.asarray(ring, dtype=np.float64) for ring in outline.to_polygons()]
 
     def split(self, axis: int, coordinate_mm: float) -> tuple[Solid, Solid]:
-        """Split into the parts below and above an axis plane.
+        """Split the solid into the parts below and above a plane perpendicular to an axis.
 
         Parameters
         ----------
         axis
-            Axis across the plane, from 0 to 2.
+            Axis perpendicular to the plane, from 0 to 2.
         coordinate_mm
             Coordinate of the plane.
         """
         return self.split_by_plane(np.eye(3)[axis], coordinate_mm)
 
     def split_by_plane(self, normal: Floats, offset_mm: float) -> tuple[Solid, Solid]:
-        """Split into the parts below and above the plane ``normal @ x == offset_mm``.
+        """Split the solid into the parts below and above the plane ``normal @ x == offset_mm``.
 
         Parameters
         ----------
@@ -240,7 +241,7 @@ class Solid:
         return Solid(_check_status(manifold_below, "cutting a solid"))
 
     def cut_section(self, frame: Floats, offset_mm: float) -> list[Floats]:
-        """Cut at a plane, and return the outlines (n, 2) there: counterclockwise, clockwise around holes.
+        """Cut the solid at a plane; return the outlines (n, 2): counterclockwise, or clockwise around holes.
 
         Parameters
         ----------
@@ -253,7 +254,7 @@ class Solid:
         return self.cut_sections(frame, np.array([offset_mm]))[0]
 
     def cut_sections(self, frame: Floats, offsets_mm: Floats) -> list[list[Floats]]:
-        """Cut at parallel planes; the solid is rotated only once.
+        """Cut the solid at parallel planes; this rotates the solid only once.
 
         Parameters
         ----------
@@ -292,9 +293,9 @@ class Solid:
         return Solid.from_arrays(vertices, faces[:, ::-1])
 
     def _encloses(self, other: Solid) -> bool:
-        """Check whether another solid lies inside."""
-        (lo, hi), (other_lo, other_hi) = self.bounds_mm, other.bounds_mm
-        if (lo > other_lo).any() or (hi < other_hi).any():
+        """Check whether another solid lies inside this one."""
+        (lo_mm, hi_mm), (other_lo_mm, other_hi_mm) = self.bounds_mm, other.bounds_mm
+        if (lo_mm > other_lo_mm).any() or (hi_mm < other_hi_mm).any():
             return False
         return self.intersect(other).volume_mm3 > 0.5 * other.volume_mm3
 

@@ -3,9 +3,9 @@
 According to Hatton et al. (2023), planes pass through the mean of the vertices, and their normals are drawn
 from the sphere. The score of a plane is the mean distance from the vertices' mirror images to the nearest
 vertices. Two steps of the method have no effect in the authors' program, by mistake: the refinement of the
-best normals, and the tolerance of the score (here a share of the model's size). Both are done here, except by
-`draw_mirrors`. Only the second of the program's three draws of normals has an effect, so there is one draw
-here.
+best normals, and the tolerance of the score. This module does both, except in `draw_mirrors`; the tolerance
+is a share of the model's size. Only the second of the program's three draws of normals has an effect, so
+there is one draw here.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ SAMPLES_PER_ROUND = 100  # number of normals in a round
 # Angles of the cones of normals around the best one, in the rounds after the first.
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)
 MAX_MIRRORED_VERTICES = 1000  # maximum number of vertices whose mirror images are measured, for a whole model
-MAX_MIRRORED_VERTICES_OF_PART = 300  # the same for a part
+MAX_MIRRORED_VERTICES_OF_PART = 300  # maximum number of such vertices for a part
 TOLERANCE = 0.01  # maximum mean distance of mirror images, as a share of the bounding box's diagonal
-SAME_AXIS_RAD = 0.01  # a normal closer to an axis is replaced by the axis if that is as good
+SAME_AXIS_RAD = 0.01  # a normal closer to an axis is replaced by the axis if the axis is nearly as good
 MIN_ANGLE_RAD = 0.5  # minimum angle between the normals of two planes of one part
 
 
@@ -47,7 +47,7 @@ class Mirror:
 
 
 class _VertexCloud:
-    """Vertices (n, 3) in mm, some of which are mirrored to measure planes."""
+    """Vertices (n, 3) in mm, some of which are mirrored to measure the errors of planes."""
 
     def __init__(
         self, vertices: Floats, rng: np.random.Generator, max_count: int = MAX_MIRRORED_VERTICES
@@ -71,7 +71,7 @@ class _VertexCloud:
     def refine_normal(
         self, normal: Floats, error_mm: float, sample_count: int = SAMPLES_PER_ROUND
     ) -> tuple[Floats, float]:
-        """Find the best normal near a given one, and its error in mm."""
+        """Find the best normal near a given normal, and its error in mm."""
         best_error_mm = error_mm
         for cone_rad in CONES_RAD:
             candidates = _normalise_rows(normal + cone_rad * self.rng.standard_normal((sample_count, 3)))
@@ -87,7 +87,7 @@ class _VertexCloud:
         return normal, best_error_mm
 
     def list_main_directions(self) -> Floats:
-        """List normals (6, 3) that are tried in addition: the axes, then the principal directions."""
+        """List normals (6, 3) that are tried besides the drawn ones: the axes, then principal directions."""
         _, principal = np.linalg.eigh(np.cov(self.centred_vertices.T))
         return np.vstack([np.eye(3), principal.T])
 
@@ -121,7 +121,7 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
 
 
 def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> list[Mirror]:
-    """Find the best planes of one draw of normals, without a tolerance, as the program of SBD does.
+    """Find the best planes of one draw of normals, without a tolerance, as the authors' program does.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Surfaces with common vertices, made of triangles that have corners of their own.
+"""Conversion of separate triangles to a surface whose triangles share vertices.
 
-Models have millions of triangles, so each array takes a lot of memory. Therefore rows are numbered by a hash
-table, and edges are compared as sorted whole numbers, not as rows.
+Models have millions of triangles, so each array takes a lot of memory. Therefore equal corners are found with
+a hash table, and each edge is encoded as one whole number before edges are sorted and compared.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ WELD_SHARES = (1e-7, 1e-6, 1e-5)  # gaps between triangles due to rounding, as s
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Vertices (n, 3) in mm, faces (m, 3), and sentences on the changes that were made to join them."""
+    """Vertices (n, 3) in mm, faces (m, 3), and sentences on the changes that joined the triangles."""
 
     vertices: Floats
     faces: Ints
@@ -40,7 +40,7 @@ class EdgeUses:
     nonmanifold_count
         Number of edges that more than two faces use.
     repeated_count
-        Number of directed edges that two faces use: these faces are oriented in opposite directions.
+        Number of directed edges that two faces use: these faces are oriented inconsistently.
     """
 
     single_count: int
@@ -54,10 +54,10 @@ class EdgeUses:
 
 
 def weld_triangles(triangles: Floats) -> Surface:
-    """Join the common vertices of triangles (m, 3, 3) in mm, and drop collapsed and repeated triangles.
+    """Join the equal corners of triangles (m, 3, 3) in mm, and drop collapsed and repeated triangles.
 
-    If edges stay open, vertices that are close to each other are joined too, provided that this closes most
-    of these edges.
+    If edges stay open, corners that are close to each other are joined too, provided that this closes most of
+    these edges.
     """
     corners = triangles.reshape(-1, 3)
     index, first = number_rows(corners, 1.0 / SAME_VERTEX_MM)
@@ -84,7 +84,7 @@ def weld_triangles(triangles: Floats) -> Surface:
 
 
 def select_distinct_faces(faces: Ints) -> Ints:
-    """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
+    """Select the faces (m, 3) with three different corners, each once; a reversed face counts as distinct."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     first_slot = f.argmin(axis=1)[:, None]
     rotated_faces = np.take_along_axis(f, (first_slot + np.arange(3)) % 3, axis=1)
@@ -111,7 +111,7 @@ def count_edge_uses(faces: Ints) -> EdgeUses:
 
 
 def _sort_edges(faces: Ints, is_directed: bool) -> Ints:
-    """Encode the edges of faces (m, 3) as one number each, by their two vertices, and sort them (3 m,)."""
+    """Encode each edge of faces (m, 3) as one number, made of its two vertices; return them sorted (3 m,)."""
     count = int(faces.max()) + 1
     edges = np.empty(3 * len(faces), dtype=np.int64)
     for k in range(3):
@@ -132,7 +132,7 @@ def number_rows(rows: npt.NDArray[np.generic], scale: float) -> tuple[Ints, Ints
     rows
         (n, 3) float64 or int64.
     scale
-        Factor by which rows are multiplied before rounding; they are equal if the whole numbers are equal.
+        Factor by which rows are multiplied before rounding; rows are equal if the rounded numbers are equal.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Limits on a model file, checked on its bytes before a parser spends memory or time on them.
+"""Limits on a model file, which are checked on its bytes before a parser spends memory or time on them.
 
 All functions are pure.
 """
@@ -40,7 +40,7 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
     data
         Content of the file.
     suffix
-        Its format, one of `SUFFIXES`.
+        Format of the file: one of `geometry.model.SUFFIXES`.
     memory_bytes
         Memory that the process may use; None if there is no limit.
 

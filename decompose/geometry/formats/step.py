@@ -1,6 +1,6 @@
 """Reader of STEP files: the surfaces of their solids as triangles in mm.
 
-OpenCASCADE reads them through the package cascadio, an optional extra. It runs in a process of its own
+OpenCASCADE reads the files through the package cascadio, an optional extra. It runs in a process of its own,
 because it prints to stdout and may crash on a damaged file.
 """
 
@@ -25,7 +25,7 @@ MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
 _BEGIN_MARK, _END_MARK = b"ISO-10303-21;", b"END-ISO-10303-21;"
-_EDGE_BYTES = 1024  # number of bytes at each end of a file in which these marks must be
+_MARK_RANGE_BYTES = 1024  # number of bytes at the start and at the end of a file in which these marks must be
 _MM_PER_M = 1000.0  # GLB is in metres
 _FACE_BYTES = 120  # maximum size of a face in a GLB: three corners with normals, and their indices
 _GLB_HEAD_BYTES = 2**20
@@ -54,18 +54,18 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
     Returns
     -------
     ndarray
-        (m, 3, 3) triangles in mm, within `LINEAR_DEFLECTION_MM` of the surface.
+        (m, 3, 3) triangles in mm, at most `LINEAR_DEFLECTION_MM` away from the exact surface.
 
     Raises
     ------
     ModelUnreadable
         The file cannot be read, or cascadio is not installed.
     ModelEmpty
-        The file holds no surface.
+        The file contains no surface.
     ModelTooDetailed
         The surface has more triangles than fit in memory.
     """
-    if _BEGIN_MARK not in data[:_EDGE_BYTES] or _END_MARK not in data[-_EDGE_BYTES:]:
+    if _BEGIN_MARK not in data[:_MARK_RANGE_BYTES] or _END_MARK not in data[-_MARK_RANGE_BYTES:]:
         raise ModelUnreadable(f"{name}: not a STEP file or only a part of one; copy or export it again")
     if not can_read_step():
         raise ModelUnreadable(
@@ -93,10 +93,12 @@ def _convert_to_glb(name: str, data: bytes, folder: Path) -> Path:
     """Convert a STEP file to a GLB file in a folder; raise ModelUnreadable if that fails."""
     step, glb = folder / "model.step", folder / "model.glb"
     step.write_bytes(data)
-    values = (str(step), str(glb), str(LINEAR_DEFLECTION_MM), str(ANGULAR_DEFLECTION_RAD), str(MAX_GLB_BYTES))
+    arguments = (
+        str(step), str(glb), str(LINEAR_DEFLECTION_MM), str(ANGULAR_DEFLECTION_RAD), str(MAX_GLB_BYTES)
+    )  # fmt: skip
     try:
         process = subprocess.run(
-            [sys.executable, "-c", _CONVERTER_PROGRAM, *values],
+            [sys.executable, "-c", _CONVERTER_PROGRAM, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -26,8 +26,8 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     Returns
     -------
     ndarray or None
-        (k, 3, 3) float32; None if the surface would not stay closed, because features thinner than the
-        precision touch.
+        (k, 3, 3) float32; None if the surface would not stay closed, because features that are thinner than
+        the precision touch each other.
     """
     points, index = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True)
     f = index.reshape(-1)[faces]
@@ -35,30 +35,32 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     edges = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]).astype(np.int64)
     forward_edges = np.sort(edges[:, 0] * len(points) + edges[:, 1])
     backward_edges = np.sort(edges[:, 1] * len(points) + edges[:, 0])
-    is_each_once = len(f) > 0 and bool((np.diff(forward_edges) > 0).all())
-    return points[f] if is_each_once and np.array_equal(forward_edges, backward_edges) else None
+    has_distinct_edges = len(f) > 0 and bool((np.diff(forward_edges) > 0).all())
+    return points[f] if has_distinct_edges and np.array_equal(forward_edges, backward_edges) else None
 
 
 def separate_touching_surfaces(vertices: Floats, faces: Ints, distance_mm: float) -> Floats:
-    """Move vertices that share a place towards their own faces, so that surfaces that touch there separate.
+    """Move vertices at the same position towards their own faces, to separate surfaces that touch there.
 
-    Where two bodies or two hollows touch, each has a vertex of its own, and the faces at that vertex lie on
-    its own side. Vertices share a place if they are equal after rounding to single precision.
+    Where two bodies or two hollows touch, each of them has a vertex of its own, and the faces at that vertex
+    lie on its side. Positions are the same if they are equal after rounding to single precision.
 
     Parameters
     ----------
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh; surfaces that touch do not share vertices.
     distance_mm
-        Length of the move.
+        Distance by which a vertex is moved.
 
     Returns
     -------
     ndarray
         (n, 3) vertices in mm, in the same order.
     """
-    _, place, count = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True, return_counts=True)
-    touches = count[place.reshape(-1)] > 1
+    _, position, count = np.unique(
+        vertices.astype(np.float32), axis=0, return_inverse=True, return_counts=True
+    )
+    touches = count[position.reshape(-1)] > 1
     to_middles = vertices[faces].mean(axis=1, keepdims=True) - vertices[faces]  # (m, 3 corners, 3)
     lengths_mm = np.linalg.norm(to_middles, axis=2, keepdims=True)
     directions = np.zeros_like(vertices)
@@ -84,7 +86,7 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
 
 
 def parse_triangles(data: bytes) -> Floats:
-    """Parse the triangles (m, 3, 3) float64 of a complete binary STL, without a copy of its other fields."""
+    """Parse the triangles (m, 3, 3) float64 of a complete binary STL, without copying its other fields."""
     begin = STL_HEADER_BYTES + STL_COUNT_BYTES
     faces = np.frombuffer(data, dtype=_FACE_DTYPE, count=(len(data) - begin) // STL_FACE_BYTES, offset=begin)
     with np.errstate(all="ignore"):  # NaN is refused later
@@ -92,5 +94,5 @@ def parse_triangles(data: bytes) -> Floats:
 
 
 def count_stored_faces(data: bytes) -> float:
-    """Compute the number of faces, not rounded, that the bytes of a binary STL can hold."""
+    """Compute the number of faces for which a binary STL has bytes; a fraction if a face is incomplete."""
     return max(0, len(data) - STL_HEADER_BYTES - STL_COUNT_BYTES) / STL_FACE_BYTES

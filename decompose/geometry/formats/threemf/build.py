@@ -1,4 +1,4 @@
-"""Triangles of a 3MF file, placed by its build."""
+"""Triangles of a 3MF file, placed as its build section states."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from decompose.geometry.formats.threemf.package import Package, resolve_path
 
 MAX_DEPTH = 64  # maximum depth of nested components
 MAX_INSTANCES = 10_000
-MAX_TRIANGLES = 20_000_000  # maximum number if no memory limit is given
+MAX_TRIANGLES = 20_000_000  # maximum number of triangles if no memory limit is given
 
 _SOLID_TYPE = "model"  # the only type of object that is printed; others are supports and surfaces
 
@@ -81,22 +81,22 @@ def _list_notes(build: _Build, root: ModelPart, instance_count: int, unit: str) 
     if unit != "millimeter":
         yield f"Converted from the unit {unit}."
     if root.unprinted_item_count:
-        yield f"Left out {root.unprinted_item_count} of its objects, marked as not to be printed."
+        yield f"Left out objects that are marked as not to be printed: {root.unprinted_item_count}."
     if build.other_kinds:
         yield f"Left out objects of the type {', '.join(sorted(build.other_kinds))}."
     unplaced_count = build.count_unplaced_objects()
     if unplaced_count:
-        yield f"Left out {unplaced_count} of its objects, which its build does not place."
+        yield f"Left out objects that the build of the file does not place: {unplaced_count}."
     if build.package.has_modifiers():
         yield (
-            "Warning: a slicer marked some of its volumes as modifiers, negative or supports; they are "
+            "Warning: a slicer marked some volumes as modifiers, as negative or as supports; they are "
             "read as solid: remove them, or export STL."
         )
 
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """Number of triangles of an object with its components, and number of its placed meshes."""
+    """Number of triangles of an object with all its components, and number of meshes that they place."""
 
     triangle_count: int = 0
     instance_count: int = 0
@@ -115,7 +115,7 @@ class _Build:
     _sizes: dict[tuple[str, str], _Size | None] = field(default_factory=dict)  # None while it is measured
 
     def find_part(self, path: str) -> ModelPart:
-        """Find a model part, and read it on first use; all parts must have the unit of the first one."""
+        """Find a model part, and read it on first use; all parts must have the same unit."""
         if path not in self._parts:
             part = read_model_part(self.name, path, self.package.unpack(path), self.max_triangles)
             unit = part.unit or self.unit or "millimeter"
@@ -205,7 +205,7 @@ class _Build:
                 f"{self.name}: a triangle has a corner that is not in its list; export it again"
             ) from None
         triangles = triangles @ transform[:3] + transform[3]
-        is_mirrored = np.linalg.det(transform[:3]) < 0  # its triangles would face inwards
+        is_mirrored = np.linalg.det(transform[:3]) < 0  # the triangles would face inwards
         return np.asarray(triangles[:, ::-1] if is_mirrored else triangles)
 
     def count_unplaced_objects(self) -> int:

@@ -59,7 +59,7 @@ class Reference:
 
 @dataclass(slots=True)
 class ObjectRecord:
-    """An object of a part: a mesh, or components."""
+    """An object of a model part: it has a mesh, or components that refer to other objects."""
 
     kind: str
     vertices: array[float] = field(default_factory=lambda: array("d"))
@@ -72,7 +72,7 @@ class ObjectRecord:
         return len(self.faces) // 3
 
     def build_triangles(self) -> Floats:
-        """Build the triangles (m, 3, 3) of its mesh; raise IndexError if a corner does not exist."""
+        """Build the triangles (m, 3, 3) of the mesh; raise IndexError if a corner does not exist."""
         vertices = np.frombuffer(self.vertices, dtype=np.float64).reshape(-1, 3)
         faces: Ints = np.frombuffer(self.faces, dtype=np.int64).reshape(-1, 3)
         if faces.size and faces.min() < 0:
@@ -173,7 +173,7 @@ class _TagHandler:
             self._is_in_object = False
 
     def _begin_model(self, attributes: Mapping[str, str]) -> None:
-        """Record the unit; refuse a model that needs other extensions."""
+        """Record the unit of the model; refuse a model that needs an extension that is not supported."""
         self.is_model = True
         self.part.unit = attributes.get("unit")
         for prefix in attributes.get("requiredextensions", "").split():

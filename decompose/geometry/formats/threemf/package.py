@@ -123,7 +123,7 @@ class Package:
             ) from error
 
     def has_modifiers(self) -> bool:
-        """Check whether a slicer has marked some volumes as modifiers."""
+        """Check whether a slicer has marked volumes as modifiers, as negative or as supports."""
         return any(
             _MODIFIER_PATTERN.search(b"".join(self.unpack(part)))
             for part in _SETTINGS_PARTS
@@ -137,7 +137,7 @@ def resolve_path(path: str) -> str:
 
 
 def _make_key(name: str) -> str:
-    """Make the key of a part: names are compared regardless of case."""
+    """Make the key of a part from its name; upper and lower case give the same key."""
     return resolve_path(name).lower()
 
 

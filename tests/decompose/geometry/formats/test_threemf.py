@@ -60,7 +60,7 @@ def test_only_objects_placed_by_the_build_are_read() -> None:
     _, notes = read_3mf("a.3mf", data)
     assert notes == (
         "Read 2 objects as one model, placed as in the file.",
-        "Left out 1 of its objects, which its build does not place.",
+        "Left out objects that the build of the file does not place: 1.",
     )
 
 
