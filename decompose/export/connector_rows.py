@@ -10,7 +10,7 @@ from decompose.export.pin_sheet import format_pin_size
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition
 
-# Characters of a mark's text that are an arrow and a dot on the part.
+# Characters with which the page shows the arrow and the dots of a mark.
 SIGN_TABLE = str.maketrans({"^": " ↑", ".": "●"})
 
 
@@ -93,12 +93,12 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
         reasons = dict(decomposition.connectors.unpinned_steps)
         reason = reasons.get(step, "its holes were left out")
         return f"No pins ({reason}): align the faces by their rims."
-    upright = [pin for pin in pins if pin.key_direction is None]
+    pins_in_holes = [pin for pin in pins if pin.key_direction is None]
     keys = [pin for pin in pins if pin.key_direction is not None and not pin.slides]
     sentences = []
-    if upright:
-        sentences.append(f"Put {_describe_sizes(upright, 'pin')} into the lower body first, as drawn.")
-    if len({round(pin.length_mm, 1) for pin in upright}) > 1:
+    if pins_in_holes:
+        sentences.append(f"Put {_describe_sizes(pins_in_holes, 'pin')} into the lower body first, as drawn.")
+    if len({round(pin.length_mm, 1) for pin in pins_in_holes}) > 1:
         sentences.append(
             "The longer one belongs in the deeper hole; if they are exchanged, the joint stays open."
         )
@@ -109,19 +109,19 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
         if sliding:
             sentences.append(
                 f"Glue {_describe_sizes(sliding, 'sliding key')} into the short grooves of the {body} body "
-                "first: the long grooves of the other one slide over them."
+                "first: the long grooves of the other body slide over them."
             )
     if any(pin.key_direction is not None and pin.diameter_mm < pin_mm for pin in pins):
         sentences.append(
-            "If you have no filament of that size, leave these grooves empty and align the rims."
+            "If you have no filament for the thin keys, leave their grooves empty and align the rims."
         )
-    if len(pins) == 1 and upright:
+    if len(pins) == 1 and pins_in_holes:
         sentences.append("One pin does not prevent a rotation: align the rims.")
     return " ".join(sentences)
 
 
 def name_mark(decomposition: Decomposition, mark: Mark) -> str:
-    """Name a mark by its part and the parts of its joint."""
+    """Build the name of a mark from the id of its part and the ids of both parts of its joint."""
     joint = decomposition.joints[mark.joint]
     return " ".join(decomposition.parts[part].id for part in (mark.part, joint.a, joint.b))
 

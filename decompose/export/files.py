@@ -1,4 +1,4 @@
-"""A decomposition as a folder: an STL file of each part, the report, a picture, the GLB and instructions."""
+"""Files of a decomposition in a folder: STL files of the parts, report, picture, GLB and instructions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from decompose.printers import BedPlace
 from decompose.results import Decomposition, Part, check_stl, connect_parts
 
 PlaceFinder = Callable[[Part], BedPlace | None]
-"""Function that finds the place of a part on the bed of its printer; None if it is not known."""
+"""Function that finds the place of a part on the bed of its printer; it returns None if this is not known."""
 
 
 def write_decomposition(
@@ -98,8 +98,8 @@ def draw_parts(
     folder
         Existing folder.
     find_place
-        Function that finds the place of a part on its bed, for the instructions; its result is None if the
-        bed is not shown.
+        Function that finds the place of a part on its bed, for the instructions. If it returns None, the bed
+        is not shown.
     overview, steps
         Picture of the parts as PNG, and pictures of all steps; None to draw them.
     """

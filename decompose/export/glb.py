@@ -17,14 +17,14 @@ from decompose.results import Part
 
 GLTF_TRANSFORM = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
 """Transform from mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
-STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the movement in it
+STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the movement during the step
 MIN_MOVE_MM, MIN_MOVE_SHARE = 25.0, 0.3  # minimum movement of a body: in mm, and as a share of its extent
 FLOAT_COMPONENT_TYPE = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
 MODEL_NODE = "model"
 
 
 def find_movements_mm(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
-    """Find the movement of the moved body in each step.
+    """Choose the movement of the moved body in each step, for pictures and the animation.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def find_movements_mm(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> F
 
 
 def find_offsets(count: int, steps: Sequence[AssemblyStep], moves_mm: Floats) -> Floats:
-    """Find the offset of each part from its place before each step, and after the last one.
+    """Find the offset of each part from its final position, before each step and after the last one.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ from decompose.results import Decomposition
 _TEMPLATE = Environment(
     loader=PackageLoader("decompose.export"), autoescape=True, undefined=StrictUndefined
 ).get_template("instructions.html")
-"""Template, read on import because an update may replace its file while a worker runs."""
+"""Template; it is read on import, because an update may replace its file while a worker runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Pictures:
     overview, layout
         All parts in an exploded view, and all parts on their beds; None if there is no such picture.
     places
-        Place of each part on its bed; empty if they are not known.
+        Place of each part on its bed; empty if no place is known.
     """
 
     steps: Sequence[StepPictures] = ()
@@ -160,7 +160,7 @@ def _describe_parts(decomposition: Decomposition, places: Sequence[BedPlace | No
 def _describe_step(
     number: int, step: AssemblyStep, decomposition: Decomposition, step_pictures: StepPictures
 ) -> dict[str, Any]:
-    """Describe a step by the variables of the template."""
+    """Build the variables of the template for a step."""
     fixed = ", ".join(_name_parts(decomposition, step.fixed_parts))
     resting_parts = ", ".join(_name_parts(decomposition, step.rests_on))
     return {
@@ -186,7 +186,7 @@ def _describe_step(
 
 
 def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]:
-    """Describe a joint by the variables of the template."""
+    """Build the variables of the template for a joint."""
     joint = decomposition.joints[number]
     ids = _name_parts(decomposition, (joint.a, joint.b))
     return {

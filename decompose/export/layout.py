@@ -75,7 +75,7 @@ def _lay_out_shapes(
     extents_mm = np.array(
         [_find_extents(vertices, place) for (vertices, _), place in zip(meshes, ordered_places, strict=True)]
     )
-    # Depth and height of each part combined, as seen by the eye.
+    # Depth of the table that each part hides from the eye, by its own depth and its height.
     visible_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_ELEVATION_DEG))
     pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), visible_mm.max(), 0.0])
     column_count = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
@@ -84,11 +84,11 @@ def _lay_out_shapes(
         middle_mm = pitch_mm * [i % column_count, -(i // column_count), 0.0]
         placed_vertices = vertices + middle_mm
         shapes.append(Shape(placed_vertices[faces], colours[number]))
-        front = placed_vertices[:, 1].min()
+        front_y_mm = placed_vertices[:, 1].min()
         if place is not None:
             bed_shapes.append(Shape(_make_bed(place) + middle_mm, BED_COLOUR))
-            front = min(front, middle_mm[1] - place.bed_mm[1] / 2.0)
-        front_mm.append([middle_mm[0], front, 0.0])
+            front_y_mm = min(front_y_mm, middle_mm[1] - place.bed_mm[1] / 2.0)
+        front_mm.append([middle_mm[0], front_y_mm, 0.0])
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP_SHARE / 2.0 * pitch_mm[1], 0.0]
     # A triangle without area reserves space for the names in the last row.
     name_space = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))
@@ -114,9 +114,9 @@ def put_part_on_bed(vertices: Floats, faces: Ints, place: BedPlace | None) -> tu
     Parameters
     ----------
     vertices, faces
-        (n, 3) in mm and (m, 3) in printing pose.
+        (n, 3) vertices in mm and (m, 3) faces of the part, in printing pose.
     place
-        Place of the middle of its bounding box; None if it is not known.
+        Place of the part's bounding box on the bed; None if it is not known.
 
     Returns
     -------
@@ -133,11 +133,11 @@ def put_part_on_bed(vertices: Floats, faces: Ints, place: BedPlace | None) -> tu
 
 
 def _find_extents(vertices: Floats, place: BedPlace | None) -> Floats:
-    """Find the extents (3,) of a part, including its bed around the origin."""
+    """Find the extents (3,) in mm of a part, with the bed around the origin if its place is known."""
     if place is None:
         return np.asarray(np.ptp(vertices, axis=0))
-    reach_mm = np.maximum(2.0 * np.abs(vertices[:, :2]).max(axis=0), place.bed_mm)
-    return np.append(reach_mm, np.ptp(vertices[:, 2]))
+    extents_mm = np.maximum(2.0 * np.abs(vertices[:, :2]).max(axis=0), place.bed_mm)
+    return np.append(extents_mm, np.ptp(vertices[:, 2]))
 
 
 def _make_bed(place: BedPlace) -> Floats:

@@ -13,7 +13,7 @@ _LOADING_ATTRIBUTES = ("src", "href", "srcset", "poster", "action", "background"
 
 
 class _Reader(HTMLParser):
-    """Reader of the names in a page's attributes `data-KIND`, and of the addresses that the page loads."""
+    """Reader of the names in a page's `data-KIND` attributes, and of the addresses that the page loads."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -32,7 +32,7 @@ class _Reader(HTMLParser):
 
 
 def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
-    """Find names that are missing, repeated or unknown on a page of instructions, and loaded files.
+    """Find names that are missing, repeated or unknown on a page of instructions, and files that it loads.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 def make_part_colours(count: int) -> Floats:
-    """Make distinct colours (count, 3), red, green and blue from 0 to 1; consecutive ones differ most."""
+    """Make distinct colours (count, 3): red, green and blue from 0 to 1. Consecutive colours differ most."""
     colours = [
         hsv_to_rgb((0.58 + GOLDEN_RATIO * i) % 1.0, 0.35 + 0.15 * (i % 3), 0.95 - 0.12 * (i // 3 % 2))
         for i in range(count)

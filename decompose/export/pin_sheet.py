@@ -10,7 +10,7 @@ from decompose.connectors import Pin, list_pin_sizes
 RULER_MM = 100
 LEFT_MARGIN_MM, ROW_HEIGHT_MM, RULER_HEIGHT_MM = 5.0, 11.0, 17.0
 WIDTH_MM = RULER_MM + 2.0 * LEFT_MARGIN_MM
-SAW_CUT_MM = 1.0  # width of the saw's cut
+SAW_CUT_MM = 1.0  # width of a saw cut
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,29 +81,29 @@ def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
         SVG in mm.
     """
     height_mm = RULER_HEIGHT_MM + ROW_HEIGHT_MM * len(sizes_mm)
-    marks = [_draw_line(LEFT_MARGIN_MM, 2.0, LEFT_MARGIN_MM + RULER_MM, 2.0)]
+    elements = [_draw_line(LEFT_MARGIN_MM, 2.0, LEFT_MARGIN_MM + RULER_MM, 2.0)]
     for mm in range(RULER_MM + 1):
         long_mm = 6.0 if mm % 10 == 0 else 4.5 if mm % 5 == 0 else 3.0
-        marks.append(_draw_line(LEFT_MARGIN_MM + mm, 2.0, LEFT_MARGIN_MM + mm, 2.0 + long_mm))
+        elements.append(_draw_line(LEFT_MARGIN_MM + mm, 2.0, LEFT_MARGIN_MM + mm, 2.0 + long_mm))
         if mm % 10 == 0:
-            marks.append(_draw_text(LEFT_MARGIN_MM + mm, 11.5, f"{mm}", anchor="middle"))
+            elements.append(_draw_text(LEFT_MARGIN_MM + mm, 11.5, f"{mm}", anchor="middle"))
     for row, (length_mm, diameter_mm) in enumerate(sizes_mm):
         top_mm = RULER_HEIGHT_MM + ROW_HEIGHT_MM * row
         end_mm = LEFT_MARGIN_MM + length_mm
-        marks += [
+        elements += [
             _draw_line(x, top_mm - 2.0, x, top_mm + diameter_mm + 2.0) for x in (LEFT_MARGIN_MM, end_mm)
         ]
-        marks.append(
+        elements.append(
             f'<rect x="{LEFT_MARGIN_MM:g}" y="{top_mm:g}" width="{length_mm:g}" height="{diameter_mm:g}" '
             'fill="#9db8f2" stroke="#000" stroke-width="0.1"/>'
         )
-        marks.append(
+        elements.append(
             _draw_text(end_mm + 3.0, top_mm + diameter_mm / 2.0 + 1.2, f"{length_mm:g} × {diameter_mm:g} mm")
         )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH_MM:g}mm" height="{height_mm:g}mm" '
         f'viewBox="0 0 {WIDTH_MM:g} {height_mm:g}" role="img" aria-label="Ruler of {RULER_MM} mm and pins">'
-        + "".join(marks)
+        + "".join(elements)
         + "</svg>"
     )
 

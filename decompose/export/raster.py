@@ -1,4 +1,4 @@
-"""Rasterisation of triangles with flat colours, light from one side, and outlines where the depth jumps."""
+"""Rasterisation of triangles with flat shading, and with outlines where the depth changes abruptly."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Pixels = npt.NDArray[np.uint8]
 # Direction towards the light: right, up, and towards the eye.
 LIGHT_DIRECTION = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm([-0.25, 0.62, 0.74])
 AMBIENT_SHARE = 0.5
-OUTLINE_BRIGHTNESS = 0.6  # brightness of outlines, as a share of that of the colour
+OUTLINE_BRIGHTNESS = 0.6  # brightness of an outline, as a share of the brightness of its shape
 MARGIN_SHARE = 0.04  # margin as a share of the longer side
 OUTLINE_DEPTH_SHARE = 0.012  # minimum jump of depth at an outline, as a share of the scene's depth
 
 
 @jit
 def _rasterise_triangles(triangles: Floats, depth: Floats, front_triangles: Ints) -> None:
-    """Draw triangles into buffers of pixels.
+    """Draw triangles into a depth buffer.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def _rasterise_triangles(triangles: Floats, depth: Floats, front_triangles: Ints
 
 @jit
 def _project_triangles(triangles: Floats, frame: Floats, projected_triangles: Floats, shades: Floats) -> None:
-    """Project triangles to the frame of a camera, and compute their shades in the light.
+    """Transform triangles into the frame of a camera, and compute their brightness in the light.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def _project_triangles(triangles: Floats, frame: Floats, projected_triangles: Fl
 
 @jit
 def _colour_pixels(front_triangles: Ints, depth: Floats, colours: Floats, jump_px: float) -> Pixels:
-    """Colour the triangles in front, darker next to jumps of depth.
+    """Colour the pixels of the triangles in front, and darken those at jumps of depth.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def _colour_pixels(front_triangles: Ints, depth: Floats, colours: Floats, jump_p
     colours
         (m, 3) float64 colours of the triangles from 0 to 1.
     jump_px
-        Minimum jump of depth in pixels at an outline.
+        Minimum jump of depth in pixels that gets an outline.
 
     Returns
     -------
@@ -238,18 +238,20 @@ def draw_shapes(shapes: Sequence[Shape], frame: Floats, long_side_px: int, overs
         )
         owners[1 + begin : 1 + end] = i
         colours[begin:end] = shades[begin:end, None] * shape.colour
-    low, high = find_bounds(triangles)
-    margin_mm = MARGIN_SHARE * float((high - low)[:2].max())
-    scale = oversampling * long_side_px / (float((high - low)[:2].max()) + 2.0 * margin_mm)
-    size_px = np.ceil((high - low + 2.0 * margin_mm) * scale / oversampling).astype(int) * oversampling
+    low_mm, high_mm = find_bounds(triangles)
+    margin_mm = MARGIN_SHARE * float((high_mm - low_mm)[:2].max())
+    px_per_mm = oversampling * long_side_px / (float((high_mm - low_mm)[:2].max()) + 2.0 * margin_mm)
+    size_px = (
+        np.ceil((high_mm - low_mm + 2.0 * margin_mm) * px_per_mm / oversampling).astype(int) * oversampling
+    )
     depth = np.full((size_px[1], size_px[0]), -np.inf)
     front_triangles = np.full((size_px[1], size_px[0]), -1)
-    _rasterise_triangles((triangles - low + margin_mm) * scale, depth, front_triangles)
-    outline_jump_px = OUTLINE_DEPTH_SHARE * float(high[2] - low[2]) * scale
+    _rasterise_triangles((triangles - low_mm + margin_mm) * px_per_mm, depth, front_triangles)
+    outline_jump_px = OUTLINE_DEPTH_SHARE * float(high_mm[2] - low_mm[2]) * px_per_mm
     return Drawing(
         pixels=_colour_pixels(front_triangles, depth, colours, outline_jump_px),
         front_shapes=owners[front_triangles[::oversampling, ::oversampling] + 1],
         frame=frame,
-        origin_mm=low[:2] - margin_mm,
-        pixels_per_mm=scale / oversampling,
+        origin_mm=low_mm[:2] - margin_mm,
+        pixels_per_mm=px_per_mm / oversampling,
     )

@@ -25,12 +25,14 @@ from decompose.results import Decomposition
 AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
 ELEVATIONS_DEG = (22.0, 38.0)
 TURNED_OVER_ELEVATIONS_DEG = (35.0, 60.0)  # elevations of the views of the moved body alone
-BEST_TILT_COS = 0.5  # best cosine between a face's normal and the direction to the eye: it shows the gap too
-TURN_COST = 0.1  # cost of each 45 degrees by which the eye turns from the previous step
+# Best cosine between a face's normal and the direction to the eye; at this tilt the gap is visible too.
+BEST_TILT_COS = 0.5
+TURN_COST = 0.1  # cost of each 45 degrees between the azimuth of the eye and that in the previous step
 PIN_GAIN = 0.5  # gain if all pins are visible
 MAX_DRAWN_VIEWS = 5  # maximum number of views that are drawn in a small size to find hidden faces and pins
 DRAWN_VIEW_PX = 160
-GAP_SHARE = 0.7  # gap below the moved body, as a share of the extent of the glued faces across the step
+# Gap below the moved body, as a share of the glued faces' extent perpendicular to the step's direction.
+GAP_SHARE = 0.7
 BOTH_BODIES_PX, MOVED_BODY_PX = 860, 520  # longer sides of the pictures
 DRAWING_THREADS = 2
 SCALE_LENGTHS_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
@@ -73,7 +75,8 @@ def draw_steps(
     """
     drawings: list[Future[StepPictures]] = []
     azimuth_deg: float | None = None
-    with ThreadPoolExecutor(DRAWING_THREADS) as executor:  # views are chosen here while pictures are drawn
+    # This thread chooses the views, while others draw the pictures.
+    with ThreadPoolExecutor(DRAWING_THREADS) as executor:
         for number, step in enumerate(decomposition.assembly.steps[:end_step]):
             offset_mm = find_gap_mm(step, decomposition) * step.direction
             scene = build_both_bodies(number, decomposition, offset_mm)
@@ -109,7 +112,7 @@ def find_pose(direction: Floats) -> Floats:
 
 
 def turn_pose_over(pose: Floats, azimuth_deg: float) -> Floats:
-    """Rotate a pose by 180 degrees about the horizontal axis across the view, to show a body from below.
+    """Rotate a pose by 180 degrees about the axis to the viewer's right, to show a body from below.
 
     Parameters
     ----------
@@ -124,7 +127,7 @@ def turn_pose_over(pose: Floats, azimuth_deg: float) -> Floats:
 
 
 def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
-    """Find the gap between the drawn bodies at which their glued faces are visible.
+    """Compute a gap between the drawn bodies that is large enough to show their glued faces.
 
     Parameters
     ----------
@@ -216,7 +219,7 @@ class StepCameras:
     turned_pose
         (3, 3) pose of the moved body, turned over.
     azimuth_deg
-        Azimuth of the first picture, to which that of the second is close.
+        Azimuth of the picture of both bodies; the picture of the moved body has a similar azimuth.
     """
 
     both_bodies: Floats

@@ -21,9 +21,8 @@ GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
 MARK_COLOUR = np.array([0.08, 0.08, 0.08])
 PIN_COLOUR = np.array([0.1, 0.35, 0.9])
 TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
-LIFT_HEIGHT_MM = (
-    0.05  # height of a drawn face above that of the part; marks and holes are three times as high
-)
+# Distance of a drawn face in front of the part's own face; that of marks and holes is three times as large.
+LIFT_HEIGHT_MM = 0.05
 MIN_STROKE_MM, MIN_STROKE_SHARE = 1.2, 0.005  # minimum width of a stroke: in mm, and as a share of the body
 TABLE_MARGIN_SHARE = 0.1  # margin of the table around the body, as a share of its size
 ROD_SIDES = 12  # number of a pin's side faces
@@ -31,7 +30,7 @@ ROD_SIDES = 12  # number of a pin's side faces
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GluedFace:
-    """A face of a step's joint, and its unit normal (3,) away from the drawn body."""
+    """A face of a joint, and its unit normal (3,) out of the body on which it is drawn."""
 
     face: JointFace
     outward_normal: Floats
@@ -44,13 +43,14 @@ class Scene:
     Attributes
     ----------
     parts
-        Numbers of the parts; their shapes come first.
+        Numbers of the parts.
     glued_faces
-        Faces to glue; their shapes follow.
+        Faces to glue.
     pins
-        Pins, each with one shape after those of the faces: a rod, or the mouth of its hole.
+        Pins of the step, each drawn as one shape: a rod, or the mouth of its hole.
     shapes
-        All shapes in this order, then marks and the table.
+        Shapes of the parts, of the glued faces and of the pins, in the order of these attributes; then other
+        shapes.
     """
 
     parts: tuple[int, ...]
@@ -89,7 +89,7 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
 
 
 def build_both_bodies(step_index: int, decomposition: Decomposition, moved_offset_mm: Floats) -> Scene:
-    """Build the scene of both bodies of a step: the fixed one with its pins, on a table if it can stand.
+    """Build the scene of both bodies of a step: the fixed one with the pins, on a table if it can stand.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def build_both_bodies(step_index: int, decomposition: Decomposition, moved_offse
     decomposition
         Decomposition with the parts, in mm.
     moved_offset_mm
-        (3,) offset of the moved body from its place.
+        (3,) offset of the moved body from its final position.
 
     Returns
     -------
@@ -109,8 +109,8 @@ def build_both_bodies(step_index: int, decomposition: Decomposition, moved_offse
     glued_faces = find_glued_faces(step, decomposition)
     pins = [pin for pin in decomposition.connectors.pins if pin.step == step_index]
     shapes = [
-        *_paint_parts(step.fixed_parts, decomposition, np.zeros(3)),
-        *_paint_parts(step.moved_parts, decomposition, moved_offset_mm),
+        *_build_part_shapes(step.fixed_parts, decomposition, np.zeros(3)),
+        *_build_part_shapes(step.moved_parts, decomposition, moved_offset_mm),
         *(Shape(fill_face(entry.face, entry.outward_normal), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_make_rod(pin), PIN_COLOUR) for pin in pins),
         *(
@@ -125,7 +125,7 @@ def build_both_bodies(step_index: int, decomposition: Decomposition, moved_offse
 
 
 def build_moved_body(step_index: int, decomposition: Decomposition) -> Scene:
-    """Build the scene of the moved body of a step alone, with the mouths of its holes.
+    """Build the scene of only the moved body of a step, with the mouths of its holes.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def build_moved_body(step_index: int, decomposition: Decomposition) -> Scene:
     ]
     pins = [pin for pin in decomposition.connectors.pins if pin.step == step_index]
     shapes = [
-        *_paint_parts(step.moved_parts, decomposition, np.zeros(3)),
+        *_build_part_shapes(step.moved_parts, decomposition, np.zeros(3)),
         *(Shape(fill_face(entry.face, entry.outward_normal), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_fill_mouth(pin.holes[0]), MARK_COLOUR) for pin in pins),
         *_build_mark_shapes(step, step.moved_parts, decomposition),
@@ -147,7 +147,7 @@ def build_moved_body(step_index: int, decomposition: Decomposition) -> Scene:
 
 
 def fill_face(face: JointFace, outward_normal: Floats) -> Floats:
-    """Fill a face with triangles, slightly in front of it.
+    """Fill the outline of a face with triangles, slightly in front of the face.
 
     Parameters
     ----------
@@ -173,8 +173,8 @@ def fill_face(face: JointFace, outward_normal: Floats) -> Floats:
     return np.concatenate(triangles) if triangles else np.zeros((0, 3, 3))
 
 
-def _paint_parts(parts: Sequence[int], decomposition: Decomposition, offset_mm: Floats) -> list[Shape]:
-    """Build the shapes of parts in their colours, moved by an offset (3,)."""
+def _build_part_shapes(parts: Sequence[int], decomposition: Decomposition, offset_mm: Floats) -> list[Shape]:
+    """Build the shapes of parts, each in its own colour, moved by an offset (3,)."""
     colours = make_part_colours(len(decomposition.parts))
     shapes = []
     for number in parts:
@@ -195,7 +195,7 @@ def _build_mark_shapes(step: AssemblyStep, body: Sequence[int], decomposition: D
 
 
 def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
-    """Make flat triangles (m, 3, 3) of the strokes of a mark, in front of its face."""
+    """Make triangles (m, 3, 3) of the strokes of a mark as flat ribbons, in front of its face."""
     outward_normal = -mark.grooves[0].inward_normal
     ends = mark.lines_mm + 3.0 * LIFT_HEIGHT_MM * outward_normal
     strokes = ends[:, 1] - ends[:, 0]
@@ -241,10 +241,10 @@ def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
     points = np.concatenate([decomposition.parts[part].solid.arrays()[0] for part in step.fixed_parts])
     up = step.direction
     axes = choose_plane_axes(up)
-    flat = points @ axes.T
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    margin_mm = TABLE_MARGIN_SHARE * float((high - low).max())
-    (x0, y0), (x1, y1) = low - margin_mm, high + margin_mm
+    coordinates_mm = points @ axes.T
+    low_mm, high_mm = coordinates_mm.min(axis=0), coordinates_mm.max(axis=0)
+    margin_mm = TABLE_MARGIN_SHARE * float((high_mm - low_mm).max())
+    (x0, y0), (x1, y1) = low_mm - margin_mm, high_mm + margin_mm
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) @ axes
     corners += (float((points @ up).min()) - LIFT_HEIGHT_MM) * up
     return _orient_triangles(corners[[[0, 1, 2], [0, 2, 3]]], up)
