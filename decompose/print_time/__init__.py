@@ -1,4 +1,4 @@
-"""Print time of a part: its price in a pose, and the pose that it is printed in."""
+"""Print time of a part: its price in a pose, and the pose in which it is printed."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Contours of a part: rims of flat faces, and rings of denser infill under slopes.
 
-Sums over faces do not capture them. A slicer prints no skin under the walls at the rim of a flat face, and
-additional skin under a wall that rises from such a face. Gradual infill is denser in a ring below each slope.
+Sums over faces do not include contours. A slicer prints no skin under the walls at the rim of a flat face,
+and additional skin under a wall that rises from such a face. Gradual infill is denser in a ring below each
+slope. In this module, n is the upward component of a face's unit normal, and A is the area of the face.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.surfaces import Surfaces
 
 RISING_WALL_FACTOR = 1.5
-"""Width of the skin that continues under a wall rising from it, as a multiple of the width of the walls at an
-edge: Cura expands skin beyond the walls. Measured on a block that stands on another."""
+"""Width of the skin that continues under a wall that rises from the skin, as a multiple of the width of the
+walls at an edge: Cura expands skin beyond the walls. Measured on a block that stands on another block."""
 
 
 class Contours(NamedTuple):
@@ -28,7 +29,7 @@ class Contours(NamedTuple):
     rim_mm
         Weighted length of the rims of faces with skin, as seen from above. The weight is the difference
         between |n| of the face and |n| of the steeper face beside it, multiplied by -`RISING_WALL_FACTOR` if
-        the steeper face rises.
+        the steeper face rises from the rim.
     rim_ends_mm
         The same length without the factor -`RISING_WALL_FACTOR`, because lines of skin end at every rim.
     ring_mm2
@@ -53,7 +54,8 @@ def measure_contours(mesh: PartMesh, up: Floats, skin_cos: float, ring_cos: floa
     up
         (3,) unit vector that points up.
     skin_cos, ring_cos
-        Limits of slopes with skin, and with denser infill below them; see `CostModel`.
+        Limits of |n| above which a face has skin, and of n above which there is denser infill below it; see
+        `CostModel`.
     """
     surfaces = mesh.surfaces
     return Contours(
@@ -109,7 +111,7 @@ def _sum_rims_mm(
     edges
         (k, 2) int64 pairs of half-edges, by `pair_half_edges`.
     skin_cos
-        Limit of slopes with skin.
+        Limit of |n| above which a face has skin.
 
     Returns
     -------

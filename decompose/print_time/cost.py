@@ -1,8 +1,8 @@
 """Price of a part: its estimated print time in seconds, from features that do not need slicing.
 
 There are two kinds of features. `ADDITIVE_FEATURES` are integrals over volume and surface. Cut faces count
-as ordinary faces, so the features of a part are the sums over the cells of a grid, and `grid.boxes` prices
-any box from tables. The other features follow from the sums (`skin_rim_mm`) and from the extents of a part.
+as ordinary faces, so these features of a part are sums over the cells of a grid, and `grid.boxes` prices any
+box from tables. The other features follow from these sums (`skin_rim_mm`) and from the extents of a part.
 
 The time of each term is the length of its lines over their speed. Measured factors (`FACTORS`, by
 bench/prices/model.py) account for travel, acceleration and retraction, which these terms omit.
@@ -52,8 +52,8 @@ class CostModel:
 
     The errors were measured on parts that the decomposition makes, with each model held out from the fit. For
     a part with its own supports, the mean error is 1.5 %, and at most 2.3 % in any of five settings, even if
-    only two of them are fitted. For prices from tables, with supports down to the bed, it is 2.8 %
-    (bench/prices/model.py, bench/prices/print_time.csv).
+    only two of the settings are used for the fit. For prices from tables, with supports down to the bed, the
+    mean error is 2.8 % (bench/prices/model.py, bench/prices/print_time.csv).
     """
 
     fixed_s: float
@@ -102,12 +102,12 @@ class CostModel:
 
     @property
     def overhang_cos(self) -> float:
-        """Downward component of a face's unit normal above which it gets support."""
+        """Downward component of a face's unit normal above which the face gets support."""
         return math.sin(math.radians(self.effective_support_angle_deg))
 
     @property
     def table_overhang_cos(self) -> float:
-        """The same component for tables, which do not know whether overhangs are small."""
+        """The same component for tables of box prices, where it is not known whether overhangs are small."""
         return max(self.overhang_cos, math.sin(math.radians(self.effective_small_overhang_deg)))
 
     def find_overhang_cos(self, surfaces: Surfaces, up: Floats) -> float:
@@ -130,7 +130,7 @@ class CostModel:
 
     @classmethod
     def from_settings(cls, settings: PrintTimeSettings, factors: Mapping[str, float] = FACTORS) -> CostModel:
-        """Build the cost model for print settings: each of their terms, multiplied by its factor.
+        """Build the cost model for print settings from the terms of the print time, each times its factor.
 
         Parameters
         ----------
@@ -260,7 +260,7 @@ class CostModel:
         return rims_s + self.rim_end_s_per_mm * contours.rim_ends_mm + rings_s
 
     def price_thin_walls_s(self, thin_walls: ThinWalls) -> float:
-        """Compute the price of thin walls and sheets minus that of thick ones."""
+        """Compute the difference in price of thin walls and sheets compared with thick ones."""
         walls_s = (
             self.single_wall_s_per_mm2 * thin_walls.single_wall_mm2 + self.gap_s_per_mm2 * thin_walls.gap_mm2
         )
@@ -268,7 +268,7 @@ class CostModel:
         return walls_s + self.overlap_s_per_mm3 * thin_walls.overlap_mm3
 
     def price_insets_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
-        """Compute the time that shorter inner walls save in all islands of a layer but one.
+        """Compute the time that shorter inner walls save in the additional islands of each layer.
 
         `compute_price_s` counts a single island. Inner walls around a hole are longer, so a hole counts as a
         negative island.
@@ -300,7 +300,7 @@ class CostModel:
         return saved_s_per_mm2 * min(cut_side_mm2, SIDE_END_MM * ends_mm)
 
     def build_prices(self) -> Prices:
-        """Build the record of the coefficients for compiled code, with a float64 field for each."""
+        """Build the record of the coefficients, with a float64 field for each, for compiled code."""
         return _make_record(self)
 
     def price_part_s(
@@ -347,7 +347,7 @@ def _make_record(cost: CostModel) -> Prices:
 
 @jit
 def compute_price_s(prices: Prices, additive_features: AdditiveFeatures, extents_mm: Extents) -> float:
-    """Compute the price of a part in one pose, by the same formula for tables and parts.
+    """Compute the price of a part in one pose; tables of box prices use the same formula.
 
     Parameters
     ----------

@@ -29,13 +29,13 @@ TERM_GROUPS: Mapping[str, tuple[str, ...]] = {
         "rings",
     ),
 }
-"""Terms of `compute_time_terms`, by the feature of the print that they belong to."""
+"""Terms of `compute_time_terms`, by the feature of the print to which they belong."""
 
 
 def estimate_feature_shares(vertices: Floats, faces: Ints, settings: PrintTimeSettings) -> dict[str, float]:
     """Estimate the share of each of `TERM_GROUPS` in the price of a model; the shares sum to 1.
 
-    Supports are not counted, because cuts avoid them.
+    The share of supports is 0, because cuts avoid supports.
 
     Parameters
     ----------

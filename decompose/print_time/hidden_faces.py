@@ -22,8 +22,8 @@ MAX_BED_FACE_HEIGHT_MM = 0.15  # maximum height of a face that lies on the bed
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright face
 MIN_VISIBLE_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
 SIDE_END_MM = 6.0
-"""Length at each end of a hidden side that saves nothing: the last 5 mm are printed like a visible wall, and
-the head stops once more. For most sliced parts it is 4 to 8 mm (`bench/prices/hidden_walls.py`)."""
+"""Length at each end of a hidden side at which no time is saved: the last 5 mm are printed like a visible
+wall, and the head stops once more. For most sliced parts it is 4 to 8 mm (`bench/prices/hidden_walls.py`)."""
 MEAN_SIDE_SHARE = 0.9
 """Share of the area of hidden sides that remains without these ends, on average over parts; for tables, in
 which the outlines of cut faces are not known."""
@@ -69,7 +69,7 @@ class HiddenFaces(NamedTuple):
         return (bed_mm if self.is_bed_hidden else 0.0) + (top_mm if self.are_tops_hidden else 0.0)
 
     def compute_saved_skin_mm2(self, bed_share: float, top_share: float) -> float:
-        """Compute the area of skin in mm2 that is saved.
+        """Compute the time that hidden skins save, expressed as an area of ordinary skin in mm2.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ def measure_hidden_faces(
 
 
 def sum_side_ends_mm(mesh: PartMesh, up: Floats) -> float:
-    """Sum the heights of the edges at which hidden sides end, except edges between two of them.
+    """Sum the heights of the edges at which hidden sides end, except edges between two hidden sides.
 
     Parameters
     ----------

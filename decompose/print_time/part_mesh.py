@@ -35,7 +35,7 @@ class PartMesh:
 def pair_half_edges(faces: Ints, vertex_count: int) -> Ints:
     """Pair the two half-edges of each edge.
 
-    Half-edges are stored in lists by the lower of their vertices until the other half of their edge follows.
+    Each half-edge is stored in the list of its lower vertex until the other half of the same edge is found.
 
     Parameters
     ----------

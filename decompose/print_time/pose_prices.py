@@ -18,7 +18,7 @@ from decompose.print_time.time_settings import ADDITIVE_FEATURES
 LATERAL_INDEX = ADDITIVE_FEATURES.index("lateral_mm2")
 SKIN_INDEX = ADDITIVE_FEATURES.index("skin_mm2")
 
-# The number of a pose stands for the direction of the model that points up: +x, -x, +y, -y, +z, -z.
+# The number of an axis pose gives the direction of the model that points up: +x, -x, +y, -y, +z, -z.
 POSE_COUNT = 6
 
 SLAB_COUNT = 32  # number of slabs into which the height is divided; the layers of a slab are treated as equal
@@ -32,7 +32,7 @@ def find_pose_axes(pose: int) -> tuple[int, int, int]:
 
 
 def _build_pose_rotation(pose: int) -> Floats:
-    """Build the rotation (3, 3) of a pose: rows are the bed's axes; odd poses are turned upside down."""
+    """Build the rotation (3, 3) of an axis pose: rows are the bed's axes; odd poses are upside down."""
     rotation = np.eye(3)[list(find_pose_axes(pose))]
     if pose % 2:
         rotation[1:] *= -1.0
@@ -98,7 +98,8 @@ def sum_pose_features(
     vertices, faces
         (n, 3) in mm and (m, 3) of a closed mesh that faces outward by the right-hand rule.
     rotations
-        (k, 3, 3), whose rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
+        (k, 3, 3) rotations into the poses: rows are the bed's x, y and z in the model's frame, and
+        ``v_bed = rotation @ v_model``.
     cost
         Cost model of the print time.
     hull
@@ -168,8 +169,8 @@ def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats
 def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
     """Compute the extra time in seconds of short layers that `CostModel.price_part_s` does not cover.
 
-    That price covers only the mean of all layers, but in a part that tapers, only the layers at the tip are
-    slowed down.
+    That price compares only the mean time of all layers with the minimum time of a layer. But in a part that
+    tapers, only the layers at the tip are slowed down.
 
     Parameters
     ----------
@@ -191,10 +192,10 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
 
 @jit
 def _sum_slabs(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
-    """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean section of the solid in it.
+    """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean section of the solid in the slab.
 
-    n is the upward component of a face's unit normal. The section at a height is the sum of A n over all
-    faces above it.
+    n is the upward component of a face's unit normal, and A is the area of the face. The section at a height
+    is the sum of A n over all faces above that height.
 
     Parameters
     ----------

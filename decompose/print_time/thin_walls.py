@@ -28,7 +28,7 @@ MIN_GAP_MM = 0.05  # minimum gap between walls that is filled
 
 
 class WallWidths(NamedTuple):
-    """Widths in mm: of a line, of the outer wall on both sides, and of all walls on both sides."""
+    """Widths of a line, of the outer walls on both sides together, and of all walls on both sides."""
 
     line_width_mm: float
     outer_walls_mm: float
@@ -36,7 +36,7 @@ class WallWidths(NamedTuple):
 
 
 class SheetLimits(NamedTuple):
-    """Limits of a sheet.
+    """Measures by which a sheet counts as thin.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class ThinWalls(NamedTuple):
     gap_mm2
         Area of walls with a gap that a single line fills.
     solid_wall_mm2
-        Area of walls without infill, with or without inner walls.
+        Area of walls that are too thin for infill, with or without inner walls.
     overlap_mm3
         Volume by which the skins on both sides of sheets exceed the sheets.
     """
@@ -107,8 +107,8 @@ class _Mesh(NamedTuple):
     """Triangles (m, 3, 3) and their bounds (3,) in mm, and unit normals (m, 3)."""
 
     triangles: Floats
-    lo: Floats
-    hi: Floats
+    lo_mm: Floats
+    hi_mm: Floats
     normals: Floats
 
     def permute_axes(self, order: list[int]) -> _Mesh:
@@ -117,18 +117,18 @@ class _Mesh(NamedTuple):
 
 
 def _cast_rays(mesh: _Mesh, count: int) -> tuple[Crossings, float]:
-    """Cast rays along the last axis; return the crossings, and the area in mm2 that a ray stands for."""
-    width_mm, depth_mm = (mesh.hi - mesh.lo)[:2].tolist()
+    """Cast rays along the last axis; return the crossings, and the area in mm2 that each ray represents."""
+    width_mm, depth_mm = (mesh.hi_mm - mesh.lo_mm)[:2].tolist()
     step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
-    crossings = find_crossings(mesh.triangles, mesh.normals, place_rays(mesh.lo, mesh.hi, step_mm))
+    crossings = find_crossings(mesh.triangles, mesh.normals, place_rays(mesh.lo_mm, mesh.hi_mm, step_mm))
     return crossings, step_mm**2
 
 
 @jit
 def _sum_thin_walls(crossings: Crossings, normals: Floats, upright_axis: int, widths: WallWidths) -> Floats:
-    """Sum the areas of thin walls, as multiples of the area that a ray stands for.
+    """Sum the areas of thin walls, as multiples of the area that a ray represents.
 
-    Only faces whose normal is closer to the rays than to the horizontal axis across the rays are counted.
+    A face counts only if its normal is closer to the rays than to the horizontal axis perpendicular to them.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _add_wall(sums: Floats, thickness_mm: float, area_share: float, widths: Wall
     thickness_mm
         Thickness of the wall.
     area_share
-        Area of the side, as a multiple of the area that a ray stands for.
+        Area of the side, as a multiple of the area that a ray represents.
     widths
         Widths of the walls.
     """

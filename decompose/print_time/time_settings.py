@@ -1,4 +1,4 @@
-"""Print settings, and the seconds that each feature of a part takes with them."""
+"""Print settings, and the seconds that each feature of a part takes with these settings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from decompose.arrays import Floats
 
 ADDITIVE_FEATURES = ("volume_mm3", "lateral_mm2", "skin_mm2", "slope_mm2", "column_mm3")
-"""Features that add up over the cells of a grid, n being the upward component of a face's unit normal.
+"""Features that add up over the cells of a grid. A is a face's area, n the upward part of its unit normal.
 
 volume_mm3
     Volume of the solid.
@@ -64,9 +64,9 @@ FACTORS: Mapping[str, float] = {
 }
 """Factors of the seconds of each term of `compute_time_terms`, the same for all settings.
 
-If only tables are available, ``support to bed``, of `column_mm3`, replaces all of `SUPPORT_TERMS`. The
+In tables of box prices, ``support to bed``, which applies to `column_mm3`, replaces all `SUPPORT_TERMS`. The
 factors of travel, of supports and of the terms that need a pose were fitted to the features of sliced parts
-(`bench/prices/features.py`), the others to five settings (`bench/prices/model.py`).
+(`bench/prices/features.py`), and the others to five settings (`bench/prices/model.py`).
 """
 
 
@@ -81,14 +81,15 @@ LOOP_SHORTENING = 8.0
 
 
 OUTLINE_MARGIN_MM = 0.004
-"""Length by which prices reduce a layer's maximum overhang without support. The slicer rounds outlines, so a
-face at exactly the support angle exceeds that overhang in some layers, and the support that begins there
-grows to the whole face. Without this margin, such a face would be priced without support."""
+"""Length that prices subtract from the slicer's maximum overhang of a layer without support. The slicer
+rounds outlines, so a face at exactly the support angle exceeds the maximum in some layers, and the support
+that begins there grows to the whole face. Without this margin, the price of such a face would not include
+support."""
 
 
 HOLE_VISITS = 4.0
 """Number of travel moves to a hole, or around it, in a layer. On measured plates with 1 to 16 bores, the
-travel is this multiple of the distance between the bores, with a stop for each move."""
+travel is the distance between the bores times this number, with a stop for each move."""
 
 
 MAX_STOP_MM_S = 30.0
@@ -101,14 +102,14 @@ TURN_TIME_SHARE = 0.5
 
 
 LayerFitter = Callable[[float], float]
-"""Hashable function that returns the layer height of a part in mm for the height of the part in mm."""
+"""Hashable function that returns the layer height in mm for a part whose height in mm is given."""
 
 
 @dataclass(frozen=True, slots=True)
 class PrintTimeSettings:
     """Slicer settings that determine print time, in mm, mm/s and s."""
 
-    layer_height_mm: float = 0.25  # mean of all parts, if it depends on their heights
+    layer_height_mm: float = 0.25  # mean over all parts, if the layer height depends on the height of a part
     fit_layer_mm: LayerFitter | None = None
     line_width_mm: float = 0.35
     outer_line_width_mm: float = 0.35
@@ -129,7 +130,7 @@ class PrintTimeSettings:
     skin_line_width_mm: float = 0.35
     skin_mm_s: float = 30.0
     roof_line_width_mm: float = 0.35
-    roof_layer_count: int = 0  # uppermost layers of tops, printed at another speed unless all are hidden
+    roof_layer_count: int = 0  # uppermost layers of tops, printed at another speed unless all tops are hidden
     roof_mm_s: float = 30.0
     support_mm_s: float = 40.0
     support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
@@ -142,7 +143,7 @@ class PrintTimeSettings:
     retraction_s: float = 0.52  # time to retract the filament and to push it back
     acceleration_mm_s2: float = 3000.0
     min_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
-    shrinkage: float = 0.007  # share of its length by which the material shrinks, which makes parts warp
+    shrinkage: float = 0.007  # share of the length by which the material shrinks, which makes parts warp
     overhead_s: float = 0.0  # time of heating, homing, start and end code, once for each part
 
     @property
@@ -152,7 +153,7 @@ class PrintTimeSettings:
 
     @property
     def insets_s(self) -> float:
-        """Sum of distance from the outline in mm over speed in mm/s, for all walls of a layer."""
+        """Distance from the outline in mm divided by the speed in mm/s, summed over all walls of a layer."""
         inner_walls = range(1, self.wall_count)
         depths_mm = [self.outer_line_width_mm + (i - 0.5) * self.line_width_mm for i in inner_walls]
         outer_s = self.outer_line_width_mm / 2.0 / self.outer_wall_mm_s if self.wall_count > 0 else 0.0
@@ -160,7 +161,7 @@ class PrintTimeSettings:
 
     @property
     def skin_s_per_mm2(self) -> float:
-        """Seconds per mm2 in all layers of a skin; one of the two skins lies on the bed."""
+        """Seconds per mm2 for all layers of a skin: the mean of a skin on the bed and one at the top."""
         layer_count = min(self.slow_layer_count, round(self.skin_layer_count))
         speed_step_mm_s = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layer_count, 1)
         first_s_per_mm = sum(1.0 / (self.brim_mm_s + i * speed_step_mm_s) for i in range(layer_count))
@@ -170,17 +171,17 @@ class PrintTimeSettings:
 
     @property
     def skin_stop_s(self) -> float:
-        """Seconds lost at the end of a line of skin, before factors."""
+        """Seconds lost at the end of a line of skin, before multiplication by a factor."""
         return min(self.skin_mm_s, MAX_STOP_MM_S) / self.acceleration_mm_s2
 
     @property
     def skin_layer_s_per_mm2(self) -> float:
-        """Seconds per mm2 of a layer of skin that is neither among the first ones nor a roof layer."""
+        """Seconds per mm2 of a layer of skin that is neither one of the first layers nor a roof layer."""
         return 1.0 / (self.skin_mm_s * self.skin_line_width_mm)
 
     @property
     def roof_s_per_mm2(self) -> float:
-        """Additional seconds per mm2 in all layers of a top, due to the lines of its roof layers."""
+        """Additional seconds per mm2 for all layers of a top, due to the different lines of roof layers."""
         layer_count = min(self.roof_layer_count, self.skin_layer_count)
         return layer_count * (1.0 / (self.roof_mm_s * self.roof_line_width_mm) - self.skin_layer_s_per_mm2)
 
@@ -228,9 +229,9 @@ class PrintTimeSettings:
 
     @property
     def top_line_ratio(self) -> float:
-        """Additional infill below a top, where the density doubles at each step toward the top.
+        """Additional infill below a top, where the density doubles at each step towards the top.
 
-        It is the length of the additional lines per area of the top, integrated over the depth.
+        The ratio is the length of the additional lines per area of the top, integrated over the depth.
         """
         return (
             self.infill_step_mm
@@ -240,7 +241,7 @@ class PrintTimeSettings:
 
     @property
     def ring_cos(self) -> float:
-        """Minimum n of slopes with a ring of denser infill below them: narrower rings are not printed."""
+        """Minimum n of slopes with a ring of denser infill below; the ring of a steeper one is too narrow."""
         depth_mm = self.infill_step_mm * self.infill_step_count
         return self.line_width_mm / math.hypot(depth_mm, self.line_width_mm) if depth_mm > 0.0 else 1.0
 
@@ -263,18 +264,17 @@ class PrintTimeSettings:
     def skin_cos(self) -> float:
         """Minimum |n| of faces with skin.
 
-        On flatter faces, the part of a layer that the next few layers leave uncovered is wider than the
-        walls.
+        On flatter faces, the strip of a layer that the next few layers do not cover is wider than the walls.
         """
-        bare_mm = self.skin_layer_count * self.layer_height_mm
-        return math.cos(math.atan(bare_mm / (self.wall_thickness_mm + self.line_width_mm / 2.0)))
+        skin_height_mm = self.skin_layer_count * self.layer_height_mm
+        return math.cos(math.atan(skin_height_mm / (self.wall_thickness_mm + self.line_width_mm / 2.0)))
 
 
 def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
     """Compute the seconds of each term for one unit of each of `FEATURES`.
 
-    The nozzle stops and starts at each end of a line of infill or of the narrow skin of a slope. Walls cover
-    the rim of a skin.
+    The nozzle stops and starts at each end of a line of infill, or of the narrow skin of a slope. There are
+    walls instead of skin at the rim of a skin.
 
     Parameters
     ----------

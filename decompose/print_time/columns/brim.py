@@ -17,7 +17,7 @@ def count_brim_columns(is_standing: Bools, width_mm: float, step_mm: float) -> i
     Parameters
     ----------
     is_standing
-        (nx, ny) bool, true where something stands on the bed; the margin is wider than the brim.
+        (nx, ny) bool, true where something stands on the bed; around it is a margin wider than the brim.
     width_mm, step_mm
         Width of the brim, and distance between columns.
     """
@@ -34,7 +34,7 @@ def count_brim_columns(is_standing: Bools, width_mm: float, step_mm: float) -> i
 
 @jit
 def _is_at_rim(kind: Bytes, i: int, j: int) -> bool:
-    """Check whether a column has a neighbour outside, covered by the brim or not."""
+    """Check whether a neighbour of a column is outside, or outside and already covered by the brim."""
     return bool(max(kind[i - 1, j], kind[i + 1, j], kind[i, j - 1], kind[i, j + 1]) > 0)
 
 
@@ -45,11 +45,11 @@ def _cover_nearby_columns(kind: Bytes, i: int, j: int, reach: int, radius: float
     Parameters
     ----------
     kind
-        (nx, ny) int8 of `_mark_outer_columns`, updated in place.
+        (nx, ny) int8 from `_mark_outer_columns`, updated in place.
     i, j
         Column.
     reach, radius
-        Greatest difference of indices, and greatest distance, in columns.
+        Maximum difference of indices, and maximum distance, in columns.
     """
     count = 0
     for x in range(max(0, i - reach), min(len(kind), i + reach + 1)):

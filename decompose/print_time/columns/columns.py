@@ -1,6 +1,7 @@
 """Upright columns of a part, which show where its supports are and how its mass grows while it is printed.
 
-A support ends on the first face below it, which is often the part itself; sums over faces do not show that.
+A support ends on the first face below it, which often belongs to the part itself; sums over faces do not show
+this.
 """
 
 from __future__ import annotations
@@ -27,29 +28,30 @@ class Columns:
     support_mm3
         Volume below faces that overhang too far, down to the bed or to the part.
     support_side_mm2
-        Area of the upright sides of this support, counted along the columns' grid, plus that of the narrow
-        strips of support under edges that begin in mid-air, where the faces at the edge need no support.
+        Area of the upright sides of this support, counted along the columns' grid, plus that of narrow strips
+        of support below edges that begin in mid-air, if the faces at the edge need no support themselves.
     towers_mm
-        Height of all towers under tips in mid-air, whose sides need no support.
+        Total height of the support towers below tips that begin in mid-air, if the faces at the tip need no
+        support themselves.
     islands_mm
         Number of islands of the part or its support minus one, summed over the layers and multiplied by the
-        layer height, because the nozzle travels to each island.
+        layer height. The nozzle has to travel to each island.
     bodies_mm
         The same sum for the islands of the part alone, without its support, also minus one. Inner walls are
-        shorter in each of these islands.
+        shorter than the outline in each of these islands.
     holes_mm
         The same sum for all holes of the part.
     island_paths_mm2, hole_paths_mm2
-        The sums for islands and for holes, each multiplied by the mean distance to the next one.
+        The sums for islands and for holes, in which each layer's number is multiplied by their mean distance.
     first_layer
         (nx, ny) bool, true where the part or its support stands on the bed.
     step_mm
         Distance between columns.
     bed_support_mm2, bed_support_border_mm
-        Area, as seen from above, of the support that carries the part from the bed, and (p, 2) points on the
-        border of that area: both ends of each row of columns.
+        Area, as seen from above, of the support that stands on the bed and carries the part, and (p, 2)
+        points on the border of that area: both ends of each row of columns.
     touched_mm2
-        Area, as seen from above, of the marked faces that support touches, above or below it.
+        Area, as seen from above, of the marked faces that support touches at its upper or lower end.
     volumes_mm3, centres_mm
         (LEVEL_COUNT,) volume and (LEVEL_COUNT, 3) centre of mass of the part below each of LEVEL_COUNT evenly
         spaced heights; the last row is for the whole part.
@@ -91,15 +93,15 @@ def measure_columns(
     is_marked
         (m,) bool, true for faces to which no support should stick.
     overhang_cos
-        Downward component of a face's unit normal above which it gets support.
+        Downward component of a face's unit normal above which the face gets support.
     count
         Approximate number of columns.
     """
     triangles = np.ascontiguousarray(triangles)
-    lo, hi = find_bounds(triangles)
-    width_mm, depth_mm, height_mm = (hi - lo).tolist()
+    lo_mm, hi_mm = find_bounds(triangles)
+    width_mm, depth_mm, height_mm = (hi_mm - lo_mm).tolist()
     step_mm = max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
-    rays = place_rays(lo, hi, step_mm)
+    rays = place_rays(lo_mm, hi_mm, step_mm)
     sums = sweep_columns(triangles, is_marked.astype(np.float64), rays, height_mm, overhang_cos)
     mass = np.maximum(sums.level_moments[:, 3:], 1e-12)
     area_mm2 = step_mm**2

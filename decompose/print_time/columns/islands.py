@@ -1,4 +1,7 @@
-"""Islands of a part and its supports in its layers, from the runs of solid in upright columns."""
+"""Islands of a part and its supports in each layer, from the stretches of solid in upright columns.
+
+A run is a stretch of a column in which the part is solid.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +25,8 @@ class Runs(NamedTuple):
     start, counts
         (rays,) int64 index of the first run of each column, and the number of its runs.
     ends
-        (runs, 5) float64: bottom and top of a run, height of air and of support below it, all in mm, and the
-        slope (rise over run) of its lower face.
+        (runs, 5) float64: bottom and top of a run, height of the air or of the support below it, all in mm,
+        and the slope of its lower face (height over horizontal distance).
     """
 
     start: Ints
@@ -51,11 +54,12 @@ def sum_islands_mm(
     Returns
     -------
     tuple
-        Sums in mm of all islands but one, of all bodies of solid but one, and of holes; then, in mm2, the
-        sums of islands and of holes times their mean distance.
+        Sums over the height, in mm, of the number of islands minus one, of the number of bodies of solid
+        minus one, and of the number of holes; then, in mm2, the sums for islands and for holes in which each
+        number is multiplied by the mean distance.
     """
     nx, ny = shape
-    extra_island_count, extra_body_count, total_hole_count, hole_paths, island_paths = 0, 0, 0, 0.0, 0.0
+    extra_island_count, extra_body_count, total_hole_count, hole_paths_mm, island_paths_mm = 0, 0, 0, 0.0, 0.0
     rows, row_length = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
     kinds = _fill_levels(runs, ny, height_mm, (rows, row_length))
     parent = np.zeros(rows * row_length, np.int64)
@@ -65,19 +69,21 @@ def sum_islands_mm(
         if island_count > 1:
             rectangle_cell_count = _count_rectangle_cells(kind, rows, row_length)
             extra_island_count += island_count - 1
-            island_paths += _estimate_paths_mm(island_count - 1, island_count, rectangle_cell_count, step_mm)
+            island_paths_mm += _estimate_paths_mm(
+                island_count - 1, island_count, rectangle_cell_count, step_mm
+            )
         extra_body_count += max(0, body_count - 1)
         hole_count = max(0, body_count - _compute_euler_number(kind, rows, row_length))
         if hole_count > 0:
             total_hole_count += hole_count
-            hole_paths += _estimate_paths_mm(hole_count, body_count + hole_count, cell_count, step_mm)
+            hole_paths_mm += _estimate_paths_mm(hole_count, body_count + hole_count, cell_count, step_mm)
     level_mm = height_mm / ISLAND_LEVEL_COUNT
     return (
         extra_island_count * level_mm,
         extra_body_count * level_mm,
         total_hole_count * level_mm,
-        island_paths * level_mm,
-        hole_paths * level_mm,
+        island_paths_mm * level_mm,
+        hole_paths_mm * level_mm,
     )
 
 
@@ -91,7 +97,7 @@ def _estimate_paths_mm(count: int, total: int, cells: int, step_mm: float) -> fl
     Parameters
     ----------
     count
-        Number of islands but one, or of holes.
+        Number of islands minus one, or number of holes.
     total
         Number by which the area is divided.
     cells
@@ -160,7 +166,7 @@ def _count_rectangle_cells(kind: Bytes, rows: int, row_length: int) -> int:
 
 @jit
 def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tuple[int, int, int]:
-    """Count the islands of a raster, the islands of solid, and the cells of solid.
+    """Count the islands of solid or support in a raster, the islands of solid alone, and the cells of solid.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Kernels of `columns`: vertical rays through a mesh, and the supports and the mass along them."""
+"""Kernels of `columns`: vertical rays through a mesh, and the supports and the mass along these rays."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from decompose.print_time.columns.islands import Runs, sum_islands_mm
 MIN_STEP_MM = 0.4  # minimum distance between columns
 LEVEL_COUNT = 8  # number of heights at which the growing part is measured
 SAME_HEIGHT_MM = 0.01  # maximum difference between heights that count as equal
-MAX_SLOPE = 20.0  # maximum slope (rise over run) of a face; a steeper one counts as upright
-MAX_BED_GAP_MM = 0.15  # maximum height at which a run begins in the first layer
+MAX_SLOPE = 20.0  # maximum slope (height over horizontal distance) of a face; a steeper one counts as upright
+MAX_BED_GAP_MM = 0.15  # maximum height at which a run begins that stands on the bed
 MIN_GAP_MM = 0.3  # minimum height of a supported face above the bed or the part
 
 
@@ -27,10 +27,10 @@ class Sweep(NamedTuple):
     touched_count
         Number of marked faces that columns of support touch, with their upper or their lower end.
     level_moments
-        (LEVEL_COUNT, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a
-        column.
+        (LEVEL_COUNT, 4) float64 moments in x, y, z and mass of the solid below each level, divided by the
+        area of a column.
     is_bed_support, is_standing
-        (nx, ny) bool, true where support carries the part from the bed, and where the part stands on the bed.
+        (nx, ny) bool, true where support stands on the bed, and where the part itself stands on the bed.
     supports_mm
         (nx, ny) float64 height of support in each column.
     towers_mm, strip_sides_mm2, islands_mm, bodies_mm, holes_mm, island_paths_mm2, hole_paths_mm2
@@ -68,7 +68,7 @@ def sweep_columns(
     height_mm
         Height of the mesh in mm.
     overhang_cos
-        Downward component of a face's unit normal above which it gets support.
+        Downward component of a face's unit normal above which the face gets support.
     """
     origin, step_mm, (nx, ny) = rays.origin_mm, rays.step_mm, rays.shape
     normals = compute_unit_normals(triangles)
@@ -81,8 +81,8 @@ def sweep_columns(
     ending_sums = np.zeros((LEVEL_COUNT, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny
-        count = _follow_ray(crossings, column, normals, is_marked, overhang_cos, runs.ends)
-        runs.counts[column], supports_mm[i, j], column_touched_count, is_bed_support[i, j] = count
+        ray_sums = _follow_ray(crossings, column, normals, is_marked, overhang_cos, runs.ends)
+        runs.counts[column], supports_mm[i, j], column_touched_count, is_bed_support[i, j] = ray_sums
         touched_count += column_touched_count
         x, y = origin[0] + i * step_mm, origin[1] + j * step_mm
         for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
@@ -126,8 +126,8 @@ def _follow_ray(
     Returns
     -------
     tuple
-        Number of runs, height of support in mm, number of marked faces that it touches, and whether it
-        carries the part from the bed.
+        Number of runs, height of support in mm, number of marked faces that the support touches, and whether
+        it stands on the bed.
     """
     first = crossings.start[ray]
     count, support_mm, touched_count, is_bed_support = 0, 0.0, 0.0, False
@@ -190,7 +190,7 @@ def _add_run(
 def _add_moments(
     sums: Floats, level: int, position_mm: tuple[float, float], bottom_mm: float, top_mm: float
 ) -> None:
-    """Add the moments and the mass of a part of a column to the sums of a level.
+    """Add the moments and the mass of a section of a column to the sums of a level.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def _add_moments(
     position_mm
         x and y of the column.
     bottom_mm, top_mm
-        Heights between which the part of the column lies.
+        Heights between which the section of the column lies.
     """
     x, y = position_mm
     sums[level, 0] += x * (top_mm - bottom_mm)
@@ -216,8 +216,9 @@ def _sum_towers_mm(
 ) -> tuple[float, float]:
     """Sum the height of air under runs of solid that no neighbouring run or support carries.
 
-    If neighbouring runs begin at about the same height, as along an edge, the first one counts as a tower.
-    The other ones count as a strip of support, by the area of both its sides.
+    Such air is filled with support. If neighbouring runs begin at about the same height, as along an edge,
+    the support below the first one counts as a tower, and that below the others as a strip, by the area of
+    both its sides.
 
     Parameters
     ----------
@@ -275,7 +276,7 @@ def _search_carriers(
     start, counts, ends = runs.start, runs.counts, runs.ends
     nx, ny = supports_mm.shape
     bottom_mm = ends[run, 0]
-    # A leaning thin wall is carried by a neighbour that is lower by its slope between two columns.
+    # A leaning thin wall is carried by a neighbour that is lower by the rise of the wall between two columns.
     carrier_top_mm = bottom_mm - ends[run, 4] * step_mm
     is_tower, is_edge = True, False
     for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):
@@ -323,7 +324,7 @@ def _find_standing_columns(runs: Runs, shape: tuple[int, int]) -> Bools:
 
 @jit
 def sum_steps_mm(heights_mm: Floats) -> float:
-    """Sum the differences in mm between neighbouring columns; a slope counts as steps.
+    """Sum the differences in height between neighbouring columns; a slope counts as steps.
 
     Parameters
     ----------

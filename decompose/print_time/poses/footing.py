@@ -25,8 +25,8 @@ REFERENCE_SHRINKAGE = 0.007
 """Shrinkage (of ABS) to which `WARP_LENGTHS_MM` applies: a corner lifts by shrinkage times length squared."""
 MIN_BRIM_MM = 2.0  # a narrower brim is omitted
 
-# [assumed] Width that the squeezed first layer adds to each side, and minimum hydraulic diameter of first
-# layers whose expansion compensates for it.
+# [assumed] Width by which the first layer, which is pressed on the bed, grows on each side; and the minimum
+# hydraulic diameter of a first layer for which a negative expansion compensates for this.
 ELEPHANT_FOOT_MM = 0.2
 MIN_HYDRAULIC_DIAMETER_MM = 2.0
 
@@ -38,8 +38,8 @@ class Footing:
     Attributes
     ----------
     contact_mm2, hydraulic_diameter_mm
-        Area of the first layer, and its hydraulic diameter: four times the area over the outline's length. It
-        is the diameter of a disc, and twice the width of a long wall.
+        Area of the first layer, and its hydraulic diameter: four times the area divided by the outline's
+        length. For a disc, this is the diameter; for a long wall, it is twice the width.
     length_mm, sharp_corner_count
         Greatest extent of the convex outline of the first layer, and the number of its corners under
         `MAX_SHARP_DEG`.
@@ -91,7 +91,7 @@ class Footing:
         )
 
     def measure_margin_mm(self, points: Floats) -> float:
-        """Measure how far inside the outline the outermost of points (n, 2) lies; negative outside."""
+        """Measure the distance of the outermost of points (n, 2) from the outline; negative outside of it."""
         if not len(self.half_planes):
             return -math.inf
         return -float((points @ self.half_planes[:, :2].T + self.half_planes[:, 2]).max())
@@ -110,11 +110,11 @@ class Footing:
         height_mm
             Height of the part.
         margin_mm
-            Distance of its centre of mass inside the footing; negative outside.
+            Distance of the part's centre of mass from the edge of the footing; negative outside.
         max_brim_mm
             Maximum width of a brim.
         shrinkage
-            Share of its length by which the material shrinks.
+            Share of the length by which the material shrinks.
         """
         lever_mm = (height_mm / MAX_STEADY_RATIO - self.hydraulic_diameter_mm) / 2.0
         contact_mm = max_brim_mm * (1.0 - self.contact_mm2 / SUFFICIENT_CONTACT_MM2)
@@ -126,7 +126,7 @@ class Footing:
         return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, max_brim_mm)) / 10.0
 
     def choose_expansion_mm(self, is_joined: bool) -> float:
-        """Choose the horizontal expansion of the first layer so that it does not protrude from a joint."""
+        """Choose the horizontal expansion of the first layer; at a joint it is negative, to not protrude."""
         is_wide = self.hydraulic_diameter_mm >= MIN_HYDRAULIC_DIAMETER_MM
         return -ELEPHANT_FOOT_MM if is_joined and is_wide else 0.0
 
@@ -174,7 +174,7 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
 
 @jit
 def _count_low_triangles(triangles: Floats) -> int:
-    """Count the triangles that reach below the height of the first layer.
+    """Count the triangles that reach below the middle of the first layer.
 
     Parameters
     ----------
@@ -190,14 +190,14 @@ def _count_low_triangles(triangles: Floats) -> int:
 
 @jit
 def _cut_triangle(triangle: Floats, is_apex_below: bool, ends: Floats) -> float:
-    """Cut a triangle at the height of the first layer, with a single corner (its apex) on one side.
+    """Cut a triangle at the middle of the first layer, so that a single corner (the apex) is on one side.
 
     Parameters
     ----------
     triangle
         (3, 3) float64 in mm.
     is_apex_below
-        Whether the apex is below the height.
+        Whether the apex is below the cut.
     ends
         (2, 2) float64, filled in with the ends of the cut in mm.
 

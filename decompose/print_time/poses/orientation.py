@@ -1,8 +1,8 @@
 """Orientation of a part: the pose that prints fastest among those in which the part stays upright.
 
-Candidates are the six axis poses and those that lie on a facet of the convex hull or on a large flat face.
-Each is priced with its supports, and checked for what a price does not cover: whether the part stays upright
-while it grows, and whether support would stick to a cut face, which is to be glued.
+Candidates are the six axis poses, and poses in which the part lies on a facet of its convex hull or on a
+large flat face. Each candidate is priced with its supports. It is also checked whether the part stays upright
+while it grows, and whether support would stick to a cut face, which will be glued.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ MAX_MEASURED_POSES = 24  # maximum number of measured candidates, in the order o
 ESTIMATE_COLUMN_COUNT = 1_500  # approximate number of columns for an estimate
 CERTAIN_SUPPORT_SHARE = 0.8  # share of an estimated support that is certainly needed
 YAWS_RAD: Floats = np.radians(np.arange(90.0))
-"""Yaws that are tried, from that of the smallest rectangle around the outline."""
+"""Yaws that are tried, relative to the yaw of the smallest rectangle around the outline."""
 
 
 def find_best_pose(
@@ -112,14 +112,14 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Tar
     Returns
     -------
     ndarray
-        (k, 3, 3), whose rows are the bed's x, y and z in the model's frame.
+        (k, 3, 3) rotations, whose rows are the bed's x, y and z in the model's frame.
     """
     hull = build_hull(vertices)
     return _list_rotations(list_directions(vertices, faces, hull), hull, printers)
 
 
 def _list_rotations(directions: Floats, hull: Hull, printers: Sequence[TargetPrinter]) -> Floats:
-    """List the rotations (m, 3, 3) that turn directions (k, 3) up and fit every printer at some yaw."""
+    """List the rotations (m, 3, 3) that turn each direction (k, 3) up, if the part fits at some yaw."""
     rotations = [_find_rotation(up, hull.points, printers) for up in directions]
     return np.array([rotation for rotation in rotations if rotation is not None]).reshape(-1, 3, 3)
 
@@ -160,7 +160,7 @@ def build_hull(vertices: Floats) -> Hull:
 
 
 def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
-    """List candidates for the direction up: the axes, then the opposites of hull facets and large flat faces.
+    """List candidates for the direction up: the axes, then the inward normals of hull facets and large faces.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
 def _append_distinct_directions(
     known_directions: Floats, candidates: Floats, max_count: int, min_same_cos: float
 ) -> Floats:
-    """Append candidates to directions unless they are close to one in the list.
+    """Append those candidates to directions that are not close to a direction in the list.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def _find_flat_directions(area_vectors: Floats) -> Floats:
 
 
 def _find_rotation(up: Floats, hull: Floats, printers: Sequence[TargetPrinter]) -> Floats | None:
-    """Find a rotation with a direction up (3,) whose yaw fits every printer; None if there is none.
+    """Find a rotation that turns a direction (3,) up and lets the part fit every printer; None if none does.
 
     Axis poses keep their yaw if it fits. Any other pose is rotated so that the smallest rectangle around its
     outline is parallel to the bed's axes, and further if that yaw does not fit.
@@ -272,7 +272,7 @@ def _find_rotation(up: Floats, hull: Floats, printers: Sequence[TargetPrinter]) 
 
 @jit
 def _choose_bed_axes(up: Floats) -> tuple[Floats, Floats]:
-    """Choose the x and y axes of the bed, normal to an upward direction.
+    """Choose the x and y axes of the bed, perpendicular to an upward direction.
 
     Parameters
     ----------
@@ -299,6 +299,6 @@ def _choose_bed_axes(up: Floats) -> tuple[Floats, Floats]:
 
 
 def _build_yaw(angle_rad: float) -> Floats:
-    """Build the rotation (2, 2) of x and y by an angle, in rows."""
+    """Build the matrix (2, 2) whose rows are the axes x and y, rotated by an angle."""
     cos, sin = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([[cos, sin], [-sin, cos]])

@@ -28,16 +28,16 @@ COLUMN_INDEX = ADDITIVE_FEATURES.index("column_mm3")
 HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole, as a share of that of a square hole
 MIN_TOUCHED_MM2 = 1.0  # minimum area of a cut face that support touches; a smaller area is a rounding error
 
-# [assumed] A part stays upright while its adhesion to the bed exceeds the pull of the nozzle at its top and
-# of the weight that is not above its footing. Support is made to be peeled off, so it holds less. The outer
-# half of a brim is too thin to hold.
+# [assumed] A part stays upright as long as the moment of its adhesion to the bed exceeds those of the
+# nozzle's pull at its top and of the weight that is not above its footing. Support is made to be peeled off,
+# so it holds less. The outer half of a brim is too thin to hold.
 MIN_CONTACT_MM2 = 4.0  # minimum area of the first layer
 MIN_FOOT_MM = 0.8  # minimum `Footing.hydraulic_diameter_mm`: an edge narrower than a line is not printed
-ADHESION_N_MM2 = 0.05  # adhesion of the first layer to the bed
-SUPPORTED_CONTACT_SHARE = 0.1  # adhesion of the area that supports carry, as a share of that of the part
+ADHESION_N_PER_MM2 = 0.05  # adhesion of the first layer to the bed
+SUPPORTED_CONTACT_SHARE = 0.1  # adhesion of the area of supports, as a share of that of the first layer
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
 PULL_N = 0.5  # horizontal pull of the nozzle
-WEIGHT_N_MM3 = 1.25e-5  # weight of the filament
+WEIGHT_N_PER_MM3 = 1.25e-5  # weight of the filament
 
 # [assumed] A slender part on a small foot gets a warning, even if its brim holds it.
 SMALL_FOOT_MM2 = 300.0  # first layers with a smaller area count as small
@@ -51,7 +51,8 @@ class Pose:
     Attributes
     ----------
     to_model
-        (4, 4) the rigid motion from the bed (centred, on z = 0) to the model's frame, in mm.
+        (4, 4) rigid transform in mm from the bed, on which the part is centred and stands on z = 0, to the
+        model's frame.
     size_mm
         Width, depth and height.
     price_s
@@ -59,20 +60,20 @@ class Pose:
     footing
         Contact of the part with the bed.
     tilt_ratio
-        Moment that tilts the part while it is printed, over the moment that holds it; the part stays upright
-        up to 1.
+        Moment that tilts the part while it is printed, divided by the moment that holds it; up to 1, the part
+        stays upright.
     margin_mm
         Distance of the part's centre of mass from the edge of its footing; negative outside.
     support_mm3
-        Volume of its supports.
+        Volume of the supports.
     touched_mm2
         Area of cut faces to which support sticks.
     footing_extension_mm
         Width by which the brim widens the footing on each side.
     brim_width_mm, layer_0_expansion_mm
-        Values chosen for the part; None to use those of the quality.
+        Values chosen for the part; None to use those of the print quality.
     bed_face_hidden, tops_hidden
-        Whether the faces on the bed, and all tops, are cut faces, which need less skin by the cost model.
+        Whether the faces on the bed, and all tops, are cut faces and the cost model gives these less skin.
     """
 
     to_model: Floats
@@ -98,20 +99,20 @@ class Pose:
 
     @property
     def slenderness(self) -> float:
-        """Height over the side of a square with the area of the first layer; inf without a first layer."""
+        """Height divided by the side of a square with the first layer's area; inf without a first layer."""
         contact_mm2 = self.footing.contact_mm2
         return self.size_mm[2] / math.sqrt(contact_mm2) if contact_mm2 > 0.0 else math.inf
 
     @property
     def has_small_foot(self) -> bool:
-        """True if the part is tall for a small first layer."""
+        """True if the first layer is small for the height of the part."""
         return self.footing.contact_mm2 < SMALL_FOOT_MM2 and self.slenderness > MIN_SLENDERNESS
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
-        """Sort key, lower is better: stability, area of touched cut faces, price.
+        """Sort key, lower is better: stability, area of cut faces that support touches, price.
 
-        The tilt ratio of a part that tips over takes precedence over the last two.
+        For a part that does not stay upright, the tilt ratio takes precedence over the last two.
         """
         touched_mm2 = self.touched_mm2 if self.touched_mm2 > MIN_TOUCHED_MM2 else 0.0
         if self.stands:
@@ -132,7 +133,7 @@ def measure_pose(
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose:
-    """Price a pose with its true supports, and measure the stability of the part.
+    """Price a pose with supports that end on the bed or on the part, and measure the part's stability.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def measure_pose(
     is_cut
         (m,) bool, true for cut faces, which no support should touch.
     rotation
-        (3, 3), whose rows are the bed's x, y and z in the model's frame.
+        (3, 3) rotation, whose rows are the bed's x, y and z in the model's frame.
     cost
         Cost model of the print time.
     fit_first_layer
@@ -185,7 +186,7 @@ def measure_pose_from_features(
     contours = measure_contours(mesh, up, cost.skin_cos, cost.ring_cos)
     pose_cost = cost if brim_width_mm is None else replace(cost, brim_mm=brim_width_mm)
     return Pose(
-        to_model=_build_motion(rotation, origin_mm),
+        to_model=_build_transform(rotation, origin_mm),
         size_mm=(width_mm, depth_mm, height_mm),
         price_s=_price_pose_s(features, extents_mm, columns, pose_cost)
         + cost.price_thin_walls_s(thin_walls)
@@ -211,16 +212,17 @@ def _place_on_bed(vertices: Floats, rotation: Floats) -> tuple[Floats, Floats, F
     Returns
     -------
     tuple
-        (n, 3) vertices on the bed, their (3,) extents, and (3,) the rotated point at the middle of the bed.
+        (n, 3) vertices on the bed, their (3,) extents, and the (3,) point of the rotated part that is moved
+        to the middle of the bed.
     """
     rotated_vertices = vertices @ rotation.T
-    lo, hi = rotated_vertices.min(axis=0), rotated_vertices.max(axis=0)
-    origin_mm = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
-    return rotated_vertices - origin_mm, hi - lo, origin_mm
+    lo_mm, hi_mm = rotated_vertices.min(axis=0), rotated_vertices.max(axis=0)
+    origin_mm = np.array([(lo_mm[0] + hi_mm[0]) / 2.0, (lo_mm[1] + hi_mm[1]) / 2.0, lo_mm[2]])
+    return rotated_vertices - origin_mm, hi_mm - lo_mm, origin_mm
 
 
-def _build_motion(rotation: Floats, origin_mm: Floats) -> Floats:
-    """Build the motion (4, 4) from the bed to the model's frame, the reverse of `_place_on_bed`."""
+def _build_transform(rotation: Floats, origin_mm: Floats) -> Floats:
+    """Build the transform (4, 4) from the bed to the model's frame, the inverse of `_place_on_bed`."""
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin_mm
     return to_model
@@ -263,10 +265,10 @@ def _compute_tilt_ratio(
 ) -> float:
     """Compute the worst ratio of the moments that tilt a growing part to the moment that holds it."""
     area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * columns.bed_support_mm2
-    holding_n_mm = ADHESION_N_MM2 * area_mm2 * footing.width_mm / 2.0
+    holding_n_mm = ADHESION_N_PER_MM2 * area_mm2 * footing.width_mm / 2.0
     overhang_mm4 = max(
         volume_mm3 * max(0.0, -margin_mm)
         for volume_mm3, margin_mm in zip(columns.volumes_mm3, margins_mm, strict=True)
     )
-    tilting_n_mm = PULL_N * height_mm + WEIGHT_N_MM3 * overhang_mm4
+    tilting_n_mm = PULL_N * height_mm + WEIGHT_N_PER_MM3 * overhang_mm4
     return float(tilting_n_mm / holding_n_mm) if holding_n_mm > 0.0 else math.inf

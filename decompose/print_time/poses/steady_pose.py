@@ -1,7 +1,7 @@
 """Search for a more stable pose, with a larger foot and less height, of a part that has time to spare.
 
-A part that ends before the slowest one need not be printed in its fastest pose. On a foot of a few square
-millimetres it is more likely to come off the bed.
+A part that ends before the slowest one need not be printed in its fastest pose. If its first layer, its foot,
+has only a few square millimetres, it is more likely to come off the bed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from decompose.printers import TargetPrinter
 MAX_STEADY_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
 MAX_SLENDERNESS_RATIO = 0.8  # maximum slenderness of a steadier pose, as a share of that of the fastest pose
 MAX_TIME_RATIO = 1.02  # maximum time of a steadier pose, as a multiple of that of the fastest pose
-MAX_MEASURED_POSES = 4  # maximum number of measured poses, the steadiest by their flat faces first
+MAX_MEASURED_POSES = 4  # maximum number of measured poses, those with the least estimated slenderness first
 
 
 def compute_steady_limit_s(fastest_pose: Pose, spare_limit_s: float) -> float:
@@ -40,8 +40,8 @@ def compute_steady_limit_s(fastest_pose: Pose, spare_limit_s: float) -> float:
     Returns
     -------
     float
-        Time in seconds. For a part on a small foot it includes all of its spare time, and is at least 2 %
-        longer than in the fastest pose; for other parts it is at most 2 % longer.
+        Time in seconds. A part on a small foot may use all of its spare time, and at least 2 % more time than
+        in the fastest pose; any other part may use at most 2 % more.
     """
     max_s = MAX_TIME_RATIO * fastest_pose.price_s
     return max(spare_limit_s, max_s) if fastest_pose.has_small_foot else min(spare_limit_s, max_s)
@@ -61,15 +61,15 @@ def find_steady_pose(
     cost
         Cost model of the print time.
     fastest_pose
-        Fastest pose of the part; if it has a brim width, first layers are chosen for other poses too.
+        Fastest pose of the part; if its brim width was chosen, that of other poses is chosen too.
     limit_s
         Maximum price of the pose.
 
     Returns
     -------
     Pose
-        The fastest pose if no other pose is much steadier, or if support would touch more cut faces in the
-        others.
+        Steadier pose; or the fastest one if no other pose is much steadier within the limit, or if support
+        would touch more cut faces in the others.
     """
     if fastest_pose.slenderness <= MAX_STEADY_SLENDERNESS or limit_s < fastest_pose.price_s:
         return fastest_pose
