@@ -1,6 +1,6 @@
 """Effort of a search: work is counted, not timed, so that the result is the same on every machine.
 
-Each kind of work has a price: the time of a unit on one core of a typical machine (`bench/search/effort.py`).
+A unit of each kind of work counts as a fixed time on one core of a typical machine: `bench/search/effort.py`.
 Work is recorded by the thread that distributes it, not by the threads that do it.
 """
 
@@ -16,16 +16,16 @@ from enum import StrEnum
 class Work(StrEnum):
     """Kinds of work, named by their units."""
 
-    FACE_GRIDDED = "face-gridded"  # a triangle of the model, added to a grid
-    BOX_PRICED = "box-priced"  # a box of the grid, priced for a build volume
-    SUM = "sum"  # a sum of the two sides of a cut, in a search for a partition
+    FACE_GRIDDED = "face-gridded"  # a triangle of the model that is added to a grid
+    BOX_PRICED = "box-priced"  # a box of the grid whose print time is estimated
+    SUM = "sum"  # a sum of the printer counts of both sides of a cut, in a search for a partition
     FACE_CUT = "face-cut"  # a triangle of a solid that is cut
     FACE_POSED = "face-posed"  # a triangle of a piece for which the best pose is sought
     PIECE_POSED = "piece-posed"
     FACE_MEASURED = "face-measured"  # a triangle of a piece that is priced in a given pose
     PIECE_MEASURED = "piece-measured"
-    POINT_CLUSTERED = "point-clustered"  # a vertex, for each cluster of a draw of seeds
-    CELL_GROWN = "cell-grown"  # a cell of the grid, for each attempt to cover it by growth
+    POINT_CLUSTERED = "point-clustered"  # a vertex and a cluster that are compared when seeds are drawn
+    CELL_GROWN = "cell-grown"  # a cell of the grid in one attempt to cover the grid with growing boxes
     BOX_PROVEN = "box-proven"  # a box of the grid in the proof of a lower bound
 
 
@@ -42,7 +42,7 @@ WORK_NS = {
     Work.CELL_GROWN: 1_500.0,
     Work.BOX_PROVEN: 400.0,
 }
-"""Nanoseconds of one core for a unit of each kind."""
+"""Nanoseconds that a unit of each kind takes on one core of a typical machine."""
 
 
 @dataclass(slots=True)
@@ -72,7 +72,7 @@ class Effort:
     @property
     def spent_s(self) -> float:
         """Work done, in seconds of one core of a typical machine."""
-        return sum(price * self.done_units[work] for work, price in WORK_NS.items()) / 1e9
+        return sum(unit_ns * self.done_units[work] for work, unit_ns in WORK_NS.items()) / 1e9
 
     def record(self, work: Work, units: int) -> None:
         """Record units of work when they are started."""
@@ -89,6 +89,6 @@ class Effort:
 
     def is_spent(self) -> bool:
         """Check whether the budget is spent; record in `is_cut_short` if it is."""
-        spent = self.spent_s + self.reserved_s >= self.budget_s
-        self.is_cut_short = self.is_cut_short or spent
-        return spent
+        is_spent = self.spent_s + self.reserved_s >= self.budget_s
+        self.is_cut_short = self.is_cut_short or is_spent
+        return is_spent

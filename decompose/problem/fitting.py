@@ -21,9 +21,9 @@ ROUNDING_MM3 = 1e-6  # maximum volume of a film that rounding leaves on a cut pl
 
 
 def count_blocks(size_mm: Floats, printers: Sequence[TargetPrinter]) -> tuple[int, int, int]:
-    """Count the fewest equal, axis-aligned blocks along each side of a box that fit every printer.
+    """Count, along each side of a box, the fewest equal blocks into which it is divided to fit every printer.
 
-    A box of one block fits; a box of several blocks may still fit if it is rotated.
+    If the result is one block, the box fits; otherwise, the box may still fit if it is rotated.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def count_blocks(size_mm: Floats, printers: Sequence[TargetPrinter]) -> tuple[in
 
 
 def count_parts(solid: Solid, printers: Sequence[TargetPrinter]) -> int:
-    """Count the fewest axis-aligned parts of a solid that fit every printer; 1 if the solid fits as it is.
+    """Compute the smallest number of axis-aligned parts that fit every printer; 1 if the solid itself fits.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ def count_parts(solid: Solid, printers: Sequence[TargetPrinter]) -> int:
 
 
 def find_clear_offset_mm(
-    solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * PLANE_CLEARANCE_MM
+    solid: Solid, normal: Floats, at_mm: float, max_shift_mm: float = 2.0 * PLANE_CLEARANCE_MM
 ) -> float:
-    """Find the offset of a plane near `at_mm` that is clear of all faces parallel to the plane.
+    """Find the offset of a plane near `at_mm` at which the plane is not close to any face parallel to it.
 
-    A cut close to a face would leave slivers, and the face would count as a cut. If no offset within reach is
-    clear, the result is the one furthest from all faces.
+    A cut close to a face would leave slivers, and the face would count as a cut face. If every permitted
+    offset is close to a face, the result is the offset with the largest distance from all faces.
 
     Parameters
     ----------
@@ -73,19 +73,19 @@ def find_clear_offset_mm(
         (3,) unit normal of the plane.
     at_mm
         Desired offset along the normal.
-    reach_mm
+    max_shift_mm
         Maximum distance from the desired offset.
     """
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
-    normal_areas_mm2, doubled_areas_mm2 = cross @ normal, np.linalg.norm(cross, axis=1)
-    is_flat = (np.abs(normal_areas_mm2) > (1.0 - 1e-9) * doubled_areas_mm2) & (doubled_areas_mm2 > 0.0)
-    coordinates_mm = np.unique(np.round(a[is_flat] @ normal, 6))
-    coordinates_mm = coordinates_mm[np.abs(coordinates_mm - at_mm) < reach_mm + PLANE_CLEARANCE_MM]
+    doubled_areas_mm2 = np.linalg.norm(cross, axis=1)
+    is_parallel = (np.abs(cross @ normal) > (1.0 - 1e-9) * doubled_areas_mm2) & (doubled_areas_mm2 > 0.0)
+    coordinates_mm = np.unique(np.round(a[is_parallel] @ normal, 6))
+    coordinates_mm = coordinates_mm[np.abs(coordinates_mm - at_mm) < max_shift_mm + PLANE_CLEARANCE_MM]
     if not len(coordinates_mm):
         return at_mm
-    offsets_mm = np.linspace(-reach_mm, reach_mm, 81)
+    offsets_mm = np.linspace(-max_shift_mm, max_shift_mm, 81)
     offsets_mm = offsets_mm[np.argsort(np.abs(offsets_mm), kind="stable")]
     gaps_mm = np.abs(at_mm + offsets_mm[:, None] - coordinates_mm[None]).min(axis=1)
     clear_gaps = np.flatnonzero(gaps_mm >= PLANE_CLEARANCE_MM)

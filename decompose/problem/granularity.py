@@ -26,7 +26,7 @@ def choose_granularity(granularity: str | int, printer_count: int, size_ratio: f
     printer_count
         Number of printers.
     size_ratio
-        Longest side of the model over the narrowest side of a build volume.
+        Longest side of the model divided by the shortest side of a build volume.
 
     Raises
     ------

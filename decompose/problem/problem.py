@@ -38,7 +38,7 @@ class GridFigures:
     Attributes
     ----------
     makespan_s
-        Makespan of the partition on the grid, according to the tables.
+        Makespan of the partition into boxes of the grid, according to the table of box prices.
     lower_bound_s
         Proven lower bound on the makespan.
     cells
@@ -60,7 +60,7 @@ class Problem:
         Model in the frame in which it is cut.
     printers
         Free printers, each for one piece at most; a printer that prints in several rounds appears once for
-        each.
+        each round.
     cost
         Cost model for print times.
     options
@@ -75,10 +75,10 @@ class Problem:
     best_known_s
         Makespan of the best result so far; no bound is proven for a result with a longer one.
     is_thorough
-        Whether to also shift the planes of partitions other than the best one, and to shift moved planes
-        again, within the budget.
+        Whether to shift the planes of good partitions other than the best one too, and to repeat the shift as
+        long as it gains time, within the budget.
     frame
-        (3, 3) rotation of the model so far: ``v_cut = frame @ v_model``.
+        (3, 3) rotation from the frame of the input to that of `model`: ``v_cut = frame @ v_model``.
     """
 
     model: Model
@@ -113,7 +113,7 @@ class Problem:
 
     @property
     def max_part_sides_mm(self) -> list[float]:
-        """Longest sides that a part may have on every printer."""
+        """Maximum sizes along x, y and z of a part that fits every printer."""
         return [min(max(box[axis] for box in p.boxes) for p in self.distinct_printers) for axis in range(3)]
 
     def rotate(self, rotation: Floats) -> Problem:
@@ -154,11 +154,12 @@ class Problem:
         target_plane
             Axis and coordinate in mm of a plane that the grid must have; None if there is none.
         overhang_cos
-            Cosine above which a face overhangs; None for that of the cost model.
+            Cosine of the angle between a face's normal and the downward direction above which the face
+            overhangs; None for that of the cost model.
         """
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
-        # Each face is clipped twice: to the cells, and to the finer ones that divide them.
+        # Each face is clipped twice: to the cells, and to the finer cells that divide them.
         self.effort.record(Work.FACE_GRIDDED, 2 * len(faces))
         overhang_cos = cost.table_overhang_cos if overhang_cos is None else overhang_cos
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
@@ -209,7 +210,7 @@ class Problem:
         pieces: Sequence[Piece],
         proof: Callable[[], float] | None = None,
     ) -> GridFigures:
-        """Compute the makespan of boxes according to the tables, and a lower bound for all partitions.
+        """Compute the makespan of boxes from the table of prices, and a lower bound for all partitions.
 
         The boxes fit every printer, and the fastest printer prints the slowest box. The bound is proven as if
         all printers were as fast as that one.
@@ -257,7 +258,7 @@ class Problem:
         return max(pose.price_s * printer.time_factor for pose, printer in pairs if pose is not None)
 
     def assign_printers(self, pieces: Sequence[Piece]) -> list[TargetPrinter] | None:
-        """Assign printers to pieces so that the last one ends soonest; None if they do not all fit."""
+        """Assign printers to pieces so that the makespan is minimal; None if the pieces do not all fit."""
         if len(pieces) > len(self.printers):
             return None
         poses = [pose for pose in self.find_poses(pieces) if pose is not None]
@@ -347,8 +348,8 @@ def validate_problem(
 
 def _refuse_too_long_model(model: Model, printers: tuple[TargetPrinter, ...]) -> None:
     """Refuse a model that is longer than the diagonals of all printers' build volumes together."""
-    reach_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
-    if float(model.extents_mm.max()) <= reach_mm:
+    max_length_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
+    if float(model.extents_mm.max()) <= max_length_mm:
         return
     spans = np.array([piece.bounds_mm for piece in model.solid.list_pieces()])
     for axis in range(3):
@@ -356,8 +357,8 @@ def _refuse_too_long_model(model: Model, printers: tuple[TargetPrinter, ...]) ->
         before = np.maximum.accumulate(np.concatenate([[-np.inf], order[:-1, 1]]))
         # Length of the solid along the axis, without the gaps between its pieces.
         solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())
-        if solid_mm > reach_mm:
-            part_count = math.ceil(solid_mm / reach_mm * len(printers))
+        if solid_mm > max_length_mm:
+            part_count = math.ceil(solid_mm / max_length_mm * len(printers))
             raise NoFit(
                 f"{format_size(model.extents_mm)} mm needs {part_count} parts at least, each on its own "
                 f"printer, but there are {len(printers)}: free more printers, or give a smaller "
