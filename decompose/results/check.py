@@ -25,7 +25,7 @@ MAX_OVERLAP_MM3 = 1e-3  # maximum volume that two parts share, due to rounding
 # Minimum volume of a hollow, as a share of the model; a smaller one is a rounding error.
 MIN_HOLLOW_SHARE = 1e-12
 MAX_STL_ERROR_SHARE = 1e-5  # maximum error of the volume of an STL file, due to single precision
-FIT_TOLERANCE_MM = 1e-6  # length by which a part may exceed its build volume, and a wall be too thin
+FIT_TOLERANCE_MM = 1e-6  # length by which a part may exceed its build volume, or a wall may be too thin
 BOX_OVERLAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
 
 
@@ -36,7 +36,7 @@ def check_result(
     printers: Sequence[TargetPrinter],
     min_wall_mm: float,
 ) -> Coverage:
-    """Check the rules of the parts: all except those of pins, marks and STL files.
+    """Check the geometry of the parts against all rules except those of pins, marks and STL files.
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ def check_result(
     model
         Model in the frame of the parts.
     printers
-        Printers, once for each part that they may print.
+        Printers; each appears once for every part that it may print.
     min_wall_mm
-        Minimum distance of hollows from the surface.
+        Minimum distance of a hollow from the model's surface.
 
     Returns
     -------
     Coverage
-        Relative error of the surface's area, and volume of overlaps.
+        Relative error of the surface's area, and total volume of overlaps.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def check_overlap(parts: Sequence[Part]) -> float:
 
 
 def check_surface(parts: Sequence[Part], model: Model) -> float:
-    """Check that the parts' faces, without the cuts, have the original area; return the relative error.
+    """Check that the parts' faces without cut faces have the area of the model; return the relative error.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
 
 
 def check_missing_volume(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
-    """Check that only hollows outside the boxes are missing, far enough from the surface.
+    """Check that nothing is missing but hollows outside the boxes, and that these are far from the surface.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def check_missing_volume(parts: Sequence[Part], boxes_mm: Floats, model: Model, 
     if hollow is None or hollow_mm3 <= MIN_HOLLOW_SHARE * model_mm3:
         return
     lo_mm, hi_mm = model.solid.bounds_mm
-    margin_mm = 2.0 * min_wall_mm + 1.0  # so that the sides of this box are far enough from all hollows
+    margin_mm = 2.0 * min_wall_mm + 1.0  # keeps the sides of this box far enough from all hollows
     outside = Solid.box(lo_mm - margin_mm, hi_mm + margin_mm).subtract(model.solid)
     if outside.measure_gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_TOLERANCE_MM:
         return
@@ -193,7 +193,7 @@ def check_stl(path: Path, part: Part) -> None:
     path
         STL file.
     part
-        Part that is written to it.
+        Part that was written to the file.
 
     Raises
     ------

@@ -49,7 +49,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             blanks, decomposition.joints, decomposition.assembly, options.connectors, options.min_glue_mm2
         )
         connectors, drilled_solids = _drill_without_faults(blanks, connectors, decomposition)
-    except Exception as error:  # shapely and Qhull raise others; parts are valid without connectors
+    except Exception as error:  # shapely and Qhull have errors of their own; parts need no connectors
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
     cut_parts = {tool.part for tool in connectors.tools}
@@ -76,7 +76,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
 def _drill_without_faults(
     blanks: Sequence[Blank], connectors: Connectors, decomposition: Decomposition
 ) -> tuple[Connectors, list[Solid]]:
-    """Drill the parts, and remove connectors until no rule is broken; return the rest and the solids.
+    """Drill the parts, and remove connectors until no rule is broken; return the others and drilled solids.
 
     Raises
     ------

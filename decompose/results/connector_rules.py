@@ -29,24 +29,25 @@ from decompose.pieces import Joint
 from decompose.results.overhangs import measure_ceiling_mm2
 from decompose.results.removed_material import EPS_MM3, find_other_changes, is_thick
 
-EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum area of a layer's ceiling in a hole, and where strokes cross
+# Maximum area of the ceiling of a layer that may lack support: in a hole, and where strokes of a mark cross.
+EPS_MM2, SPECK_MM2 = 0.005, 0.3
 RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of the search minus a margin
-FILM_MM = 0.06  # depth below a face that is not checked, because of rounding
-# Maximum angles of ceilings from the vertical; the slicer supports those of 50 degrees or more.
+FILM_MM = 0.06  # depth below a face down to which nothing is checked, because of rounding errors
+# Maximum angles between a ceiling and the vertical; the slicer supports ceilings of 50 degrees or more.
 MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0
 MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 KEY_END_GAP_MM = 0.25  # gap at each end of a key
 KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
 ARC_SEGMENTS = 4  # number of sides of a polygon around a circle, for each quarter of it
 COAXIAL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
-LEVEL_SIN = 1e-6  # maximum sine of the angle between a direction and the face that it lies in
-OUTSIDE_DISTANCE_MM = 2000.0  # distance beyond all parts
-MIN_OPENING_MM = 1.0  # minimum gap of a joint if one of its bodies is rotated by 180 degrees
+IN_PLANE_SIN = 1e-6  # maximum sine of the angle between a face and a direction that lies in it
+OUTSIDE_DISTANCE_MM = 2000.0  # distance that is larger than any model
+MIN_OPENING_MM = 1.0  # minimum gap that a joint must show if one of its bodies is rotated by 180 degrees
 
 
 @dataclass(frozen=True, slots=True)
 class ConnectorFault:
-    """A rule that connectors break, and why; `part` is None if the pins of several parts break it."""
+    """A rule that connectors of a part break, and why; `part` is None if pins of several parts break it."""
 
     rule: Rule
     part: int | None
@@ -79,7 +80,7 @@ class DrilledParts:
             yield ConnectorFault(Rule.PINS_UNAMBIGUOUS, None, problem)
 
     def _list_groups(self) -> Iterator[_ToolGroup]:
-        """Yield the tools of each hole, mark and gutter."""
+        """Yield the tools of each hole, groove, mark and gutter as a group."""
         for pin in self.connectors.pins:
             for hole in pin.holes:
                 kind, max_overhang_deg = (
@@ -94,7 +95,7 @@ class DrilledParts:
             )
 
     def _check_part(self, part: int, groups: Sequence[_ToolGroup]) -> Iterator[tuple[Rule, str]]:
-        """Check a part with its tools; yield the rules that are broken, and how."""
+        """Check a drilled part; yield each broken rule, and a clause on the problem."""
         undrilled_solid, drilled_solid = self.blanks[part].solid, self.drilled_solids[part]
         for problem in find_other_changes(
             undrilled_solid, drilled_solid, [tool for group in groups for tool in group.tools]
@@ -123,16 +124,16 @@ class DrilledParts:
                     f"a {group.kind} overhangs by {math.degrees(overhang_rad):.0f} degrees",
                 )
             if group.measure_ceiling_mm2(self.blanks[part].up_direction) > group.max_ceiling_mm2:
-                yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
+                yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} needs support"
 
     def _subtract_parts(self, solid: Solid) -> Solid:
-        """Subtract all undrilled parts from a solid; the remainder is outside the model, or in a gap."""
+        """Subtract all undrilled parts from a solid; the rest lies outside the model or between two parts."""
         for blank in self.blanks:
             solid = solid if solid.is_empty else solid.subtract(blank.solid)
         return solid
 
     def _check_pin(self, pin: Pin) -> Iterator[tuple[Rule, str]]:
-        """Check that a pin can be inserted; yield the rules that are broken, and how."""
+        """Check that a pin can be inserted; yield each broken rule, and a clause on the problem."""
         step = self.steps[pin.step]
         moved, fixed = pin.holes
         if (
@@ -140,8 +141,14 @@ class DrilledParts:
             or fixed.part not in step.fixed_parts
             or not _inserts_pin(pin, step)
         ):
-            yield Rule.PIN_DIRECTIONS, f"a pin of step {pin.step + 1} is not along its direction"
-        if pin.key_direction is not None and abs(float(pin.key_direction @ moved.inward_normal)) > LEVEL_SIN:
+            yield (
+                Rule.PIN_DIRECTIONS,
+                f"a pin of step {pin.step + 1} is not parallel to the movement of the step",
+            )
+        if (
+            pin.key_direction is not None
+            and abs(float(pin.key_direction @ moved.inward_normal)) > IN_PLANE_SIN
+        ):
             yield Rule.PINS_UNAMBIGUOUS, f"a key of step {pin.step + 1} does not lie in its joint"
         rod = _build_rod(pin)
         for hole in pin.holes:
@@ -158,8 +165,8 @@ class DrilledParts:
 def _inserts_pin(pin: Pin, step: AssemblyStep) -> bool:
     """Check whether a movement along the direction of a step inserts a pin into its holes.
 
-    A key that slides has one groove with an exit: in the moved part against the direction, or in the fixed
-    part along it.
+    A key that slides has one groove with an exit: an exit of the moved part points against the direction, and
+    an exit of the fixed part points along it.
     """
     moved, fixed = pin.holes
     if (
@@ -173,7 +180,7 @@ def _inserts_pin(pin: Pin, step: AssemblyStep) -> bool:
     ]
     if not pin.slides:
         return exits == [None, None] and float(moved.inward_normal @ step.direction) >= COAXIAL_COS
-    return abs(float(moved.inward_normal @ step.direction)) < LEVEL_SIN and (
+    return abs(float(moved.inward_normal @ step.direction)) < IN_PLANE_SIN and (
         (exits[1] is None and exits[0] is not None and exits[0] < -COAXIAL_COS)
         or (exits[0] is None and exits[1] is not None and exits[1] > COAXIAL_COS)
     )
@@ -184,19 +191,19 @@ def _build_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
     axis = pin.rod_axis if exit_direction is None else exit_direction
     circle = shapely.Point(pin.position_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
     middle_mm = float(pin.position_mm @ axis)
-    far_mm = pin.length_mm / 2.0 if exit_direction is None else OUTSIDE_DISTANCE_MM
-    return _extrude_outline(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + far_mm)
+    front_mm = pin.length_mm / 2.0 if exit_direction is None else OUTSIDE_DISTANCE_MM
+    return _extrude_outline(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + front_mm)
 
 
 def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()) -> list[str]:
-    """Find pairs of pins with which a body fits when rotated by 180 degrees, or in place of another body.
+    """Find pairs of pins with which a body also fits when it is rotated by 180 degrees, or in a wrong place.
 
     Parameters
     ----------
     pins
-        Pins of all steps, in order; the first two pins of a step locate its bodies.
+        Pins of all steps, in order; the first two pins of a step align its bodies.
     used_distances_mm
-        Distances between the pins of steps whose parts are drilled already.
+        Distances between the pins of steps whose parts have been drilled before.
 
     Returns
     -------
@@ -231,13 +238,13 @@ def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()
 
 
 def _measure_mouth_mm(key: Pin) -> float:
-    """Measure the length of the longer mouth of a key's two grooves."""
+    """Measure the length of the mouths of a key's two grooves; return the longer one."""
     return float(max(np.ptp(groove.points_mm @ key.rod_axis) for groove in key.holes))
 
 
 def _measure_play_mm(pin: Pin) -> float:
-    """Measure how far a pin can move across its holes, from the narrowest width of the wider hole."""
-    if pin.key_direction is not None:  # between the sides of the V groove, and lengthwise between its ends
+    """Measure the play of a pin in its wider hole, or of a key in its grooves."""
+    if pin.key_direction is not None:  # the larger of the play along the key and that across it
         return max(2.0 * KEY_END_GAP_MM, math.sqrt(2.0) * pin.depth_mm - pin.diameter_mm)
     across = choose_plane_axes(pin.axis)
     hulls = [
@@ -256,9 +263,9 @@ class _ToolGroup:
     tools, joint
         Tools, and the joint on whose faces they are.
     max_overhang_rad
-        Angle of the flattest allowed ceiling from the vertical.
+        Maximum angle between a ceiling and the vertical.
     kind
-        Kind in messages: hole, groove, mark or gutter.
+        Word for the group in messages: hole, groove, mark or gutter.
     """
 
     tools: tuple[Tool, ...]
@@ -268,7 +275,7 @@ class _ToolGroup:
 
     @property
     def max_ceiling_mm2(self) -> float:
-        """Maximum area of a layer's ceiling; where strokes cross, specks without support are allowed."""
+        """Maximum area of a layer's ceiling without support; larger where the strokes of a mark cross."""
         return SPECK_MM2 if self.kind == "mark" else EPS_MM2
 
     @cached_property
@@ -292,7 +299,7 @@ class _ToolGroup:
         """Outline of the tools on their face, with the wall around them."""
         across = choose_plane_axes(self.tools[0].inward_normal)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
-        rim_radius_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # so that the arc is inside
+        rim_radius_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # the polygon contains the arc
         return shapely.union_all(hulls).buffer(rim_radius_mm, quad_segs=ARC_SEGMENTS)
 
     @property
@@ -301,7 +308,7 @@ class _ToolGroup:
         return KEY_RIM_MM if self.kind == "groove" else RIM_MM
 
     def build_sleeve(self) -> Solid:
-        """Build the tools with the wall around them, from just below the face."""
+        """Build the union of the tools and the minimum wall around them, from just below the face."""
         first = self.tools[0]
         if self.kind == "groove":
             enlarged_points_mm = (first.points_mm[:, None] + self.rim_mm * _SPHERE_POINTS).reshape(-1, 3)
@@ -310,18 +317,16 @@ class _ToolGroup:
                 self._outline, first.inward_normal, first.face_offset_mm + FILM_MM, end_mm
             )
             return Solid.hull(enlarged_points_mm).intersect(below)
-        reach_mm = max(float((tool.points_mm @ first.inward_normal).max()) for tool in self.tools)
-        return _extrude_outline(
-            self._outline, first.inward_normal, first.face_offset_mm + FILM_MM, reach_mm + RIM_MM
-        )
+        end_mm = max(float((tool.points_mm @ first.inward_normal).max()) for tool in self.tools) + RIM_MM
+        return _extrude_outline(self._outline, first.inward_normal, first.face_offset_mm + FILM_MM, end_mm)
 
     @property
     def has_exit(self) -> bool:
-        """True if it is a groove that leaves its part through a second face."""
+        """Whether the tools are a groove that leaves its part through a second face."""
         return self.tools[0].exit_direction is not None
 
     def is_hidden(self, undrilled_solid: Solid) -> bool:
-        """Check whether the mouths, with the rim that is inside the part, lie in a face of the joint."""
+        """Check whether the mouths of the tools, and the wall around them, lie within a face of the joint."""
         inward_normal = self.tools[0].inward_normal
         across = choose_plane_axes(inward_normal)
         outline = self._outline
@@ -332,16 +337,18 @@ class _ToolGroup:
             along = float(face.normal @ inward_normal)
             if abs(along) < COAXIAL_COS or abs(face.offset_mm * along - self.tools[0].face_offset_mm) > 1e-6:
                 continue
-            placed = shapely.transform(
+            face_outline = shapely.transform(
                 face.outline,
-                lambda flat, face=face: (flat @ face.axes + face.offset_mm * face.normal) @ across.T,
+                lambda points_mm, face=face: (
+                    (points_mm @ face.axes + face.offset_mm * face.normal) @ across.T
+                ),
             )
-            if placed.buffer(FILM_MM).contains(outline):
+            if face_outline.buffer(FILM_MM).contains(outline):
                 return True
         return False
 
     def measure_ceiling_mm2(self, up_direction: Floats) -> float:
-        """Measure the largest area that needs support in a layer over the tools."""
+        """Measure the largest area of a layer above the tools that needs support."""
         first = self.tools[0]
         tools = [tool.points_mm for tool in self.tools]
         return measure_ceiling_mm2(
@@ -349,7 +356,7 @@ class _ToolGroup:
         )
 
     def compute_overhang_rad(self, up_direction: Floats) -> float:
-        """Compute the angle of the flattest ceiling from the vertical, from the triangles of the tools."""
+        """Compute the angle between the flattest ceiling and the vertical from the tools' triangles."""
         overhang_rad = -1.0
         for tool in self.tools:
             vertices, faces = Solid.hull(tool.points_mm).arrays()

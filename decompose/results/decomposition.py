@@ -24,8 +24,9 @@ from decompose.results.records import Attempt, Coverage, Cutting
 
 SCHEMA_VERSION = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
-STL_GAP_MM = 1e-4  # move of surfaces that touch, larger than the rounding of a coordinate of 1 m
-BED_TOLERANCE_MM = 2e-5  # maximum distance of the corners of a tilted face from its plane in single precision
+# Distance by which touching surfaces are moved apart; it exceeds the rounding error of a coordinate of 1 m.
+STL_GAP_MM = 1e-4
+BED_TOLERANCE_MM = 2e-5  # corners this close to the bed are on it; rounding to float32 moves them
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +40,20 @@ class Part:
     solid
         Solid in the model's frame, in mm.
     to_model
-        (4, 4) rigid motion from the printing pose, the frame of its file, to the model's frame, in mm.
+        (4, 4) rigid transform from the printing pose, in which the STL file is, to the model's frame, in mm.
     price_s
         Estimated print time.
     printer
-        Name of the printer that it is assigned to.
+        Name of the printer to which the part is assigned.
     file
-        Name of its STL file; empty before it is written.
+        Name of the part's STL file; empty before it is written.
     brim_width_mm, layer_0_expansion_mm
-        Values chosen for the part; None for those of the quality.
+        Values chosen for the part; None if those of the print quality are used.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are cut faces, which are hidden once the parts are
         glued.
     planes
-        (k, 4) planes ``n @ x == d`` at which it was cut, in the model's frame: rows nx, ny, nz, d.
+        (k, 4) planes ``n @ x == d`` at which the part was cut, in the model's frame: rows nx, ny, nz, d.
     hidden_sides
         (k, 3) upright sides that are hidden once the parts are glued, in printing pose: rows nx, ny, d with
         an outward normal.
@@ -61,11 +62,11 @@ class Part:
     hidden_recesses
         (r, 6) marks and grooves for keys in level faces: see `list_hidden_recesses`.
     stands
-        Whether it stays upright while it is printed in its pose.
+        Whether the part stays upright while it is printed in its pose.
     small_foot_mm2
-        Area of its first layer if this is small for the height; otherwise None.
+        Area of the first layer if this is small for the height of the part; otherwise None.
     drilled_solid
-        Solid with holes and marks, which is printed; None if it has neither.
+        Solid with holes and marks, which is printed; None if the part has neither.
     """
 
     id: str
@@ -102,7 +103,7 @@ class Part:
         Parameters
         ----------
         tolerance_mm
-            Tolerance to which it is simplified; 0 to keep all triangles.
+            Tolerance to which the mesh is simplified; 0 to keep all triangles.
 
         Returns
         -------
@@ -116,10 +117,11 @@ class Part:
         return placed_vertices, faces
 
     def build_stl_triangles(self) -> npt.NDArray[np.float32]:
-        """Build the triangles (m, 3, 3) float32 in mm of its STL file.
+        """Build the triangles (m, 3, 3) float32 in mm of the part's STL file.
 
-        They are simplified, or separated where they touch, if this is necessary to keep the surface closed:
-        the format has no common vertices, so two edges at the same place look like one with four faces.
+        The surface is simplified, or moved apart where it touches itself, if this is necessary to keep it
+        closed: STL files have no shared vertices, so two edges at the same place look like one edge with four
+        faces.
 
         Raises
         ------
@@ -137,13 +139,13 @@ class Part:
 
     def as_dict(self) -> dict[str, Any]:
         """Build the object that describes the part in decomposition.json."""
-        lo, hi = self.solid.bounds_mm
+        lo_mm, hi_mm = self.solid.bounds_mm
         return {
             "id": self.id,
             "file": self.file,
             "to_model": self.to_model.tolist(),
-            "min_mm": lo.tolist(),
-            "max_mm": hi.tolist(),
+            "min_mm": lo_mm.tolist(),
+            "max_mm": hi_mm.tolist(),
             "volume_mm3": self.printed_solid.volume_mm3,
             "area_mm2": self.printed_solid.area_mm2,
             "estimated_s": self.price_s,
@@ -171,12 +173,13 @@ class Decomposition:
     serial_s, serial_as_is_s
         Time of the whole model on one imaginary large printer: in its best pose, and in the pose of its file.
     makespan_s, sum_s
-        Time when the last part ends, with each part on its printer at the printer's speed; sum of the prices
-        of all parts, without speeds.
+        Time when the last part ends, if each part is on its printer and printed at that printer's speed; sum
+        of the prices of all parts, without the speeds of printers.
     grid_makespan_s
-        Time of the slowest box of the partition according to the tables: in the best of its axis poses, with
-        supports down to the bed and the brim of the quality; a box whose pieces were posed is priced at no
-        less than their true price. `makespan_s` refers to the printing poses, and may be less or more.
+        Time of the slowest box of the partition according to the table of prices: in the best of its
+        axis-aligned poses, with supports down to the bed and the brim of the print quality. If poses were
+        found for the pieces of a box, its price is at least theirs. `makespan_s` refers to the printing
+        poses, and may be less or more.
     lower_bound_s
         Proven bound: no partition into boxes of this grid, into at most as many pieces as there are printers,
         has a lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an
@@ -191,7 +194,7 @@ class Decomposition:
     parts
         Parts in the order of their numbers.
     coverage
-        Errors of surface and overlap.
+        Error of the surface's area, and volume of overlaps.
     cells
         Shape of the grid; None without a grid.
     joints
@@ -200,7 +203,7 @@ class Decomposition:
         Steps in which the parts are glued, by their indices in `parts` and `joints`. It is planned when the
         parts are written (`with_assembly`), because most results are only compared.
     seams
-        Seam of each of `joints`, measured together with the assembly.
+        Seams of the `joints`, in the same order; they are measured when the assembly is planned.
     connectors
         Pins and marks on the joints, from `connect_parts`.
     faults
@@ -209,14 +212,15 @@ class Decomposition:
     cutting
         Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
-        Makespan of each number of printers according to the tables, in seconds; empty unless `auto`
+        Makespan for each number of printers according to the table of prices, in seconds; empty unless `auto`
         chose the number.
     yaw_deg
         Angle by which `best` rotated the model about z before it was cut.
     attempts
         Attempts of `best`, in order; empty for a single engine.
     open_printers
-        Printers of a search that has paused before a round of several attempts; empty if it has ended.
+        Printers of a search that has paused before a round of several attempts; empty if the search has
+        ended.
     compute_s
         Wall time by stage of the engine of the result; ``total`` includes all attempts of `best`.
     """
@@ -255,13 +259,13 @@ class Decomposition:
         return 1.0 - balanced_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
-        """Return the result without its parts and everything that refers to them, for another process."""
+        """Return the result without its parts and all that refers to them, to send it to another process."""
         return replace(
             self, parts=(), joints=(), assembly=Assembly(), seams=(), connectors=Connectors(), faults=()
         )
 
     def with_assembly(self) -> Decomposition:
-        """Return the result with its planned assembly, and its seams.
+        """Plan the assembly and measure the seams; return the result with both.
 
         An order that fails in the replay is discarded. There are no seams if their measurement fails.
         """
@@ -323,7 +327,7 @@ class Decomposition:
         return describe_thin_rims([part.id for part in self.parts], self.joints, self.seams)
 
     def describe_small_feet(self) -> str:
-        """Describe parts that are tall for a small first layer, in a sentence; empty if there are none."""
+        """Describe parts whose first layer is small for their height, in a sentence; empty if none are."""
         feet = [f"{part.id} on {part.small_foot_mm2:.0f} mm2" for part in self.parts if part.small_foot_mm2]
         if not feet:
             return ""

@@ -1,4 +1,4 @@
-"""Conversion of an engine's partition to a checked result: pieces are posed, numbered and assigned."""
+"""Conversion of an engine's partition to a checked result: pieces get poses, numbers and printers."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ from decompose.results.decomposition import Decomposition, Part
 from decompose.results.hidden_sides import add_hidden_sides
 from decompose.results.records import Coverage, Cutting
 
-# Latest end of a part in a steadier pose, as a share of the makespan, because prices have errors.
+# Latest end of a part in a steadier pose, as a share of the makespan; below 1, because prices have errors.
 MAX_END_SHARE = 0.97
 
 
 def finish_result(
     problem: Problem, partition: Partition, serial_times_s: tuple[float, float]
 ) -> Decomposition:
-    """Pose, number, assign and check an engine's pieces; the caller adds stage times.
+    """Choose poses and printers for an engine's pieces, number and check them; the caller adds stage times.
 
     Parameters
     ----------
     problem
         Problem that the engine worked on.
     partition
-        Its result.
+        Result of the engine.
     serial_times_s
-        Seconds of the whole model, from `decompose.estimate_serial_s`.
+        Times of the whole model on one printer, from `decompose.estimate_serial_s`.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def _build_decomposition(
 
 
 def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
-    """Pose and number pieces, and assign a printer to each."""
+    """Build the parts: choose a pose, a number and a printer for each piece."""
     poses = [_require_pose(pose) for pose in problem.find_poses(pieces)]
     assigned_printers = assign_printers(apply_time_ratios(pieces, poses), problem.printers)
     if assigned_printers is None:
@@ -151,7 +151,7 @@ def _find_steady_poses(
 ) -> list[Pose]:
     """Find steadier poses for the pieces that end before the slowest one.
 
-    A printer with several rounds has no spare time between them.
+    A printer with several rounds has no spare time between its rounds.
     """
     ratios = [
         piece.time_ratio * printer.time_factor
@@ -173,7 +173,7 @@ def _find_steady_poses(
 
 
 def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
-    """Multiply the price of each pose by the ratio of sliced time to price of its piece.
+    """Multiply the price of each pose by its piece's `time_ratio`, the sliced time divided by the price.
 
     Parameters
     ----------

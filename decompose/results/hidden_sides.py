@@ -23,7 +23,7 @@ MIN_NORMAL_COS = 1.0 - 1e-6  # minimum cosine between the normals of a side and 
 def add_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
     """Add `Part.hidden_sides` to parts: cut faces that are upright while the part is printed.
 
-    A cut in the plane of a visible face of the model counts as visible if that face is next to it.
+    A cut face in the plane of a visible face of the model counts as visible if the two faces are adjacent.
 
     Parameters
     ----------
@@ -46,7 +46,10 @@ def add_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
 
 
 def _find_side(part: Part, plane: Floats, surface: _Surface) -> Floats | None:
-    """Find the side (3,) of a part on a plane (4,), in printing pose; None if not upright and hidden."""
+    """Find the side (3,) of a part on a plane (4,), in printing pose; None if it is not upright and hidden.
+
+    The result has the form of a row of `Part.hidden_sides`.
+    """
     normal = part.rotation @ plane[:3]
     if abs(normal[2]) > MAX_UPRIGHT_COS:
         return None
@@ -76,8 +79,8 @@ def list_hidden_grooves(part: Part, tools: Sequence[Tool]) -> Floats:
     Returns
     -------
     ndarray
-        (k, 4) in printing pose: the row of the side, the positions along it in mm between which the groove
-        lies (along (-ny, nx) for the normal nx, ny), and its depth in mm.
+        (k, 4) in printing pose: index of the side in `Part.hidden_sides`; start and end of the groove along
+        the side in mm, in the direction (-ny, nx) for a side with the normal (nx, ny); depth in mm.
     """
     rows = []
     for tool in tools:
@@ -93,20 +96,20 @@ def list_hidden_grooves(part: Part, tools: Sequence[Tool]) -> Floats:
 
 
 def list_hidden_recesses(part: Part, recesses: Sequence[Sequence[Tool]]) -> Floats:
-    """List the recesses in level faces of a part, each of which several tools cut.
+    """List the recesses in level faces of a part; a recess is cut by one or more tools.
 
     Parameters
     ----------
     part
-        The part.
+        Part in which the recesses are.
     recesses
         Tools of each recess, in the frame of the parts.
 
     Returns
     -------
     ndarray
-        (k, 6) in printing pose: the box min_x, min_y, max_x, max_y of a recess, and the heights of its face
-        and of its bottom, in mm.
+        (k, 6) in printing pose, in mm: the box min_x, min_y, max_x, max_y of a recess, and the heights of the
+        face in which it is and of its bottom.
     """
     rows = []
     for tools in recesses:
@@ -122,19 +125,22 @@ def list_hidden_recesses(part: Part, recesses: Sequence[Sequence[Tool]]) -> Floa
 
 
 class _Surface:
-    """Surface of the model, with its flat faces on planes, which are found once for each plane."""
+    """Surface of the model. The faces that lie in a plane are found once and cached."""
 
     def __init__(self, model: Solid) -> None:
         self._vertices, self._faces = model.arrays()
         self._flat_corners: dict[bytes, Floats] = {}
 
     def is_beside(self, plane: Floats, points: Floats) -> bool:
-        """Check whether a face of the model on a plane (4,) is in the box of points (n, 3) or next to it."""
+        """Check whether a face of the model in a plane (4,) meets the bounding box of points (n, 3)."""
         key = plane.tobytes()
         if key not in self._flat_corners:
             is_flat = find_cut_faces(self._vertices, self._faces, plane[None])
             self._flat_corners[key] = self._vertices[self._faces[is_flat]]
         corners = self._flat_corners[key]
-        low, high = points.min(axis=0) - ADJACENCY_TOLERANCE_MM, points.max(axis=0) + ADJACENCY_TOLERANCE_MM
-        overlaps = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
+        low_mm, high_mm = (
+            points.min(axis=0) - ADJACENCY_TOLERANCE_MM,
+            points.max(axis=0) + ADJACENCY_TOLERANCE_MM,
+        )
+        overlaps = (corners.min(axis=1) <= high_mm) & (corners.max(axis=1) >= low_mm)
         return bool(overlaps.all(axis=1).any())

@@ -1,9 +1,9 @@
 """Ceilings of holes and grooves, measured layer by layer as in a slicer.
 
 The slicer supports areas that extend further beyond the layer below than the support angle allows. To check
-connectors, hollows are cut into layers, without the formulas with which the search finds their shapes.
-Between two heights at which a hollow has corners, the edges of its sections change linearly, so the layers
-at both ends represent the others.
+connectors, the hollows that their tools cut are divided into layers, without the formulas with which the
+search chooses their shapes. Between two heights at which a hollow has corners, the edges of its sections move
+linearly, so the lowest and the highest layers between them represent the others.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from decompose.geometry import Solid, choose_plane_axes
 Polygons = npt.NDArray[np.object_]
 
 LAYER_HEIGHT_MM = 0.2
-# Maximum overhang of a layer without support.
+# Maximum distance by which a layer may extend beyond the layer below without support.
 MAX_OVERHANG_MM = LAYER_HEIGHT_MM * math.tan(math.radians(50.0))
-MIN_RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones
-ROUNDING_MARGIN_MM = 0.004  # tolerance for the rounding of sections
-LEVEL_COS = 0.5  # minimum vertical component of the normal of a level face; others are upright
-CORNER_TOLERANCE_MM = 1e-6  # maximum distance between the heights of a layer and a corner that count as equal
+MIN_OUTLINE_MM = 1.0  # minimum length of an outline: the slicer leaves out shorter ones
+ROUNDING_MARGIN_MM = 0.004  # tolerance for rounding errors of sections
+LEVEL_COS = 0.5  # minimum vertical component of the normal of a level face; other faces count as upright
+CORNER_TOLERANCE_MM = 1e-6  # maximum height difference of a layer and a corner that count as equally high
 AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
 
@@ -38,7 +38,7 @@ def measure_ceiling_mm2(
     up_direction: Floats,
     exit_direction: Floats | None = None,
 ) -> float:
-    """Measure the largest area that needs support in a layer over a hollow.
+    """Measure the largest area of a layer above a hollow that needs support.
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ def measure_ceiling_mm2(
         (3,) upward direction of the bed in the pose of the part, in the same frame.
     exit_direction
         (3,) unit vector along which the tools leave the part through another face, above which nothing is
-        printed; None if they do not.
+        printed; None if the tools open in one face only.
     """
     rise = float(inward_normal @ up_direction)
     if rise < -LEVEL_COS:
-        return 0.0  # a hollow that opens upwards only gets wider
+        return 0.0  # a hollow that opens upwards becomes wider with height
     corners_mm = np.concatenate(tools)
     high_mm = float((corners_mm @ up_direction).max()) + 2.0 * LAYER_HEIGHT_MM
     if exit_direction is not None:
@@ -79,9 +79,9 @@ def measure_ceiling_mm2(
 
 
 def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[int, shapely.Geometry]:
-    """Cut a hollow at heights (n,); in a run of layers without corners, cut only two at each end.
+    """Cut a hollow at heights (n,); of successive layers without corners, cut only two at each end.
 
-    The run is cut at all layers if a ring at one end is so short that the slicer drops it.
+    All layers of such a run are cut if an outline at one end is so short that the slicer leaves it out.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[
     other_layers = [
         n
         for run in runs
-        if any((shapely.length(outlines[end]) < MIN_RING_MM).any() for end in (run[0], run[-1]))
+        if any((shapely.length(outlines[end]) < MIN_OUTLINE_MM).any() for end in (run[0], run[-1]))
         for n in run
         if n not in outlines
     ]
@@ -110,7 +110,7 @@ def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[
 
 
 def _list_end_layers(run: list[int]) -> list[int]:
-    """List the first two and the last two layers of a run of layers."""
+    """List the first two and the last two of some successive layers."""
     return [*run[:2], *run[-2:]]
 
 
@@ -124,15 +124,15 @@ def _lengthen_body(corners_mm: Floats, direction: Floats) -> Floats:
 def _build_air(
     corners_mm: Floats, inward_normal: Floats, face_offset_mm: float, up_direction: Floats
 ) -> Solid:
-    """Build the air in front of an upright face, so that a ceiling at the mouth does not end at a wall."""
+    """Build a body of air in front of an upright face, so that sections are open at the tools' mouths."""
     upwards = up_direction - (up_direction @ inward_normal) * inward_normal
     upwards = upwards / np.linalg.norm(upwards)
     frame = np.stack([np.cross(upwards, inward_normal), upwards, inward_normal])
-    low, high = (
+    low_mm, high_mm = (
         (corners_mm @ frame[:2].T).min(axis=0) - AIR_MM,
         (corners_mm @ frame[:2].T).max(axis=0) + AIR_MM,
     )
-    ring = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
+    ring = np.array([low_mm, (high_mm[0], low_mm[1]), high_mm, (low_mm[0], high_mm[1])])
     return Solid.prism([ring], frame, face_offset_mm - AIR_MM, face_offset_mm)
 
 
@@ -148,8 +148,8 @@ def _cut_outlines(hollow: Solid, frame: Floats, heights_mm: Floats) -> list[Poly
 
 
 def _build_area(outlines: Polygons) -> shapely.Geometry:
-    """Build the area of a layer without rings that are too short, as the slicer does."""
-    outlines = shapely.buffer(outlines[shapely.length(outlines) >= MIN_RING_MM], 0.0)
+    """Build the area of a layer from its outlines, without those that are too short, as the slicer does."""
+    outlines = shapely.buffer(outlines[shapely.length(outlines) >= MIN_OUTLINE_MM], 0.0)
     if len(outlines) == 1:
         return outlines[0]
     area: shapely.Geometry = shapely.Polygon()

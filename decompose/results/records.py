@@ -11,7 +11,7 @@ from decompose.printers import TargetPrinter
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Relative error of the original surface's area, and volume that parts cover twice."""
+    """Relative error of the area of the model's surface, and volume in mm3 in which parts overlap."""
 
     surface_error: float
     overlap_mm3: float
@@ -19,7 +19,7 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Record of an attempt of the engine `best`: an engine on a grid.
+    """Record of an attempt of the engine `best`, which runs another engine on a grid.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Attempt:
     makespan_s
         Makespan of the result; None if there is no result.
     compute_s, effort_s
-        Wall time, and counted work, which is the same on every machine (`problem.Effort`).
+        Wall time, and the work that was counted, which is the same on every machine (`problem.Effort`).
     finished
         Whether the search ended within the budget.
     reason

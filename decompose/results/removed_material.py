@@ -1,4 +1,4 @@
-"""Material that drilling removed: nothing but the holes, grooves and marks."""
+"""Check that drilling removed nothing but the holes, grooves and marks."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from decompose.connectors import Tool
 from decompose.geometry import Solid
 
 EPS_MM3 = 1e-3  # maximum rounding error of an operation on solids
-ENLARGEMENT_MM = 0.005  # enlargement of the tools in the check that nothing else was removed
-# Minimum thickness of a real difference; thinner ones are errors at nearly coincident faces.
+ENLARGEMENT_MM = 0.005  # distance by which tools are enlarged for the comparison with the removed material
+# Minimum thickness of a real difference; thinner differences are errors at nearly coincident faces.
 MIN_THICKNESS_MM = 0.05
 
 
 def find_other_changes(undrilled_solid: Solid, drilled_solid: Solid, tools: Sequence[Tool]) -> Iterator[str]:
-    """Yield what drilling changed besides the removal of its tools.
+    """Find changes by drilling other than the removal of the tools; yield a clause for each.
 
     Parameters
     ----------
     undrilled_solid, drilled_solid
         Part before and after drilling.
     tools
-        Tools that were cut out of it.
+        Tools that were cut out of the part.
     """
     if _removes_only_tools(undrilled_solid, drilled_solid, tools):
         return
@@ -35,7 +35,7 @@ def find_other_changes(undrilled_solid: Solid, drilled_solid: Solid, tools: Sequ
 
 
 def is_thick(solid: Solid) -> bool:
-    """Check whether a difference of two solids consists of more than films."""
+    """Check whether a difference of two solids contains more than thin films."""
     return solid.volume_mm3 > EPS_MM3 and any(
         piece.volume_mm3 > max(EPS_MM3, MIN_THICKNESS_MM * piece.area_mm2 / 2.0)
         for piece in solid.list_pieces()
@@ -43,10 +43,10 @@ def is_thick(solid: Solid) -> bool:
 
 
 def _removes_only_tools(undrilled_solid: Solid, drilled_solid: Solid, tools: Sequence[Tool]) -> bool:
-    """Check by volumes and vertices whether a part differs from itself before drilling by its tools only.
+    """Check by volumes and vertices that drilling changed nothing but the tools.
 
-    This takes a third of the time of subtracting two solids with nearly the same surface. If it fails, the
-    difference may still be a film.
+    This takes a third of the time of subtracting two solids with nearly the same surface. If this check
+    fails, the difference may still be only a thin film.
     """
     union = Solid.union([Solid.hull(tool.points_mm) for tool in tools])
     removed_mm3 = undrilled_solid.volume_mm3 - drilled_solid.volume_mm3

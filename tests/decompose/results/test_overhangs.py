@@ -68,7 +68,7 @@ def test_layers_between_corners_represent_the_others(
 
     monkeypatch.setattr(Solid, "cut_sections", count_sections)
     area_mm2, section_count = measure_ceiling_mm2(tools, X_AXIS, 0.0, UP_AXIS), sum(counts)
-    monkeypatch.setattr(overhangs, "MIN_RING_MM", 1e-9)  # keep all rings
+    monkeypatch.setattr(overhangs, "MIN_OUTLINE_MM", 1e-9)  # keep all outlines
     all_mm2 = measure_ceiling_mm2(tools, X_AXIS, 0.0, UP_AXIS)
     monkeypatch.setattr(overhangs, "_list_end_layers", lambda run: run)  # cut every layer
     counts.clear()
