@@ -169,19 +169,19 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     """
     loops = find_rims(faces)
     size_mm = float(np.ptp(vertices, axis=0).max())
-    normals = [_compute_area_vector(vertices[loop]) for loop in loops]
-    order = sorted(range(len(loops)), key=lambda i: -float(np.linalg.norm(normals[i])))
+    area_vectors_mm2 = [_compute_area_vector_mm2(vertices[loop]) for loop in loops]
+    order = sorted(range(len(loops)), key=lambda i: -float(np.linalg.norm(area_vectors_mm2[i])))
     outers: list[tuple[list[int], shapely.Polygon, Floats]] = []
     for i in order:
         has_outer = False
-        if np.linalg.norm(normals[i]) > 1e-9 * size_mm * size_mm:
+        if np.linalg.norm(area_vectors_mm2[i]) > 1e-9 * size_mm * size_mm:
             for members, polygon, frame in reversed(outers):  # the smallest hole first
-                has_outer = _is_hole_of(vertices[loops[i]], normals[i], polygon, frame, size_mm)
+                has_outer = _is_hole_of(vertices[loops[i]], area_vectors_mm2[i], polygon, frame, size_mm)
                 if has_outer:
                     members.append(i)
                     break
         if not has_outer:
-            frame = _find_frame(vertices[loops[i]], normals[i])
+            frame = _find_frame(vertices[loops[i]], area_vectors_mm2[i])
             flat_rim = (vertices[loops[i]] - frame[3]) @ frame[:2].T
             outers.append(([i], shapely.Polygon(flat_rim), frame))
     caps = []
@@ -192,9 +192,11 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     return np.concatenate(caps) if caps else np.zeros((0, 3), dtype=np.int64)
 
 
-def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Floats, size_mm: float) -> bool:
-    """Check whether a rim (k, 3) bounds a hole in a polygon in a frame (4, 3)."""
-    if normal @ frame[2] > -0.99 * np.linalg.norm(normal):
+def _is_hole_of(
+    rim: Floats, area_vector_mm2: Floats, polygon: shapely.Polygon, frame: Floats, size_mm: float
+) -> bool:
+    """Check whether a rim (k, 3) with an area vector (3,) bounds a hole in a polygon in a frame (4, 3)."""
+    if area_vector_mm2 @ frame[2] > -0.99 * np.linalg.norm(area_vector_mm2):
         return False
     if np.abs((rim - frame[3]) @ frame[2]).max() > MAX_PLANE_GAP_SHARE * size_mm:
         return False
@@ -202,18 +204,18 @@ def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Fl
     return bool(polygon.is_valid and hole.is_valid and polygon.contains(hole))
 
 
-def _compute_area_vector(loop: Floats) -> Floats:
+def _compute_area_vector_mm2(loop: Floats) -> Floats:
     """Compute the area vector (3,) of a closed loop (k, 3) by Newell's method."""
     centred_loop = loop - loop.mean(axis=0)
     return np.asarray(np.cross(centred_loop, np.roll(centred_loop, -1, axis=0)).sum(axis=0) / 2.0)
 
 
-def _find_frame(loop: Floats, normal: Floats) -> Floats:
+def _find_frame(loop: Floats, area_vector_mm2: Floats) -> Floats:
     """Find a frame (4, 3): two directions in the plane of a loop, its normal, and its centre."""
     centre = loop.mean(axis=0)
-    area_mm2 = float(np.linalg.norm(normal))
+    area_mm2 = float(np.linalg.norm(area_vector_mm2))
     is_line = area_mm2 == 0.0
-    up = np.linalg.svd(loop - centre)[2][-1] if is_line else normal / area_mm2
+    up = np.linalg.svd(loop - centre)[2][-1] if is_line else area_vector_mm2 / area_mm2
     side = np.cross(np.eye(3)[int(np.abs(up).argmin())], up)
     side /= np.linalg.norm(side)
     return np.stack([side, np.cross(up, side), up, centre])

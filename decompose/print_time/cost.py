@@ -68,7 +68,7 @@ class CostModel:
     effective_support_angle_deg: float = 45.0  # see `PrintTimeSettings`; faces at a larger angle get support
     effective_small_overhang_deg: float = 0.0  # faces up to this angle get no support if their area is small
     small_overhang_mm2: float = 0.0  # area from which the faces between both angles get support
-    skin_cos: float = 0.7  # faces with a larger |n| get skin
+    skin_cos: float = 0.7  # faces with a larger |n| get skin; n is the upward component of the unit normal
     inset_s_per_mm: float = 0.0
     skin_rim_s_per_mm: float = 0.0
     support_s_per_mm3: float = 0.0

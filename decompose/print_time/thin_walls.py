@@ -45,7 +45,7 @@ class SheetLimits(NamedTuple):
     layer_height_mm
         Height of a layer.
     skin_cos
-        Minimum |n| of faces with skin.
+        Minimum |n| of faces with skin; n is the upward component of a face's unit normal.
     """
 
     skins_mm: float = 0.0
@@ -54,7 +54,7 @@ class SheetLimits(NamedTuple):
 
 
 class ThinWalls(NamedTuple):
-    """Areas of the faces of thin walls, both sides counted, and the excess volume of skins in thin sheets.
+    """Areas of both sides of thin walls, and the excess volume of skins in thin sheets.
 
     Attributes
     ----------

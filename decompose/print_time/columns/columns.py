@@ -42,7 +42,8 @@ class Columns:
     holes_mm
         The same sum for all holes of the part.
     island_paths_mm2, hole_paths_mm2
-        The sums for islands and for holes, in which each layer's number is multiplied by their mean distance.
+        The sums for islands and for holes, in which the number in each layer is multiplied by the mean
+        distance between them.
     first_layer
         (nx, ny) bool, true where the part or its support stands on the bed.
     step_mm
