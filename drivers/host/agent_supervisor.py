@@ -118,7 +118,7 @@ class AgentSupervisor:
             return AgentPhase.STARTING if self.is_alive else AgentPhase.WAITING
         return AgentPhase.PRINTING if self.snapshot.print is not None else AgentPhase.IDLE
 
-    def keep_alive(self) -> None:
+    def ensure_running(self) -> None:
         """Start the agent if none is running and the wait before its restart is over; kill one that hangs."""
         if self._listen_task is None:
             self._listen_task = asyncio.create_task(self._listen_to_agent())

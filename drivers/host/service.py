@@ -90,7 +90,7 @@ class HostService:
 
     def _check_agents(self) -> None:
         for supervisor in list(self._supervisors.values()):
-            supervisor.keep_alive()
+            supervisor.ensure_running()
             if not supervisor.is_wanted and not supervisor.is_alive:
                 del self._supervisors[supervisor.printer]
                 self._spawn(supervisor.close())

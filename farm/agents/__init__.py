@@ -1,4 +1,4 @@
-"""Connections to agents, on this host and on others."""
+"""Connections to the agents on this host and on other hosts."""
 
 from farm.agents.host_record import HostRecord
 from farm.agents.hosts import Hosts

@@ -1,4 +1,4 @@
-"""Connection to one agent: its process, its snapshots, and the requests sent to it."""
+"""Connection to one agent: it starts the agent, receives its snapshots, and sends it requests."""
 
 from __future__ import annotations
 
@@ -46,50 +46,52 @@ from farm.paths import StateFolder
 
 log = logging.getLogger(__name__)
 
-_MAX_RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a while
-_SILENCE_TIMEOUT_S = 30.0  # wall seconds; a healthy agent reports every 5
-_END_TIMEOUT_S = 30.0  # wall seconds for an idle agent to end
+_MAX_STARTS_PER_MINUTE = 6
+_SILENCE_TIMEOUT_S = 30.0  # wall seconds; an agent that works reports at least every 5 s
+_END_TIMEOUT_S = 30.0  # wall seconds within which an idle agent must end
 _MAX_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
 _STABLE_CONNECTION_S = 30.0  # wall seconds after which a connection counts as stable
-_CHUNK_BYTES = 32 * 1024  # size of a chunk of an uploaded file; an agent accepts lines of 64 KiB
-_START_TIMEOUT_S = 120.0  # wall seconds; a slower start request is refused, and the plate scheduled again
+_CHUNK_BYTES = 32 * 1024  # size of a chunk of an uploaded file; an agent accepts lines up to 64 KiB
+_START_TIMEOUT_S = 120.0  # wall seconds after which an agent refuses to start a print
 _CLEARED_KEY = ("cleared", "")  # key of a pending `BedCleared`
-_EMULATOR_FOLDER = "emulator"  # in the agent's folder, for the emulator of a sim:// port
+_EMULATOR_FOLDER = "emulator"  # folder of the emulator of a sim:// port, in the agent's folder
 
 
 class AgentListener(HostListener, Protocol):
-    """Receiver of the reports of agents, and of the events of their hosts."""
+    """Receiver of reports from agents, and of events of their hosts."""
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         """Handle a snapshot."""
 
     def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        """Handle a refusal to start a print; `is_late` is true if the request came after its deadline."""
+        """Handle an agent's refusal to start a print; `is_late` is true if the request came too late."""
 
     def find_unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent's prints are unknown; None if all of them are known."""
+        """Return the time after which the books may lack prints of an agent; None if they have all prints."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        """Handle the list of prints in an agent's journal."""
+        """Handle an agent's snapshot and the prints in its journal that the books may lack."""
 
 
 class AgentConnection:
-    """Connection to one agent: its process, its snapshots, and the requests to it.
+    """Connection to one agent: it starts the agent, receives its snapshots, and sends it requests.
 
     Parameters
     ----------
     name
         The printer.
     section
-        Its section of `fleet.yaml`; without one, a running agent is adopted and none is started.
+        The printer's section of `fleet.yaml`. If it is None, the connection uses an agent that is running,
+        but starts none.
     state, clock
         The farm's state folder and clock.
     listener
         Receiver of the agent's reports.
-    farm
-        Name of the farm, for an agent that has its own connection to another host.
+    farm_name
+        Name of the farm, which an agent on another host receives if it has a connection of its own.
     host
-        Connection to its host; None if that host does not run `farm host`.
+        Connection to the agent's host; None if the agent runs on this host, or its host does not run
+        `farm host`.
     """
 
     def __init__(
@@ -99,7 +101,7 @@ class AgentConnection:
         state: StateFolder,
         clock: Clock,
         listener: AgentListener,
-        farm: str = "",
+        farm_name: str = "",
         host: HostConnection | None = None,
     ) -> None:
         self._name = name
@@ -109,18 +111,18 @@ class AgentConnection:
         self._clock = clock
         self._listener = listener
         self._host = host
-        route = load_route(self._folder, section, farm, clock)
+        route = load_route(self._folder, section, farm_name, clock)
         self._is_remote = route is not None
         self._heartbeat = Heartbeat()
         open_route = route if host is None else partial(host.open, name)
         self._client = AgentClient(self._folder, open_route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
-        self._start_times_s: deque[float] = deque(maxlen=_MAX_RESTARTS_PER_MINUTE)  # monotonic times
-        self._pending_requests: set[tuple[str, str]] = set()  # in progress, and not to be sent again
-        self._unsupported_requests: set[tuple[str, str]] = set()  # unknown to its agent of an older version
+        self._start_times_s: deque[float] = deque(maxlen=_MAX_STARTS_PER_MINUTE)  # monotonic times
+        self._pending_requests: set[tuple[str, str]] = set()  # being sent, or not yet answered
+        self._unsupported_requests: set[tuple[str, str]] = set()  # unknown to the agent's older version
         self._cancelled_prints: set[str] = set()  # prints that must no longer start
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._base_offset_s = 0.0  # farm's clock minus the agent's, without the steps of the host's clock
+        self._base_offset_s = 0.0  # the farm's clock minus the agent's, before steps of this host's clock
         self._is_stopping = False
 
     @property
@@ -129,17 +131,18 @@ class AgentConnection:
         return self._base_offset_s + self._clock.host_shift_s
 
     def start(self) -> None:
-        self.keep_alive()
+        self.ensure_running()
         self._spawn_task(self._listen())
 
-    def keep_alive(self) -> None:
+    def ensure_running(self) -> None:
         """Start the agent if it is not running; kill it if it hangs."""
         if self._process is not None and self._process.poll() is not None:
-            if self._process.returncode or not agents_are_units():  # otherwise systemd has started the agent
+            # If systemctl ended with 0, it has started the agent's unit.
+            if self._process.returncode or not agents_are_units():
                 self._log.warning("its agent ended with exit code %s", self._process.returncode)
             self._process = None
         if self._is_stopping or self._is_remote:
-            return  # a process on the other host starts and watches it
+            return  # a process on the other host starts and watches the agent
         if self._process is not None or is_alive(self._folder):
             self._kill_if_hung()
             return
@@ -167,7 +170,7 @@ class AgentConnection:
             self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=str(error)))
 
     def _kill_if_hung(self) -> None:
-        """Kill the agent if it hangs; the next check starts another, which resets the board."""
+        """Kill the agent if it hangs. The next `ensure_running` starts another, which resets the board."""
         pid = find_agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_hung(time.monotonic(), lambda: sample_process(pid)):
             self._log.error("its agent (pid %d) hangs: replacing it", pid)
@@ -179,7 +182,7 @@ class AgentConnection:
 
     async def _listen(self) -> None:
         wait_s = 0.0
-        # While stopping, connect to an agent that has just started, so that it receives the request to end.
+        # `shut_down` may be called just after the agent was started: connect, to send it the request to end.
         while not self._is_stopping or self._is_agent_alive(self._process):
             try:
                 await asyncio.sleep(wait_s)
@@ -213,7 +216,7 @@ class AgentConnection:
             )
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
-        """Import the agent's journal if the books are a backup; return its latest snapshot."""
+        """Import the agent's journal if the books are a restored backup; return its latest snapshot."""
         since_s = self._listener.find_unreported_since_s(self._name)
         if since_s is None:
             return report
@@ -239,24 +242,30 @@ class AgentConnection:
             self._log.exception("the snapshot of its agent could not be handled")
 
     def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
-        """Convert a snapshot to the farm's record, without fields that the agent cannot measure."""
+        """Convert a snapshot to the farm's record; see `to_farm_snapshot`."""
         is_simulated = self._section is not None and self._section.is_simulated
         is_cleared = _CLEARED_KEY in self._pending_requests
         return to_farm_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
     def _check_port(self, report: m.Snapshot) -> bool:
-        """Return whether to use the agent's reports; end an idle agent that has another model or port."""
+        """Return whether the agent has the model and port of fleet.yaml; end an idle agent that has not.
+
+        An agent that is printing is accepted in any case.
+        """
         section = self._section
         if section is None or (report.model, report.port) == (section.model, section.port):
             return True
         if report.print is not None:
-            return True  # the print is in the books and must end first
+            return True  # the books have this print, which must end before the agent is replaced
         self._log.warning("its agent has %s at %s: replacing it", report.model, report.port)
         self._spawn_task(self._end_agent())
         return False
 
     def send(self, request: m.Request) -> None:
-        """Send a request. Failures are logged; the next snapshot shows whether to repeat it."""
+        """Send a request in the background.
+
+        Failures are only logged; the agent's next snapshot shows whether the request must be repeated.
+        """
         key = (request.do, getattr(request, "print_id", ""))
         if isinstance(request, m.CancelPrint):
             self._cancelled_prints.add(request.print_id)
@@ -292,7 +301,7 @@ class AgentConnection:
             self._pending_requests.discard(key)
 
     async def _upload_file(self, print_id: str, gcode: Path) -> None:
-        """Send a file to an agent on another host. Raises DriverError."""
+        """Send the G-code of a print to an agent on another host. Raises DriverError."""
         offset, has_more = 0, True
         try:
             with gcode.open("rb") as file:
@@ -307,7 +316,7 @@ class AgentConnection:
             raise AgentError(f"{gcode}: cannot be read ({error})") from error
 
     async def read_lines(self) -> list[m.WireLine]:
-        """Read the last lines on the wire, with times on the farm's clock.
+        """Read the last lines that the agent and its board exchanged, with times on the farm's clock.
 
         Raises
         ------
@@ -325,14 +334,14 @@ class AgentConnection:
         Raises
         ------
         AgentError
-            If it is printing, or cannot be reached.
+            If the agent is printing, or cannot be reached.
         """
         reply = await self._client.request(m.Shutdown(id=0))
         if reply.error:
             raise AgentError(f"{self._name}: {reply.error}")
 
     async def shut_down(self) -> None:
-        """End the agent permanently, and switch a simulated printer off."""
+        """End the agent without starting another, and switch a simulated printer off."""
         self._is_stopping = True
         await self._end_agent()
 
@@ -354,7 +363,7 @@ class AgentConnection:
                 self._log.warning("%s", error)
 
     async def _request_end(self) -> bool:
-        """Request that the agent end; return whether it has answered."""
+        """Ask the agent to end; return whether it has answered."""
         try:
             reply = await self._client.request(m.Shutdown(id=0, now=True))
         except DriverError as error:
@@ -370,9 +379,9 @@ class AgentConnection:
         Parameters
         ----------
         process
-            The agent as a child of this process, if it is one.
+            The agent, if the daemon started it as a child process.
         pid
-            Its process id, if known: an agent with another id does not count.
+            The agent's process id, if known; an agent with another id is then ignored.
         """
         if process is not None and process.poll() is None:
             return True

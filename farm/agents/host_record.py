@@ -1,4 +1,4 @@
-"""Record of a host with printers: its connection and last state, in memory only."""
+"""Record of a host with printers: the state of its connection, and the last state that it sent."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from enum import StrEnum
 from drivers.host import AgentPhase, HostState, Update, UpdatePhase
 
 LOSS_DELAY_S = 10.0
-"""Wall seconds without a connection after which a host is lost; shorter interruptions are not reported."""
+"""Wall seconds without a connection after which a host counts as lost, which is then reported."""
 FIRST_LOSS_DELAY_S = 45.0
-"""Like `LOSS_DELAY_S`, for the first connection: the services of many hosts start at once, over ssh."""
+"""The same for the first connection. It takes longer: many hosts are connected at the same time over ssh."""
 
 
 class HostChange(StrEnum):
-    """Change of a connection that is reported to people."""
+    """Change of the connection to a host that is reported to people."""
 
     LOST = "lost"
     RECONNECTED = "back"
@@ -27,21 +27,21 @@ class HostRecord:
     Attributes
     ----------
     host
-        Its name for ssh.
+        Name of the host, as ssh knows it.
     printers
-        Its printers.
+        Names of its printers.
     disconnected_s
         Time at which the connection was lost; None while connected.
     connected_s
         Time at which the connection was made; None while disconnected.
     reason
-        Reason for the loss of the connection.
+        Reason why the last connection, or attempt to connect, failed.
     state
-        Its last state; None before the first.
+        Last state that the host sent; None before the first.
     is_loss_reported
-        True if its loss has been reported.
+        True if the loss of the host has been reported.
     is_update_unconfirmed
-        True if its update was requested, and no state has confirmed it yet.
+        True if an update was requested, and no state from the host has confirmed it yet.
     """
 
     host: str
@@ -78,17 +78,17 @@ class HostRecord:
 
     @property
     def update(self) -> Update | None:
-        """State of the update of its agents; None if it is not connected."""
+        """State of the update of the host's agents; None if the host is not connected."""
         return None if self.state is None or self.disconnected_s is not None else self.state.update
 
     def on_update_begun(self) -> None:
-        """Record that the update of its agents has begun, before its next state confirms that."""
+        """Record that the host's agents are being updated, before the host's next state confirms it."""
         self.is_update_unconfirmed = True
         if self.state is not None:
             self.state = self.state.model_copy(update={"update": Update(phase=UpdatePhase.RUNNING)})
 
     def describe_wait(self) -> str | None:
-        """Describe what the host waits for; None if it does not wait."""
+        """Return a description of what the host is waiting for; None if it is not waiting."""
         if self.disconnected_s is not None or self.state is None:
             return f"a connection: {self.reason}"
         waiting_agents = [agent for agent in self.state.agents if agent.phase is AgentPhase.WAITING]
@@ -98,14 +98,14 @@ class HostRecord:
         return self.state.update.reason
 
     def find_change(self, now_s: float, time_scale: float) -> HostChange | None:
-        """Return the change that has not been reported; None if there is none.
+        """Return the change that must be reported now; None if there is none.
 
         Parameters
         ----------
         now_s
             Time on the farm's clock.
         time_scale
-            Seconds of the farm's clock in a wall second, in which the delays are given.
+            Seconds of the farm's clock per wall second.
         """
         limit_s = time_scale * (FIRST_LOSS_DELAY_S if self.state is None else LOSS_DELAY_S)
         is_lost = self.disconnected_s is not None and now_s - self.disconnected_s >= limit_s

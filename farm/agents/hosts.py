@@ -1,4 +1,4 @@
-"""Connections to the hosts with printers: one for all agents of a host."""
+"""Connections to the hosts with printers: one connection carries the data of all agents of a host."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ from farm.state import events as ev
 
 log = logging.getLogger(__name__)
 
-_MAX_WAIT_S = 15.0  # wall seconds between two attempts to connect
+_MAX_WAIT_S = 15.0  # maximum wall seconds between two attempts to connect
 _STABLE_CONNECTION_S = 30.0  # wall seconds after which a connection counts as stable
-_OPEN_TIMEOUT_S = 60.0  # wall seconds for which a stream to an agent waits for the connection
+_OPEN_TIMEOUT_S = 60.0  # maximum wall seconds for which `open` waits for the connection
 _MAX_REPORTS_PER_S = 200.0
 _MAX_REPORT_INTERVAL_S = 5.0
 
@@ -50,31 +50,31 @@ class HostListener(Protocol):
         """Record events."""
 
     def warn(self, topic: str, text: str | None) -> None:
-        """Show a problem to people; remove it if `text` is None."""
+        """Show a problem to people under a topic; remove the problem if `text` is None."""
 
 
 def compute_report_interval_s(printer_count: int) -> float:
-    """Compute the seconds between two reports of a printing printer, for a number of printers.
+    """Compute the interval between two reports from a printer that is printing, in a fleet of this size.
 
-    Up to 200 printers report every second. In larger fleets, each reports less often, but at least every
-    five seconds, to limit the number of reports that the daemon reads per second.
+    In a fleet of up to 200 printers, each reports every second. In a larger fleet, each reports less often,
+    but at least every five seconds, which limits the number of reports that the daemon reads per second.
     """
     return min(_MAX_REPORT_INTERVAL_S, max(1.0, printer_count / _MAX_REPORTS_PER_S))
 
 
 class HostConnection:
-    """Connection to the service of one host, which is restored after a loss until it is closed.
+    """Connection to the service of one host. After a loss, it connects again, until `close` is called.
 
     Parameters
     ----------
     request
-        First line on the connection: the farm, and the agents of the host.
+        First line sent on the connection: the name of the farm, and the agents of the host.
     command
-        Command that runs `farm host` there, with stdin and stdout.
+        Command that runs `farm host` on the host, and connects its stdin and stdout.
     log_file
         File for the stderr of ssh.
     record
-        Record of the host.
+        Record of the host, which the connection updates.
     clock
         The farm's clock.
     """
@@ -90,7 +90,7 @@ class HostConnection:
         self._task: asyncio.Task[None] | None = None
 
     def describe_loss(self) -> str | None:
-        """Describe why the host cannot be reached; None if it is connected."""
+        """Return the reason why the host cannot be reached; None if it is connected."""
         if self._connected_event.is_set() and self._mux is not None and not self._mux.is_lost:
             return None
         return f"no connection to its host {self.record.host}: {self.record.reason}"
@@ -101,7 +101,7 @@ class HostConnection:
             self._task = asyncio.get_running_loop().create_task(self._maintain_connection())
 
     async def open(self, printer: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        """Open a stream to an agent, after waiting for the connection. Raises AgentError."""
+        """Wait for the connection, then open a stream to an agent. Raises AgentError after a minute."""
         try:
             async with asyncio.timeout(_OPEN_TIMEOUT_S):
                 await self._connected_event.wait()
@@ -134,19 +134,19 @@ class HostConnection:
             wait_s = min(2 * wait_s + 1.0, _MAX_WAIT_S)
             started_s, reason = time.monotonic(), "the connection was closed"
             try:
-                await self._carry_bytes()
+                await self._run_connection()
             except (OSError, ValueError, DriverError, TimeoutError) as error:
                 reason = str(error) or "time-out"
             except Exception as error:
-                log.exception("connection to %s", self.record.host)
+                log.exception("the connection to %s failed", self.record.host)
                 reason = str(error)
             log.warning("no connection to %s: %s", self.record.host, reason)
             self.record.on_lost(self._clock.now(), reason)
             if time.monotonic() - started_s > _STABLE_CONNECTION_S:
                 wait_s = 0.0
 
-    async def _carry_bytes(self) -> None:
-        """Connect, and carry bytes until the connection breaks. Raises OSError or DriverError."""
+    async def _run_connection(self) -> None:
+        """Connect, and transfer data until the connection breaks. Raises OSError or DriverError."""
         self._log_file.parent.mkdir(parents=True, exist_ok=True)
         rotate_log(self._log_file)
         with self._log_file.open("ab") as output:
@@ -163,25 +163,25 @@ class HostConnection:
             assert reader is not None and writer is not None
             writer.write(self._request.serialise())
             self._mux = MuxConnection(reader, writer, self._on_message)
-            carry_task = asyncio.create_task(self._mux.run())
+            mux_task = asyncio.create_task(self._mux.run())
             try:
-                await self._send_heartbeats(carry_task)
+                await self._send_heartbeats(mux_task)
             finally:
                 self._connected_event.clear()
-                carry_task.cancel()
-                await asyncio.gather(carry_task, return_exceptions=True)
+                mux_task.cancel()
+                await asyncio.gather(mux_task, return_exceptions=True)
         finally:
             with suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
 
-    async def _send_heartbeats(self, carry_task: asyncio.Task[None]) -> None:
-        """Send heartbeats until the connection ends or the host is silent. Raises AgentError."""
+    async def _send_heartbeats(self, mux_task: asyncio.Task[None]) -> None:
+        """Send heartbeats until `mux_task` ends or the host sends nothing for too long. Raises AgentError."""
         started_s = self._last_message_s = time.monotonic()
         while True:
-            done_tasks, _ = await asyncio.wait([carry_task], timeout=STATE_INTERVAL_S)
+            done_tasks, _ = await asyncio.wait([mux_task], timeout=STATE_INTERVAL_S)
             if done_tasks:
-                carry_task.result()
+                mux_task.result()
                 raise AgentError(_read_last_line(self._log_file))
             now_s = time.monotonic()
             limit_s = SILENCE_TIMEOUT_S if self._connected_event.is_set() else FIRST_LOSS_DELAY_S
@@ -218,12 +218,14 @@ class Hosts:
         self._listener, self._clock = listener, clock
         self._connections: dict[str, HostConnection] = {}
         self._connections_by_printer: dict[str, HostConnection] = {}
-        # Hosts on which an update has begun; None if there is no update.
+        # Hosts whose update has begun, in order; None while no update is in progress.
         self._updating_hosts: tuple[str, ...] | None = None
-        report_s = compute_report_interval_s(len(fleet.printers))
+        interval_s = compute_report_interval_s(len(fleet.printers))
         for host, command, sections in _group_printers_by_host(fleet):
-            starts = tuple(make_start_file(section, clock) for section in sections)
-            request = HostRequest(do=HostTask.CARRY, farm=fleet.fleet.name, starts=starts, report_s=report_s)
+            start_files = tuple(make_start_file(section, clock) for section in sections)
+            request = HostRequest(
+                do=HostTask.CARRY, farm=fleet.fleet.name, starts=start_files, report_s=interval_s
+            )
             connection = HostConnection(
                 request,
                 build_ssh_command(host, command),
@@ -236,7 +238,7 @@ class Hosts:
 
     @property
     def records(self) -> list[HostRecord]:
-        """Record of each host, in the order of their names."""
+        """Records of all hosts, in the order of the hosts' names."""
         return [self._connections[host].record for host in sorted(self._connections)]
 
     def start(self, lost_hosts: Collection[str] = ()) -> None:
@@ -250,9 +252,9 @@ class Hosts:
         return self._connections_by_printer.get(printer)
 
     def watch(self) -> None:
-        """Record the hosts that were lost or have reconnected, and continue an update.
+        """Record events for hosts that were lost or have reconnected, and continue an update.
 
-        A change that cannot be recorded is tried again by the next call.
+        If an event cannot be recorded, the next call tries again.
         """
         now_s = self._clock.now()
         for record in self.records:
@@ -274,17 +276,17 @@ class Hosts:
             self._roll_out(self._updating_hosts)
 
     def on_clock_set(self, step_s: float) -> None:
-        """Shift all times by a step of the clock, so that a host is lost after the same wall time."""
+        """Shift the times of all connections by a step of the clock, so that durations stay the same."""
         for record in self.records:
             record.shift_times(step_s)
 
     def begin_update(self, caller_name: str) -> tuple[str, ...]:
-        """Start updating the agents of all hosts to the versions of their services.
+        """Begin to update the agents of each host to the version of the service on that host.
 
         Returns
         -------
         tuple of str
-            The hosts with agents of another version.
+            The hosts whose agents and service have different versions.
         """
         outdated_hosts = tuple(
             record.host
@@ -317,7 +319,7 @@ class Hosts:
         self._updating_hosts = None if step.is_finished else updating_hosts
 
     def release_agents(self) -> None:
-        """Allow all hosts to end their idle agents; they start none until the next connection."""
+        """Allow all hosts to end their idle agents, and to start none until the next connection."""
         for connection in self._connections.values():
             connection.release_agents()
 
@@ -332,7 +334,7 @@ def _group_printers_by_host(fleet: Fleet) -> Iterator[tuple[str, str, list[Print
     Raises
     ------
     FarmError
-        If printers of a host have different commands, because a host has only one service.
+        If printers of one host have different commands: a host can have only one service.
     """
     sections = [s for s in fleet.printers if s.enabled and runs_host_service(s.host_command) and s.host]
 

@@ -1,4 +1,4 @@
-"""Manager of the fleet's agents: starts or adopts them, sends instructions, and ends them."""
+"""Manager of the fleet's agents: it starts them, connects to them, sends them requests, and ends them."""
 
 from __future__ import annotations
 
@@ -31,19 +31,30 @@ class AgentManager:
         self._state, self._clock, self._listener = state, clock, listener
         self._orphan_task: asyncio.Task[None] | None = None
         self.hosts = Hosts(fleet, state, clock, listener)
-        farm = fleet.fleet.name
         self._connections = {
-            name: AgentConnection(
-                name, section, state, clock, listener, farm, self.hosts.find_connection(name)
+            section.name: AgentConnection(
+                section.name,
+                section,
+                state,
+                clock,
+                listener,
+                fleet.fleet.name,
+                self.hosts.find_connection(section.name),
             )
-            for name, section in ((section.name, section) for section in fleet.printers if section.enabled)
+            for section in fleet.printers
+            if section.enabled
         }
 
     def start(self, printing_printers: Iterable[str], lost_hosts: Collection[str] = ()) -> None:
-        """Adopt the running agents, start the others, and listen to all of them.
+        """Connect to the running agents, start the others, and listen to all of them.
 
-        `printing_printers` names the printers with an open print in the books: their agents are monitored
-        even if the printer was removed from `fleet.yaml`. The books record the loss of `lost_hosts`.
+        Parameters
+        ----------
+        printing_printers
+            Names of the printers with an open print in the books. Their agents are monitored even if the
+            printer was removed from `fleet.yaml`.
+        lost_hosts
+            Hosts whose loss the books have already recorded.
         """
         for name in printing_printers:
             if name not in self._connections:
@@ -56,7 +67,7 @@ class AgentManager:
         self._orphan_task = asyncio.create_task(self._end_orphans())
 
     async def _end_orphans(self) -> None:
-        """End idle agents of printers that have left the fleet, as other printers may need their ports."""
+        """End idle agents of printers that are no longer in the fleet, because they may block a port."""
         for folder in sorted((self._state.root / "agents").glob("*/")):
             if folder.name in self._connections:
                 continue
@@ -91,13 +102,13 @@ class AgentManager:
             delete_route(folder)
 
     def watch(self) -> None:
-        """Start agents that have died, replace those that hang, and report hosts that are lost."""
+        """Restart the agents that have died or hang, and report the hosts that are lost."""
         for connection in self._connections.values():
-            connection.keep_alive()
+            connection.ensure_running()
         self.hosts.watch()
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
-        """Send an instruction to its agent; if that fails, it is repeated at the agent's next snapshot."""
+        """Send an instruction to its agent. If that fails, it is repeated after the agent's next snapshot."""
         request = make_agent_request(instruction, books, files)
         connection = self._connections.get(getattr(instruction, "printer", ""))
         if request is not None and connection is not None:
@@ -114,7 +125,7 @@ class AgentManager:
             raise RefusedError(str(error)) from error
 
     async def read_lines(self, name: str) -> list[m.WireLine]:
-        """Read the last lines on the wire of a printer. Raises NotFoundError or RefusedError."""
+        """Read the last lines that an agent and its board exchanged. Raises NotFoundError or RefusedError."""
         connection = self._connections.get(name)
         if connection is None:
             raise NotFoundError(f"there is no enabled printer {name}; see `farm status`")

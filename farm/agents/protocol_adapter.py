@@ -30,9 +30,10 @@ _PRINT_STATES = {
 
 
 def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
-    """Return the farm's clock minus the agent's in seconds; 0 if the delay of a message may be the cause.
+    """Return the farm's clock minus the agent's, in seconds, ignoring the delay of the report.
 
-    An agent's clock is never adjusted. While the daemon is running, only the farm's clock follows the host's.
+    A difference of up to a minute may be that delay, and counts as 0. Steps of the host's clock are added in
+    any case: the farm's clock follows them, an agent's clock does not.
     """
     if not report.now_s:
         return 0.0
@@ -42,16 +43,16 @@ def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
 
 
 def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.Request | None:
-    """Return the request for an instruction to an agent; None if the instruction is not for an agent.
+    """Return an instruction as a request to an agent; None if the instruction is not for an agent.
 
     Parameters
     ----------
     instruction
-        Instruction that names the print or the printer.
+        The instruction, which contains the id of a print or the name of a printer.
     books
         The committed books.
     files
-        The folder of the G-code files.
+        Folder of the G-code files.
     """
     match instruction:
         case ev.SendStart():
@@ -84,7 +85,17 @@ def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path
 
 
 def to_agent_clock(request: m.Request, clock_offset_s: float, latest_start_s: float) -> m.Request:
-    """Convert a request's times to the agent's clock; a print must not start after `latest_start_s`."""
+    """Convert the times in a request to the agent's clock.
+
+    Parameters
+    ----------
+    request
+        The request, with times on the farm's clock.
+    clock_offset_s
+        The farm's clock minus the agent's.
+    latest_start_s
+        Time on the farm's clock after which the agent must refuse to start the print.
+    """
     match request:
         case m.StartPrint(not_after_s=not_after_s, ends_by_s=ends_by_s):
             latest_start_s = latest_start_s if not_after_s is None else min(latest_start_s, not_after_s)
@@ -118,8 +129,8 @@ def to_farm_snapshot(
     is_simulated
         True if the printer is an emulator: only emulators know the state of their bed.
     is_bed_cleared
-        True if a person has cleared the bed and the agent has not confirmed it yet: its alarm and
-        its report of an unknown bed are out of date.
+        True if a person has cleared the bed, and the agent does not know this yet: the alarm and the
+        unknown bed in its snapshot are then out of date, and are left out.
     """
     is_outdated = report.protocol < m.StartPrint.min_protocol and report.print is None
     is_filament_unreported = (
@@ -150,7 +161,8 @@ def to_farm_snapshot(
 def to_farm_print(report: m.PrintSnapshot, clock_offset_s: float) -> AgentPrint:
     """Convert an agent's report on a print; `clock_offset_s` is the farm's clock minus the agent's.
 
-    Times are limited to those that datetime can represent, and durations to at least 0, for display.
+    Times are limited to those that datetime can represent, and negative durations become 0, because both are
+    displayed.
     """
 
     def convert(at_s: float | None) -> float | None:
@@ -176,9 +188,9 @@ def to_farm_print(report: m.PrintSnapshot, clock_offset_s: float) -> AgentPrint:
 
 
 def to_farm_lines(lines: Sequence[m.WireLine], clock_offset_s: float) -> list[m.WireLine]:
-    """Convert an agent's lines on the wire; `clock_offset_s` is the farm's clock minus the agent's.
+    """Convert lines that an agent recorded; `clock_offset_s` is the farm's clock minus the agent's.
 
-    Times are limited to those that datetime can represent, for display.
+    Times are limited to those that datetime can represent, because they are displayed.
     """
     return [line.model_copy(update={"at_s": _convert_time_s(line.at_s, clock_offset_s)}) for line in lines]
 
@@ -189,5 +201,5 @@ def _convert_time_s(at_s: float, clock_offset_s: float) -> float:
 
 
 def _flatten_reason(text: str | None) -> str | None:
-    """Return a text that is safe to print on a terminal, because it may contain noise from a serial line."""
+    """Return a text without control characters, because it may contain noise from a serial line."""
     return None if text is None else flatten_text(text)

@@ -1,4 +1,4 @@
-"""Update of the agents of all hosts: one host first, then the others, and a stop at the first fault. Pure."""
+"""Update of the agents of all hosts: one host first, then all others; it stops at the first failure. Pure."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class RolloutStep:
     Attributes
     ----------
     hosts_to_begin
-        Hosts whose update begins now.
+        Hosts whose update must begin now.
     hosts_to_halt
-        Hosts whose update stops now.
+        Hosts whose update must stop now.
     is_finished
         True if the update is complete or has failed.
     fault
-        Reason to stop early.
+        Reason why the update has failed; None if it has not.
     """
 
     hosts_to_begin: tuple[str, ...] = ()
@@ -36,15 +36,15 @@ def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str,
     Parameters
     ----------
     updates
-        State of the update of each host, by its name; None if it is not connected.
+        State of the update of each host, by the host's name; None for a host that is not connected.
     started_hosts
-        Hosts whose update has begun, in order. The others wait until the first one is done.
+        Hosts whose update has begun, in order. The other hosts wait until the first of these is done.
 
     Returns
     -------
     RolloutStep
-        The next step. Hosts that are not connected are updated after they connect again. The service of a
-        host does not remember an update after a restart, so the update begins again.
+        The next step. Hosts that are not connected are updated when they are connected again. If the service
+        of a host restarts during the update of that host, it forgets the update, which then begins again.
     """
     phases = {host: None if update is None else update.phase for host, update in updates.items()}
     for host in started_hosts:

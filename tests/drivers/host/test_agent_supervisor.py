@@ -24,13 +24,13 @@ def test_agent_that_never_takes_its_lock_can_be_killed_and_counts_as_ended(tmp_p
         supervisor = AgentSupervisor(
             StartFile("a", "ultimaker2_plus", "sim://x"), tmp_path, None, lambda: None
         )
-        supervisor.keep_alive()
+        supervisor.ensure_running()
         assert supervisor.is_running and not supervisor.is_alive
         assert (supervisor.start_count, supervisor.last_ended_start) == (1, 0)
         supervisor.kill()
         processes[0].wait(20.0)
         assert not supervisor.is_running
-        supervisor.keep_alive()
+        supervisor.ensure_running()
         assert supervisor.last_ended_start == 1
         supervisor.kill()
         await supervisor.close()
