@@ -1,7 +1,7 @@
 """Cameras of a fleet: stills for viewers, and stills that are kept with prints.
 
-Stills are fetched in the daemon's event loop. A camera that does not answer occupies one task; the controller
-never waits for it.
+Stills are fetched in the daemon's event loop. Each fetch is a task for which the controller never waits, even
+if the camera does not answer.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ log = logging.getLogger(__name__)
 _VIEWER_TIMEOUT_S = 10.0  # wall seconds without a viewer after which the last still is dropped from memory
 
 StillFetcher = Callable[[str], Awaitable[Image]]
+"""Function that fetches a still from a URL. Raises CameraError."""
 
 
 async def _fetch_still(url: str) -> Image:
-    """Fetch a still; imports the HTTP client at the first call, because few farms have cameras."""
+    """Fetch a still. The HTTP client is imported only by the first call, because few farms have cameras."""
     from farm.cameras.fetch import fetch_still
 
     return await fetch_still(url)
@@ -42,7 +43,7 @@ async def _fetch_still(url: str) -> Image:
 
 @dataclass(slots=True)
 class _Camera:
-    """State of one camera, its last still, and the running fetch. Times are monotonic, in wall seconds."""
+    """One camera, with its last still and the fetch in progress. Times are monotonic, in wall seconds."""
 
     printer: str
     url: str
@@ -60,13 +61,13 @@ class Cameras:
     Parameters
     ----------
     controller
-        Source of the prints; records the stills that are stored.
+        The controller, which knows the prints, and records the stills that are stored.
     state
-        The state folder, with the file store.
+        The state folder, in which stills are stored.
     fetch
         Function that fetches a still from a URL.
     monotonic
-        Clock that returns wall seconds.
+        Function that returns a monotonic time in wall seconds.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class Cameras:
         NotFoundError
             If there is no such printer, or if it has no camera.
         FarmError
-            If its camera has sent no still, or if the last request was too recent to send another.
+            If the camera has sent no still, or if the last request to it was too recent for another.
         """
         self._controller.books.get_printer(printer)
         camera = self._cameras.get(printer)
@@ -110,15 +111,15 @@ class Cameras:
             raise FarmError(f"the camera of {printer}: {error}", ErrorCode.UNREACHABLE) from None
 
     def tick(self) -> None:
-        """Begin to fetch the stills that are due, and drop the stills that nobody views."""
+        """Begin to fetch the stills that are due, and drop from memory the stills that nobody views."""
         now_s = self._monotonic()
         for camera in self._cameras.values():
             if now_s - max(camera.last_viewed_s, camera.latest_still_s) > _VIEWER_TIMEOUT_S:
                 camera.latest_still = None
         controller = self._controller
-        snapshots, farm_s = controller.telemetry.snapshots, controller.clock.now()
+        snapshots, farm_now_s = controller.telemetry.snapshots, controller.clock.now()
         scale, printers = controller.clock.scale, frozenset(self._cameras)
-        for due_still in find_due_stills(controller.books, snapshots, printers, farm_s, scale):
+        for due_still in find_due_stills(controller.books, snapshots, printers, farm_now_s, scale):
             camera = self._cameras[due_still.printer]
             if (
                 due_still.printer in self._store_tasks
@@ -163,9 +164,9 @@ class Cameras:
         except CameraError as error:
             camera.state = camera.state.fail(str(error))
             raise
-        except Exception as error:  # a library cannot parse the answer
-            # the error's type is given without its text, which may contain the address
-            camera.state = camera.state.fail(f"its answer cannot be read ({type(error).__name__})")
+        except Exception as error:  # a library cannot parse the response
+            # The message gives only the type of the error, because its text may contain the address.
+            camera.state = camera.state.fail(f"its response cannot be read ({type(error).__name__})")
             raise CameraError(camera.state.problem or "") from None
         else:
             camera.state = camera.state.succeed()
@@ -214,6 +215,6 @@ def _store_image(state: StateFolder, image: Image) -> str:
 
 
 def _consume_error(task: asyncio.Task[Image]) -> None:
-    """Read the error of a fetch without a viewer, because asyncio logs errors that are never read."""
+    """Read the error of a fetch for which nobody waits, because asyncio logs errors that are never read."""
     if not task.cancelled():
         task.exception()

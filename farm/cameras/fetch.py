@@ -1,7 +1,7 @@
-"""Fetch of one still over HTTP, within limits on time, size and hosts. The only import of httpx.
+"""Fetching of a still over HTTP, within limits on time, size and hosts. Only this module imports httpx.
 
-Addresses come only from `fleet.yaml`. No message or log line shows an address, because it may contain a
-password.
+Cameras' addresses come only from `fleet.yaml`. No message or log line shows such an address, because it may
+contain a password.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ async def fetch_still(url: str) -> Image:
     Raises
     ------
     CameraError
-        If there is no image within `FETCH_TIMEOUT_S`.
+        If no valid image arrives within `FETCH_TIMEOUT_S`.
     """
     try:
         async with asyncio.timeout(FETCH_TIMEOUT_S):
@@ -50,14 +50,17 @@ async def fetch_still(url: str) -> Image:
     except InvalidImage as error:
         raise CameraError(str(error)) from None
     except httpx.ConnectError as error:
-        text = str(error) if "certificate" in str(error).lower() else "its connection was refused"
+        text = str(error) if "certificate" in str(error).lower() else "the connection was refused"
         raise CameraError(f"it does not respond ({text})") from None
     except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError, OSError) as error:
         raise CameraError(f"it does not respond like a web server ({type(error).__name__})") from None
 
 
 async def _fetch_image(url: httpx.URL) -> Image:
-    """Fetch an image; follow redirects on the same host. Raises CameraError, InvalidImage, httpx's errors."""
+    """Fetch an image, and follow redirects to the same host.
+
+    Raises CameraError, InvalidImage, and httpx's errors.
+    """
     user, password = url.username, url.password
     authentication: httpx.Auth | None = None
     url = url.copy_with(username=None, password=None)
@@ -83,9 +86,9 @@ async def _send_request(
     addresses: list[str],
     authentication: httpx.Auth | None,
 ) -> httpx.Response:
-    """Send a request to the first address that can be reached. Raises httpx's errors.
+    """Send a request to the first address that accepts a connection. Raises CameraError and httpx's errors.
 
-    The body of a 401 is not read, because `httpx.Auth` in a client would read it without a limit.
+    The authentication is not left to the client, which would read the body of a response 401 without a limit.
     """
     headers = {"host": url.netloc.decode("ascii"), "accept-encoding": "identity", "connection": "close"}
     for number, address in enumerate(addresses, 1):
@@ -114,14 +117,14 @@ def _choose_authentication(response: httpx.Response, user: str, password: str) -
     flow = digest.auth_flow(response.request)
     next(flow)
     try:
-        flow.send(response)  # keeps the challenge for the next request
+        flow.send(response)  # stores the challenge for the next request
     except Exception:  # httpx raises errors of many types for a malformed challenge
         raise CameraError("its authentication is not supported: use basic or digest") from None
     return digest
 
 
 def _resolve_redirect(url: httpx.URL, location: str) -> httpx.URL:
-    """Return the target of a redirect. Raises CameraError for another host, or a less secure address."""
+    """Return the target of a redirect. Raises CameraError if it is on another host or less secure."""
     target = url.join(location).copy_with(username=None, password=None)
     is_secure = target.scheme == "https" or (target.scheme, url.scheme) == ("http", "http")
     if target.host != url.host or not is_secure:
@@ -130,7 +133,7 @@ def _resolve_redirect(url: httpx.URL, location: str) -> httpx.URL:
 
 
 async def _read_response(response: httpx.Response) -> Image:
-    """Read a body within the limit. Raises CameraError, InvalidImage, and httpx's errors."""
+    """Read the image in a response, up to the limit. Raises CameraError, InvalidImage, and httpx's errors."""
     if response.status_code == 401:
         raise CameraError("it refuses user and password (401): write them as http://USER:PASSWORD@HOST/")
     if response.status_code != 200:
@@ -146,15 +149,16 @@ async def _read_response(response: httpx.Response) -> Image:
 
 @cache
 def _make_tls_context() -> ssl.SSLContext:
-    """Return a TLS context with the certificates that this host trusts, which may include a camera's."""
+    """Return a TLS context with the certificates that this host trusts, to which a camera's may be added."""
     return ssl.create_default_context()
 
 
 async def _look_up_addresses(url: httpx.URL) -> list[str]:
-    """Find the addresses of a host.
+    """Look up the IP addresses of a camera's host.
 
-    A separate daemon thread is used, because a name server that does not answer blocks a look-up for half a
-    minute: asyncio's look-up would block a shared thread, for which the process also waits when it exits.
+    If the name server does not answer, a look-up takes half a minute. So it runs in a daemon thread of its
+    own: asyncio would use a thread of its pool, which other tasks need, and for which the process waits when
+    it exits.
 
     Raises
     ------

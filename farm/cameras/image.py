@@ -1,6 +1,6 @@
-"""Checks of the bytes that a camera has sent: only a JPEG or PNG of a sensible size is accepted. Pure.
+"""Checks of an image that a camera has sent: only a JPEG or PNG within limits on its size is accepted. Pure.
 
-A still is never decoded here, because its header states its size.
+The image is not decoded, because its header states its size.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 MAX_IMAGE_BYTES = 5_000_000
 MAX_PIXELS = 50_000_000
-"""Limit on width times height, because a viewer decodes all pixels, and even a small file may have many."""
+"""Limit on width times height: a browser decodes all pixels, of which even a small file may have many."""
 _PNG_MAGIC, _JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _PNG_SIZE = struct.Struct(">II")  # PNG: width, height, in the first chunk (IHDR)
 _PNG_SIZE_OFFSET = 16
@@ -19,20 +19,20 @@ _FRAME_SIZE = struct.Struct(">HH")  # JPEG: height, width
 _FRAME_SIZE_OFFSET = 5  # after the marker, the length, and the sample precision
 _FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers that begin a frame
 _SCAN_MARKER, _PADDING_BYTE = 0xDA, 0xFF
-_MAX_SEGMENTS = 500  # number of segments before the frame; a long list would keep the daemon busy
+_MAX_SEGMENTS = 500  # number of segments before the frame, so that a malicious file cannot block the daemon
 
 
 class CameraError(Exception):
-    """Failure to get a still from a camera; the message gives the reason without the camera's address."""
+    """Error when a camera sends no valid still; the message gives the reason without the camera's address."""
 
 
 class InvalidImage(Exception):
-    """Bytes that are not an accepted image; the message gives the reason."""
+    """Error for bytes that are not an accepted image; the message gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """Still: its bytes, its media type, and the suffix of its file."""
+    """Image that was checked: its bytes, its media type, and the suffix of a file name for it."""
 
     content: bytes
     media_type: str

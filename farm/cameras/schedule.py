@@ -1,6 +1,6 @@
 """Times at which stills are requested from a camera. Pure.
 
-Stills are requested while a person views the camera, and at the moments of a print whose stills are kept.
+Stills are requested while a person views the camera, and at the moments of a print at which one is kept.
 Requests are at least two seconds apart; the interval doubles with each failure.
 """
 
@@ -15,11 +15,11 @@ from farm.state import Books
 MIN_INTERVAL_S = 2.0
 MAX_INTERVAL_S = 60.0
 MAX_STILL_AGE_S = MIN_INTERVAL_S
-"""Age in wall seconds up to which a viewer gets the last still instead of a new one."""
+"""Age in wall seconds up to which viewers get the last still instead of a new one."""
 END_STILL_TIMEOUT_S = 60.0
-"""Wall seconds from the end of a print within which its last still is fetched; later the bed may be clear."""
+"""Wall seconds after the end of a print within which its last still is fetched, before the bed is cleared."""
 _FIRST_LAYERS_DIVISOR = 10
-"""Divisor of the layer count: the first layer is visible during the first tenth of the layers."""
+"""Divisor of the number of layers: during the first tenth of the layers, the first layer is visible."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class CameraState:
     Attributes
     ----------
     last_attempt_s
-        Time at which the last attempt began.
+        Time at which the last attempt began; None if there was none.
     failure_count
         Number of attempts that have failed since the last still.
     problem
@@ -63,7 +63,7 @@ class CameraState:
 
 @dataclass(frozen=True, slots=True)
 class DueStill:
-    """Still to store with a print."""
+    """Still that must be fetched now and stored with a print."""
 
     print_id: str
     printer: str
@@ -73,7 +73,7 @@ class DueStill:
 def find_due_stills(
     books: Books, snapshots: Mapping[str, AgentSnapshot], printers: frozenset[str], now_s: float, scale: float
 ) -> Iterator[DueStill]:
-    """Yield the stills that must be fetched now and stored with their prints.
+    """Yield the stills that are due: each must be fetched now and stored with its print.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def find_due_stills(
     printers
         The printers with a camera.
     now_s, scale
-        Farm time in seconds, and farm seconds per wall second.
+        Time on the farm's clock, and farm seconds per wall second.
     """
     for name in printers & books.printers.keys():
         attempt = books.find_open_print(name) or books.find_last_print(name)
