@@ -1,4 +1,4 @@
-"""Requests and responses of the daemon, which are also the objects that `--json` prints.
+"""Bodies of the daemon's requests and responses; some are also the objects that `--json` prints.
 
 `docs/reference/json.md` describes every field. Times are ISO 8601 in the fleet's time zone, on the farm's
 clock; durations are in seconds.
@@ -95,7 +95,7 @@ class Names(View):
 
 
 class JobStatus(View):
-    """One job, with the daemon that runs it."""
+    """One job, and the daemon."""
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -105,20 +105,20 @@ class JobStatus(View):
 
 
 class SubmitResponse(View):
-    """Response to a submission; `again` is True if it repeats the request id of an existing job."""
+    """Response to a submission; `again` is true if a job with the same request id already existed."""
 
     job: int
     again: bool
-    # descriptions of options that cannot be met, such as more printers than the fleet has
+    # descriptions of options that the farm cannot fulfil, such as more printers than the fleet has
     notices: list[str] = Field(default_factory=list)
 
 
 class UploadView(View):
     """Progress of a submission that has no response yet."""
 
-    step: str  # description of the step
-    received: int  # number of received bytes
-    size: int  # number of bytes of the upload
+    step: str  # description of the step in progress
+    received: int  # number of bytes received so far
+    size: int  # total number of bytes of the upload
 
 
 class PrunedJob(View):
@@ -126,7 +126,7 @@ class PrunedJob(View):
 
     id: int
     name: str
-    size_bytes: int  # some files may be shared with other jobs, which keep them
+    size_bytes: int  # size of its files; those that other jobs also use are not deleted
 
 
 class PruneResponse(View):
@@ -151,7 +151,7 @@ class Problem(View):
 
 
 class SlotView(View):
-    """Time of a plate on a printer: actual or expected."""
+    """Times of a plate on a printer, actual or expected."""
 
     plate: str
     parts: list[str]
@@ -172,8 +172,8 @@ class Timeline(View):
     now: str
     plan: str
     slots: list[SlotView]
-    left: list[str]  # plates that no printer can take (material, reel or hours)
-    notices: list[str]  # changes to the model, and options that cannot be met
+    left: list[str]  # plates that no printer can print, because of its material, reel or hours
+    notices: list[str]  # changes to the model, and options that the farm cannot fulfil
     makespan_s: float
     lower_bound_s: float
     grams: float
@@ -182,7 +182,7 @@ class Timeline(View):
 
 
 class Submission(View):
-    """Outcome of one of several models that were submitted at once."""
+    """Result for one of several models that one command submitted."""
 
     model: str
     job: JobView | None = None
@@ -192,7 +192,7 @@ class Submission(View):
 
 
 class Submissions(View):
-    """Outcomes of several models that were submitted at once."""
+    """Results for several models that one command submitted."""
 
     model_config = ConfigDict(populate_by_name=True)
 

@@ -1,4 +1,4 @@
-"""Events and lists for programs that follow the farm."""
+"""Events and lists of jobs, for programs that follow the farm."""
 
 from __future__ import annotations
 

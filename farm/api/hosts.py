@@ -14,7 +14,7 @@ class HostAgentView(View):
     state: str
     pid: int | None
     restarts: int
-    installation: str
+    installation: str  # folder of the installation that the agent runs
     reason: str | None
 
 
@@ -32,8 +32,8 @@ class HostView(View):
     host: str
     connected: str | None  # time at which the connection was made; null while disconnected
     lost: str | None  # time at which the connection was lost; null while connected
-    waiting: str | None
-    version: str | None
+    waiting: str | None  # description of what the host waits for
+    version: str | None  # version of farm that its service runs
     printers: list[str]
     agents: list[HostAgentView]
     ports: list[HostPortView]

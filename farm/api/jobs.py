@@ -14,8 +14,8 @@ class PartView(View):
 
     id: str
     cut_from: str | None = None  # the failed part of which it is a piece
-    copy_number: int = 1  # number of the copy of the model, from 1
-    glue_rank: int | None = None  # place in the order in which parts are glued, from 1
+    copy_number: int = 1  # number of the copy of the model to which it belongs, from 1
+    glue_rank: int | None = None  # place in the order of gluing, from 1
     verdict: Verdict | None
     plate: str
     file: str | None  # null if the files of its job were pruned
@@ -24,7 +24,7 @@ class PartView(View):
 
     @property
     def own_prints(self) -> list[PrintView]:
-        """Prints of this part, without prints of the part from which it was cut."""
+        """Prints of this part itself, without those of the part from which it was cut."""
         return [attempt for attempt in self.prints if attempt.part == self.id]
 
 
@@ -33,7 +33,7 @@ class PlateStatus(View):
 
     id: str
     parts: list[str]
-    printer: str  # printer of its last print, or of the plan before the first print
+    printer: str  # printer of its last print; before the first print, that of the plan
     gcode: str | None  # null if the files of its job were pruned
     expected_s: Annotated[float, EXPECTED_S]
     grams: float
@@ -46,14 +46,14 @@ class PlateStatus(View):
 
 
 class RunView(View):
-    """Interval in which a job was printed."""
+    """Interval during which a job was printed."""
 
     started: str
     ended: str | None  # null while the job is printing
 
 
 class JobOverview(View):
-    """Job without its parts and plates."""
+    """Job, without its parts and plates."""
 
     id: int
     name: str
@@ -66,43 +66,44 @@ class JobOverview(View):
     progress: PlanProgress | None  # null unless the job is being planned
     now: str  # time of this view, on the farm's clock
     submitted: str
-    submitted_by: str | None  # user name, from the socket's credentials
+    submitted_by: str | None  # name of the user or key that submitted it
     options: JobOptions
     repairs: list[str]
     scale: float | None
-    plan: str | None  # hash of the plan, to pass to `farm approve`
+    plan: str | None  # hash of the plan, by which `farm approve` names it
     starts: str | None  # earliest start time
     expected_s: Annotated[float | None, EXPECTED_S]
-    lower_bound_s: float | None  # lower bound of the parallel printing time on these printers
+    lower_bound_s: float | None  # lower bound of the parallel printing time on the printers of the plan
     eta: str | None
-    elapsed_s: float | None  # parallel printing time so far, or of the printed job
+    elapsed_s: float | None  # parallel printing time: so far, or in total if the job is printed
     runs: list[RunView]  # several runs if parts were printed again after the job had ended
-    serial_s: float | None
-    speedup: float | None
+    serial_s: float | None  # printing time of the whole model on one imaginary large printer
+    speedup: float | None  # `serial_s` divided by the parallel printing time
+    # printing time of the parts, divided by the parallel printing time and the number of printers
     utilisation: float | None
     printed: int  # number of printed plates
     good: int  # number of plates that a person judged good
-    printed_copies: int  # number of copies of the model with all parts printed
-    current_s: float | None  # parallel printing time: actual, or expected from current data
-    wasted_s: float  # time of prints that failed, were cancelled, or are bad
+    printed_copies: int  # number of copies of the model whose parts are all printed
+    current_s: float | None  # parallel printing time: actual, or as the forecast expects
+    wasted_s: float  # time of prints that failed, were cancelled, or were judged bad
     wasted_grams: float
     grams: float | None
     filament_mm: float | None
     price: float | None  # price of the filament; null if a price is unknown
     currency: str | None
-    # share of the time that simulated printers waited for the host; above 0.01 the run is invalid
+    # share of the time in which simulated printers waited for their host; above 0.01, the times are not valid
     starved_share: float | None
-    folder: str | None  # contains its parts (STL), plates (G-code) and picture
+    folder: str | None  # folder with its parts (STL), plates (G-code) and picture
     pruned: str | None = None  # time at which its files were pruned; figures and pictures stay
     waits_for_person: bool
-    assembly_s: float | None = None  # time for gluing the parts: reported, or expected
-    assembled: str | None = None  # time at which the parts are glued: reported, or expected from current data
+    assembly_s: float | None = None  # time that gluing the parts takes: reported, or expected
+    assembled: str | None = None  # time at which the parts are glued: reported, or as the forecast expects
     glued: bool = False  # whether a person has reported that the parts are glued
     submitted_to_assembled_s: float | None = None  # time from submission to `assembled`
 
 
 class JobSummary(JobOverview):
-    """Job in the status of the whole farm."""
+    """Job as `farm status` shows it among all jobs."""
 
     plate_count: int
 
@@ -124,6 +125,6 @@ class JobView(JobOverview):
 
     @property
     def prints(self) -> list[PrintView]:
-        """Prints of the job; prints shared by several pieces of a part appear once."""
+        """Prints of the job, each once, even if several pieces that were cut from one part list it."""
         prints = {(p.part, p.printer, p.started, p.ended): p for part in self.parts for p in part.prints}
         return list(prints.values())

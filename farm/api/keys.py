@@ -1,4 +1,4 @@
-"""Requests and responses about keys for callers on the network, and sessions of browsers."""
+"""Requests and responses about keys of callers on the network, and about sessions of browsers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class KeyRequest(View):
 
 
 class NewKey(View):
-    """Key that was added. Only this response has its text, because the farm does not store it."""
+    """Key that was added. Only this response has the key's text, because the farm does not store the text."""
 
     id: str
     text: str
@@ -52,7 +52,7 @@ class AppKeyRequestView(View):
     """Request for a key by a program."""
 
     code: str
-    app: str  # name that the program gives itself
+    app: str  # name of the program, as it states it
     address: str
 
 

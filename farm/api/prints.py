@@ -19,7 +19,7 @@ class StillView(View):
 class PrintView(View):
     """One attempt to print the plate of a part."""
 
-    part: str  # part that was printed; a piece also lists prints of the part from which it was cut
+    part: str  # part that was printed: the part itself, or the part from which it was cut
     printer: str
     state: PrintState
     fault: str | None
@@ -47,7 +47,7 @@ class HistoryRow(PrintView):
 
 
 class FeatureFactorsView(View):
-    """Ratios of actual to sliced time by feature, learned from finished prints."""
+    """Ratios of the actual to the sliced time by feature, learned from finished prints."""
 
     walls: float
     infill: float
@@ -55,14 +55,14 @@ class FeatureFactorsView(View):
     supports: float  # includes the brim
     travel: float  # includes retractions
     prints: int  # number of prints from which they were learned
-    own: bool  # learned from this printer alone; otherwise from all printers of its family
+    own: bool  # whether they were learned from this printer alone; otherwise from all printers of its family
 
 
 class PrinterSpeed(View):
     """Speed of a printer, learned from its finished prints."""
 
     printer: str
-    time_factor: float  # ratio of actual to expected time of its layers
+    time_factor: float  # ratio of the actual to the sliced time of its layers
     feature_factors: FeatureFactorsView | None  # null until enough prints have ended
 
 

@@ -1,4 +1,4 @@
-"""Requests of commands, and their responses."""
+"""Requests that are commands, and the responses to them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class QueuePlace(StrEnum):
 
 
 class PruneRequest(View):
-    """Request to delete files beyond the limits of `fleet.keep`; with `dry_run`, only to list their jobs."""
+    """Request to delete files beyond the limits of `fleet.keep`; with `dry_run`, only list their jobs."""
 
     dry_run: bool = False
 
@@ -37,26 +37,29 @@ class ClearedRequest(View):
     filament: FilamentState | None = None
     bad: bool = False
     why: Line | None = Field(default=None, max_length=200)
-    good: Line | None = Field(default=None, max_length=40)  # part of a failed print that is usable
-    seen: Line | None = Field(default=None, max_length=64)  # id of the last print that the sender has seen
+    # id of a part that is usable although its print failed
+    good: Line | None = Field(default=None, max_length=40)
+    # id of the last print on the printer when the sender looked; a report on an earlier print is refused
+    seen: Line | None = Field(default=None, max_length=64)
 
 
 class ClearedResponse(View):
     """Response to the report that a bed is clear. A bad part is printed again, unless it was cancelled."""
 
-    again: str | None = None  # id of the part that is printed again, as it is bad; null if there is none
-    good: str | None = None  # part of a failed print that is good
-    printed_on: list[str] = Field(default_factory=list)  # printers that are already reprinting that part
+    again: str | None = None  # id of the part that is printed again because it is bad; null if there is none
+    good: str | None = None  # id of the part that is good although its print failed
+    # printers that are already printing the good part again
+    printed_on: list[str] = Field(default_factory=list)
 
 
 class NameResponse(View):
-    """Name of the part or printer that a command acted on."""
+    """Name of the part or printer that a command changed."""
 
     name: str
 
 
 class LoadRequest(View):
-    """Request to record a new reel or nozzle; a field that is None leaves its value unchanged."""
+    """Request to record a new reel or nozzle; a value is unchanged if its field is None."""
 
     material: str | None = Field(default=None, max_length=100)
     colour: Line | None = Field(default=None, max_length=40)
@@ -77,7 +80,7 @@ class AssembledRequest(View):
 
 
 class DownRequest(View):
-    """Request to shut down the farm: `now` stops open prints safely first, `wait` lets them finish."""
+    """Request to shut down the farm: `now` first stops the open prints safely, `wait` lets them finish."""
 
     now: bool = False
     wait: bool = False
@@ -97,7 +100,7 @@ class JobStart(View):
 
 
 class QueueEntry(View):
-    """One open job of the queue."""
+    """One open job in the queue."""
 
     id: int
     name: str

@@ -16,7 +16,7 @@ class ClusterWorkerView(View):
 
     name: str
     slots: int  # number of tasks that it runs at the same time
-    refused: str | None  # reason why it gets no tasks
+    refused: str | None  # reason why the farm sends it no tasks
 
 
 class ClusterTaskView(View):
@@ -31,8 +31,9 @@ class ClusterView(View):
     """State of the cluster."""
 
     scheduler: str
-    place: str  # where new work runs: cluster, waiting or here
-    text: str
+    # place where new tasks run: `cluster`, `here` (the daemon's computer), or `waiting` (for the cluster)
+    place: str
+    text: str  # state of the cluster in a sentence
     workers: list[ClusterWorkerView]
     tasks: list[ClusterTaskView]
     waiting: int  # number of tasks that wait for a worker
@@ -50,9 +51,9 @@ class Reel(View):
     """Filament on a printer, and its nozzle."""
 
     material: str
-    kind: str | None = None  # kind of the material, such as PLA; null if unknown
+    kind: str | None = None  # kind of material, such as PLA; null if unknown
     colour: str | None
-    grams: float | None  # filament left; null if unknown
+    grams: float | None  # mass of the filament left; null if unknown
     nozzle_mm: float
 
 
@@ -75,9 +76,8 @@ class LastPrint(View):
     plate: str
     state: PrintState
     ended: str | None
-    off: (
-        float | None
-    )  # (actual - expected time) / expected time; null unless it is `done` and was never paused
+    # (actual - expected time) / expected time; null unless the print is `done` and was never paused
+    off: float | None
     verdict: Verdict | None
 
 
@@ -94,18 +94,17 @@ class PrinterView(PrinterReadings, View):
     nozzle_c: float | None
     bed_c: float | None
     targets: Targets
-    time_factor: float  # ratio of actual to expected time of layers, estimated from its prints
-    # time factors by feature; null until enough prints have ended
+    time_factor: float  # ratio of the actual to the sliced time of layers, learned from its prints
+    # the same ratios by feature; null until enough prints have ended
     feature_factors: FeatureFactorsView | None = None
     print: PrintProgress | None
     last: LastPrint | None
     look: str | None  # reason why a person must inspect the printer; null if no inspection is needed
     maintenance: str | None  # reason why it is out of use
     hold: Hold | None
-    kept_for: str | None = (
-        None  # plate or job for which the free printer is reserved; null if it is not reserved
-    )
-    camera: bool = False  # GET /printers/NAME/camera shows it
+    # plate or job for which the free printer is reserved; null if it is not reserved
+    kept_for: str | None = None
+    camera: bool = False  # whether it has a camera; GET /printers/NAME/camera returns a still
 
 
 class Todo(View):
@@ -114,14 +113,15 @@ class Todo(View):
     code: str
     printers: list[str]
     text: str
-    brief: str = ""  # the text in a few words
+    brief: str = ""  # the same in a few words
     jobs: list[int] = Field(default_factory=list)  # jobs that the task concerns
-    good: dict[str, str] = Field(default_factory=dict)  # by printer: a failed part that may be good
+    # by printer: part of a failed print that may nevertheless be good
+    good: dict[str, str] = Field(default_factory=dict)
     times: list[TextTime] = Field(default_factory=list)  # times that the text contains
 
 
 class NightView(View):
-    """Counts of the plates since the previous afternoon; each plate is counted once."""
+    """Numbers of plates since the previous afternoon, by outcome; each plate is counted once."""
 
     since: str
     plates: int
@@ -141,7 +141,7 @@ class FleetView(View):
     time_scale: float
     now: str
     forecast: str | None = None  # time at which the forecast (the expected ends of the jobs) was computed
-    file: str
+    file: str  # path of fleet.yaml
 
 
 class DaemonView(View):
@@ -149,11 +149,11 @@ class DaemonView(View):
 
     pid: int
     version: str
-    since: str
+    since: str  # time at which it started
 
 
 class FarmOverview(View):
-    """Whole farm without its jobs."""
+    """Whole farm, without its jobs."""
 
     model_config = ConfigDict(populate_by_name=True)
 
