@@ -1,6 +1,6 @@
 """Table of the routes on the network, with the role that each requires.
 
-A route of the application without a row here is not served, and a test fails.
+The application does not serve a route that has no row in the table; a test reports such routes.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ PUBLIC_ROUTES = frozenset(
         *PUBLIC_SLICER_ROUTES,
     }
 )
-"""Routes that require no key, and show no data of the farm."""
+"""Routes that require no key. None of them shows data of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.LOOK for path in (METRICS_PATH, SCHEMA_PATH, SCHEMA_PAGE_PATH)},
     **{("GET", path): Role.LOOK for path in PAGE_PATHS},
@@ -92,7 +92,7 @@ ROLES: dict[tuple[str, str], Role] = {
     **{("GET", NETWORK_PREFIX + path): Role.LOOK for path in _LOOK_PATHS},
     **{("POST", NETWORK_PREFIX + path): Role.PRINT for path in _PRINT_PATHS},
     **{("POST", NETWORK_PREFIX + path): Role.OPERATE for path in _OPERATE_PATHS},
-    **{("POST", path): Role.PRINT for path in _PRINT_PATHS if path != "/jobs"},  # forms of the pages
+    **{("POST", path): Role.PRINT for path in _PRINT_PATHS if path != "/jobs"},  # forms on pages
     **{("POST", path): Role.PRINT for path in (*_PLAN_FORM_PATHS, "/submit")},
     ("GET", "/submit"): Role.PRINT,
     **{("POST", path): Role.OPERATE for path in _OPERATE_PATHS},
@@ -108,7 +108,7 @@ HOST_ONLY_ROUTES = frozenset(
         ("POST", "/down"),
     )
 )
-"""Routes of the Unix socket that are not served on the network, because they concern the daemon's host."""
+"""Routes that are served only on the Unix socket, because they concern the daemon's host."""
 
 
 def _compile_path(path: str) -> re.Pattern[str]:
@@ -121,11 +121,16 @@ _PATTERNS = [(method, _compile_path(path), role) for (method, path), role in ROL
 
 def is_public(method: str, path: str) -> bool:
     """Return whether a request requires no key."""
-    return any(verb == method and pattern.fullmatch(path) for verb, pattern in _PUBLIC_PATTERNS)
+    return any(
+        route_method == method and pattern.fullmatch(path) for route_method, pattern in _PUBLIC_PATTERNS
+    )
 
 
 def find_role(method: str, path: str) -> Role | None:
     """Find the role that a request requires; None if there is no such route on the network."""
-    return next(
-        (role for verb, pattern, role in _PATTERNS if verb == method and pattern.fullmatch(path)), None
+    roles = (
+        role
+        for route_method, pattern, role in _PATTERNS
+        if route_method == method and pattern.fullmatch(path)
     )
+    return next(roles, None)

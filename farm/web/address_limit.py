@@ -1,4 +1,4 @@
-"""Limit on the connections from one address, so that one client cannot take all connections."""
+"""Limit on the number of connections from one address, so that one client cannot use up all connections."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.http import BoundedServer, WaitingConnection, find_longest_waiting_con
 
 _SHARE_DIVISOR = 4  # one address may have a quarter of all connections
 _MIN_CONNECTIONS = 4
-_IPV6_PREFIX_BITS = 64  # one client may have all addresses with the same prefix
+_IPV6_PREFIX_BITS = 64  # all addresses with the same prefix may belong to one client
 
 
 def find_client_network(host: str) -> str | None:
@@ -44,7 +44,7 @@ def find_client_network(host: str) -> str | None:
 
 
 class AddressLimitedServer(BoundedServer):
-    """Server on TCP that takes at most a quarter of its connections from one address.
+    """TCP server that accepts at most a quarter of its maximum number of connections from one address.
 
     At the limit, a new connection replaces the connection of the same address that has waited longest for
     its client; if none waits, the new connection is closed.
@@ -54,7 +54,7 @@ class AddressLimitedServer(BoundedServer):
     config
         uvicorn's configuration.
     limit
-        Maximum number of connections at a time.
+        Maximum number of open connections.
     """
 
     def __init__(self, config: uvicorn.Config, limit: int) -> None:

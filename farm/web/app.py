@@ -1,7 +1,7 @@
 """HTTP application for callers on the network, who need a key with the role that a route requires.
 
-It serves only the routes in the table of `farm.web.access`. The guard checks every request before a route
-handles it.
+The application serves only the routes in the table of `farm.web.access`. `Guard` checks every request before
+a route handles it.
 """
 
 from __future__ import annotations
@@ -86,9 +86,9 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     services
         Components of the daemon.
     dry_runs
-        Dry runs; a request about its job keeps a dry run alive.
+        Dry runs. A dry run ends when requests about its job cease.
     names
-        Names of this host in lower case.
+        Names of this host in lower case, which the header `Host` may contain.
     """
     app = FastAPI(
         title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]
@@ -133,7 +133,8 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
 def _add_page_routes(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
     """Add the routes of the pages and of their forms.
 
-    Templates and static files are loaded now, because an update may replace them while the daemon runs.
+    Templates and static files are loaded when the daemon starts, because an update of farm may replace them
+    later.
     """
     load_page_files()
     load_report_templates()
@@ -165,9 +166,10 @@ class Guard:
     app
         The application that handles allowed requests.
     services
-        Source of keys, sessions and the farm's clock; records the time of the last use of each key.
+        Source of keys, sessions and the farm's clock. The guard stores in it the time at which each key was
+        last used.
     names
-        Names of this host in lower case.
+        Names of this host in lower case, which the header `Host` may contain.
     cookie
         Cookie of the sessions.
     caller_finder
@@ -224,7 +226,10 @@ class Guard:
         return response
 
     def _is_valid(self, caller: KeyHolder | Visitor) -> bool:
-        """Return whether a caller's key or session is still valid with its role; if not, its streams end."""
+        """Return whether a caller's key or session is still valid and has the same role.
+
+        A stream to the caller ends when this is no longer true.
+        """
         if isinstance(caller, Visitor):
             return True
         key = self._controller.books.keys.get(caller.key.id)
@@ -247,7 +252,7 @@ class Guard:
         client = (scope.get("client") or ("nobody",))[0]
         address = find_client_network(client) or client
         if is_public(method, path):
-            # slicers are not browsers
+            # slicers do not state their origin
             refusal = None if is_slicer_path(path) else check_session_origin(method, *site)
             return refusal or Visitor(address)
         holder = self._caller_finder.find(headers, address)

@@ -67,15 +67,15 @@ class Visitor:
 
 
 def find_holder(request: Request) -> KeyHolder:
-    """Return the caller, whom the guard has identified. Raises RefusedError for a visitor."""
+    """Return the caller of a request, whom `app.Guard` has identified. Raises RefusedError for a visitor."""
     caller = request.state.caller
     if isinstance(caller, KeyHolder):
         return caller
-    raise RefusedError("this needs a session: `farm web` on the farm's host opens one")
+    raise RefusedError("this request needs a session: `farm web` on the farm's host opens one")
 
 
 class CallerFinder:
-    """Finder of the caller of a request by key or session, with a limit on wrong keys for each address.
+    """Finder of a request's caller by key or session; it limits the number of wrong keys from an address.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class CallerFinder:
         self._wrong_keys = WrongKeys()
 
     def find(self, headers: Mapping[str, str], address: str) -> KeyHolder | Refusal:
-        """Find the caller with a valid key or session; a key takes precedence over a session.
+        """Find the caller by the key or session in a request's headers; a key takes precedence.
 
         Parameters
         ----------
@@ -108,7 +108,7 @@ class CallerFinder:
         return Refusal(401, "this needs a key: an operator creates one with `farm key add NAME`")
 
     def find_key_holder(self, text: str, address: str, kind: KeyKind = KeyKind.KEY) -> KeyHolder | Refusal:
-        """Find the caller with the text of a valid key or session; count a wrong text against the address."""
+        """Find the caller by the text of a key or session; count a text that is not valid as a wrong key."""
         now_s = self._controller.clock.now()
         key = find_key(text, self._controller.books.keys, now_s, kind)
         if key is not None:
@@ -129,7 +129,7 @@ class CallerFinder:
     def find_role(self, key: Key) -> Role | None:
         """Return the current role of a valid key or session; None for a session whose user was deleted.
 
-        The current role of its user limits the role of a session: a user who has left the group of operators
+        A session has at most the current role of its user: a user who has left the group of operators
         loses the role of an operator.
         """
         if key.user is None:

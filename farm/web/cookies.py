@@ -15,14 +15,15 @@ from farm.control import MAX_SESSION_S
 class SessionCookie:
     """Cookie that scripts cannot read, and that browsers do not send with a form from another site.
 
-    `SameSite` is `Lax`, so that a link in a message opens the farm's pages; `farm.web.request_checks`
-    checks requests that change the farm. With HTTPS, the prefix `__Host-` keeps other hosts of the domain
-    from setting it.
+    `SameSite` is `Lax`, so that a link in a message opens the farm's pages with the user's session;
+    `farm.web.request_checks` checks requests that change the farm. With HTTPS, the prefix `__Host-` prevents
+    other hosts of the domain from setting the cookie.
 
     Attributes
     ----------
     port
-        The server's port; part of the cookie's name, because browsers do not separate cookies by port.
+        The server's port. It is part of the cookie's name, because browsers send a host's cookies to all
+        of its ports.
     is_encrypted
         True if browsers reach the farm by HTTPS.
     """
@@ -32,7 +33,7 @@ class SessionCookie:
 
     @classmethod
     def for_section(cls, section: WebSection | None) -> SessionCookie:
-        """Return the cookie of a server (`web` in fleet.yaml)."""
+        """Return the cookie of the server that the section `web` of fleet.yaml describes."""
         section = section or WebSection()
         return cls(section.address[1], section.is_encrypted)
 
@@ -42,15 +43,15 @@ class SessionCookie:
         return f"{'__Host-' if self.is_encrypted else ''}farm-{self.port}"
 
     def read(self, header: str) -> str:
-        """Return the session's text in the header `Cookie`; empty if there is none."""
+        """Return the key text of the session in the header `Cookie`; empty if there is none."""
         return cookie_parser(header).get(self.name, "")
 
     def set(self, response: Response, text: str) -> None:
-        """Store a session's text in the browser; the farm decides when the session ends."""
+        """Store a session's key text in the browser. The farm, not the cookie's age, ends the session."""
         self._write_cookie(response, text, int(MAX_SESSION_S))
 
     def clear(self, response: Response) -> None:
-        """Remove the session's text from the browser."""
+        """Remove the session's key text from the browser."""
         self._write_cookie(response, "", 0)
 
     def _write_cookie(self, response: Response, text: str, max_age_s: int) -> None:

@@ -1,7 +1,7 @@
-"""Metrics of the farm for Prometheus, collected at each scrape. The only import of prometheus_client.
+"""Metrics of the farm for Prometheus, collected at each scrape. Only this module imports prometheus_client.
 
-Totals come from the books, not from counters in memory, so that they never decrease, even across a restart.
-Labels name no jobs, persons or files, which keeps the number of series small.
+Totals are computed from the books, not counted in memory, so that they never decrease, even at a restart.
+No label is the name of a job, a person or a file, which keeps the number of time series small.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _PRINTER_STATES = (
     *(str(state) for state in PrintState if not state.ended),
     *(str(link) for link in Link if link is not Link.READY),
 )
-"""Values of `PrinterView.state`; each has a sample, so that alerts can use it."""
+"""Values of `PrinterView.state`; each printer has a sample for each of them, so that alerts can use them."""
 Rows = Iterable[tuple[tuple[str, ...], float | None]]
-"""Pairs of label values and the value of a sample, which is None if there is no sample."""
+"""Pairs of a sample's label values and its value; None stands for no sample."""
 
 
 def format_metrics(context: ViewContext, status: api.Status) -> bytes:
@@ -35,9 +35,9 @@ def format_metrics(context: ViewContext, status: api.Status) -> bytes:
     Parameters
     ----------
     context
-        The farm.
+        State of the farm, with the books.
     status
-        The same farm as `farm status` shows it.
+        Status of the farm at the same time, as `farm status` shows it.
     """
     registry = CollectorRegistry(auto_describe=False)
     registry.register(_FarmCollector(context, status))
@@ -67,7 +67,10 @@ def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
     books = context.books
     states = Counter(str(job.state) for job in books.jobs.values())
     yield _make_gauge(
-        "farm_jobs", "Jobs by state.", ("state",), (((str(s),), states[str(s)]) for s in JobState)
+        "farm_jobs",
+        "Jobs by state.",
+        ("state",),
+        (((str(state),), states[str(state)]) for state in JobState),
     )
     waiting_plates = (
         plate for plate in books.list_waiting_plates() if books.find_plate_state(plate) is PlateState.WAITING
@@ -77,9 +80,9 @@ def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
     )
     yield _make_gauge(
         "farm_plates_waiting",
-        "Waiting plates by reason; `none` for plates that are about to start.",
+        "Waiting plates by hold code; `none` for plates that are about to start.",
         ("code",),
-        (((code,), number) for code, number in holds.items()),
+        (((code,), count) for code, count in holds.items()),
     )
 
 
@@ -87,7 +90,7 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
     printers = status.printers
     tasks = Counter(task.code for task in status.todo)
     yield _make_gauge(
-        "farm_todo", "Tasks for people.", ("code",), (((code,), n) for code, n in tasks.items())
+        "farm_todo", "Tasks for people.", ("code",), (((code,), count) for code, count in tasks.items())
     )
     info = GaugeMetricFamily("farm_printer_info", "Printers.", labels=("printer", "model", "material"))
     for printer in printers:
@@ -95,7 +98,7 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
     yield info
     yield _make_gauge(
         "farm_printer_state",
-        "1 for the state of a printer, 0 for all others.",
+        "1 for the current state of a printer, 0 for all other states.",
         ("printer", "state"),
         (
             ((printer.name, state), printer.state == state)
@@ -128,16 +131,20 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
         "farm_printer_temperature_celsius",
         "Temperature of a heater.",
         heaters,
-        (((p.name, h), t) for p in printers for h, t in (("nozzle", p.nozzle_c), ("bed", p.bed_c))),
+        (
+            ((printer.name, heater), now_c)
+            for printer in printers
+            for heater, now_c in (("nozzle", printer.nozzle_c), ("bed", printer.bed_c))
+        ),
     )
     yield _make_gauge(
         "farm_printer_target_celsius",
         "Target of a heater; 0 is off.",
         heaters,
         (
-            ((p.name, h), t)
-            for p in printers
-            for h, t in (("nozzle", p.targets.nozzle_c), ("bed", p.targets.bed_c))
+            ((printer.name, heater), target_c)
+            for printer in printers
+            for heater, target_c in (("nozzle", printer.targets.nozzle_c), ("bed", printer.targets.bed_c))
         ),
     )
     yield _make_printer_gauge(
@@ -157,7 +164,7 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
     )
     yield _make_printer_gauge(
         "farm_printer_time_factor",
-        "Ratio of the actual to the expected time of a printer's layers.",
+        "Ratio of the actual to the sliced time of a printer's layers.",
         printers,
         lambda printer: printer.time_factor,
     )

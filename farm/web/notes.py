@@ -1,4 +1,4 @@
-"""Users of pages, and notes about their last actions, each of which is shown once."""
+"""Users of pages, and notes: messages about a user's last action, each of which is shown once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class User:
     name, role
         Name of the user or key, and its role.
     has_session
-        True if the user can log out.
+        True if the user has a session, and so can log out; False for the holder of a key.
     """
 
     name: str
@@ -40,7 +40,7 @@ class User:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Message about a user's last action, shown once above the page."""
+    """Message about a user's last action, shown once at the top of a page."""
 
     text: str
     is_problem: bool = False
@@ -53,7 +53,7 @@ class Notes:
         self._notes: dict[str, Note] = {}
 
     def put(self, user_id: str, note: Note) -> None:
-        """Store a note for the user with the id of a key or session."""
+        """Store the note of a user, whose id is that of the user's key or session."""
         self._notes.pop(user_id, None)
         self._notes[user_id] = note
         if len(self._notes) > _MAX_USERS:
@@ -61,7 +61,7 @@ class Notes:
 
     @contextmanager
     def show(self, user_id: str) -> Iterator[Note | None]:
-        """Yield the note of a user, or None; delete the note unless rendering its page fails."""
+        """Yield the note of a user, or None. Delete the note, unless the page with it cannot be rendered."""
         note = self._notes.pop(user_id, None)
         try:
             yield note

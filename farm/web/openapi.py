@@ -17,7 +17,7 @@ from farm.web.access import LIVENESS_PATH, METRICS_PATH, find_role, is_public
 _REFERENCE_PREFIX = "#/components/schemas/"
 _PROBLEM = {"content": {"application/json": {"schema": {"$ref": f"{_REFERENCE_PREFIX}Problem"}}}}
 _ERROR_RESPONSES = {
-    "4XX": {"description": "The request is refused; the error text gives the remedy.", **_PROBLEM},
+    "4XX": {"description": "The request was refused; the error text says what to do.", **_PROBLEM},
     "500": {"description": "The daemon failed.", **_PROBLEM},
 }
 _INVALID_STATUS = "422"  # FastAPI's status for an invalid request; this application uses 400
@@ -27,23 +27,24 @@ _SECURITY_SCHEMES = {
 }
 _DESCRIPTION = (
     "Interface of the farm for programs on the network. Each request needs a key, from `farm key add NAME`; "
-    "`x-role` of an operation is the role that it requires. Times are ISO 8601 in the fleet's time zone, and "
-    "durations are in seconds. Later releases may add fields and routes, but never remove or redefine any."
+    "an operation's `x-role` is the role that the key must have. Times are ISO 8601 in the fleet's time "
+    "zone, and durations are in seconds. Later releases may add fields and routes, but never remove or "
+    "redefine any."
 )
 
 
 def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
-    """Describe the routes on the network for programs written for this farm.
+    """Describe the routes for programs that use the farm's own API.
 
     Parameters
     ----------
     routes
-        All routes of the application, with their prefix.
+        All routes of the application; their paths begin with the prefix of the API.
 
     Returns
     -------
     dict
-        An OpenAPI document; `x-role` of an operation is the role that it requires.
+        An OpenAPI document; an operation's `x-role` is the role that it requires.
     """
     document: dict[str, Any] = get_openapi(
         title="farm", version=farm.__version__, description=_DESCRIPTION, routes=routes
@@ -73,7 +74,7 @@ def _list_operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[
 def _complete_operation(
     operation: dict[str, Any], method: str, path: str, role: Role | None
 ) -> dict[str, Any]:
-    """Add the role and the errors to the description of an operation."""
+    """Add an id, the role and the error responses to the description of an operation."""
     responses = {
         status: response for status, response in operation["responses"].items() if status != _INVALID_STATUS
     }
@@ -81,10 +82,10 @@ def _complete_operation(
         json = response.get("content", {}).get("application/json")
         if json is not None and not json.get("schema"):
             json["schema"] = {"type": "null"}
-    words = path.replace("{", "").replace("}", "").strip("/").split("/")
+    segments = path.replace("{", "").replace("}", "").strip("/").split("/")
     return {
         **operation,
-        "operationId": "_".join([method, *words]),
+        "operationId": "_".join([method, *segments]),
         "responses": {**responses, **_ERROR_RESPONSES},
         **({"security": []} if role is None else {"x-role": str(role)}),
     }
@@ -93,12 +94,12 @@ def _complete_operation(
 def _select_used_schemas(paths: dict[str, Any], schemas: dict[str, Any]) -> dict[str, Any]:
     """Select the schemas that the operations refer to, directly or through others."""
     used_names: set[str] = set()
-    open_names = list(_find_references(paths))
-    while open_names:
-        name = open_names.pop()
+    pending_names = list(_find_references(paths))
+    while pending_names:
+        name = pending_names.pop()
         if name not in used_names:
             used_names.add(name)
-            open_names += _find_references(schemas[name])
+            pending_names += _find_references(schemas[name])
     return {name: schema for name, schema in schemas.items() if name in used_names}
 
 

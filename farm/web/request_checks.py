@@ -1,7 +1,7 @@
-"""Checks of requests from the network: host, origin, size and wrong keys; `app.Guard` applies them. Pure.
+"""Checks of requests from the network: host, origin, size and wrong keys. `app.Guard` applies them. Pure.
 
 Another site may make a browser send requests to the farm (cross-site request forgery), or may resolve its
-own name to this host (DNS rebinding). Requests that could result from either are refused.
+own name to this host (DNS rebinding). Requests that either of these attacks could have caused are refused.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _HOST_PATTERN = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0
 MAX_HEAD_BYTES = 16 * 1024
 """Limit on the size of a request's path and headers."""
 MAX_WRONG_KEYS = 10
-"""Number of wrong keys after which an address must wait."""
+"""Number of wrong keys after which a client's address must wait."""
 WRONG_KEY_WAIT_S = 60.0
 """Seconds that an address must wait after its last wrong key."""
 _MAX_ADDRESSES = 1000
@@ -33,7 +33,7 @@ class Refusal:
 
 
 def check_host(host: str | None, names: Collection[str]) -> Refusal | None:
-    """Check the name under which a client addresses this server, against DNS rebinding.
+    """Check the name by which a client addresses this server, as a protection against DNS rebinding.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def check_host(host: str | None, names: Collection[str]) -> Refusal | None:
 def check_origin(method: str, host: str | None, origin: str | None, fetch_site: str | None) -> Refusal | None:
     """Check that a request with an unsafe method does not come from a page of another site.
 
-    Browsers always send `Origin`, and send `Sec-Fetch-Site` only to trustworthy addresses; programs send
-    neither.
+    Browsers send `Origin` with such a request, and send `Sec-Fetch-Site` only to trustworthy addresses (HTTPS
+    or localhost). Other programs send neither.
 
     Parameters
     ----------
@@ -74,10 +74,10 @@ def check_origin(method: str, host: str | None, origin: str | None, fetch_site: 
 
 
 def check_session_origin(method: str, origin: str | None, fetch_site: str | None) -> Refusal | None:
-    """Check that a request with an unsafe method and a session states its origin, as browsers do.
+    """Check that a request with an unsafe method and a session states its origin, as current browsers do.
 
-    `check_origin` has compared the site. Without this check, a form from another site would be accepted
-    from a browser that sends neither header.
+    `check_origin` has already checked that the origin is this site. Without this check, a form from another
+    site would be accepted from an old browser, which sends neither header.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def check_session_origin(method: str, origin: str | None, fetch_site: str | None
 
 
 def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal | None:
-    """Check the size of a request's head, because the server limits only a head that arrives in pieces.
+    """Check the size of a request's head: the server limits it only if the head arrives in several pieces.
 
     Parameters
     ----------
@@ -108,21 +108,24 @@ def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal |
 
 
 class WrongKeys:
-    """Count of wrong keys by address; after ten, each within a minute of the last, the address must wait."""
+    """Count of wrong keys by client address.
+
+    After ten wrong keys, each less than a minute after the one before, the address must wait for a minute.
+    """
 
     def __init__(self) -> None:
-        # by address: number of wrong keys, and time until which they count
+        # by address: number of wrong keys, and time at which they are forgotten
         self._counts: dict[str, tuple[int, float]] = {}
 
     def check(self, address: str, now_s: float) -> Refusal | None:
-        """Return a refusal if an address must wait."""
+        """Return a refusal if an address must wait, otherwise None."""
         count, end_s = self._counts.get(address, (0, 0.0))
         if count < MAX_WRONG_KEYS or now_s >= end_s:
             return None
         return Refusal(429, f"too many wrong keys from {address}: wait for a minute")
 
     def add(self, address: str, now_s: float) -> None:
-        """Count a wrong key."""
+        """Count a wrong key from an address."""
         count, end_s = self._counts.pop(address, (0, 0.0))
         self._counts[address] = (count + 1 if now_s < end_s else 1, now_s + WRONG_KEY_WAIT_S)
         if len(self._counts) > _MAX_ADDRESSES:

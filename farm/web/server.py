@@ -24,14 +24,14 @@ log = logging.getLogger(__name__)
 _KEY_CHECK_INTERVAL_S = 1.0  # time between two checks for a valid key
 _RETRY_INTERVAL_S = 10.0  # time between two attempts to listen
 _BACKLOG = 128
-_GRACE_PERIOD_S = 3  # time in which open requests may finish when the daemon ends
+_GRACE_PERIOD_S = 3  # time for open requests to finish when the daemon ends
 
 
 class NetworkServer:
-    """Server that listens as soon as listening is allowed, until it is closed.
+    """Server for callers on the network. It begins to listen as soon as it may, and stops when it is closed.
 
-    Without a valid key, it listens only on a loopback address. If the address is in use or the certificate
-    cannot be read, it reports the problem in `state` and tries again, while prints continue.
+    While there is no valid key, it may listen only on a loopback address. If the address is in use or the
+    certificate cannot be read, it reports the problem in `state` and tries again, while prints continue.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class NetworkServer:
     limit
         Maximum number of connections at a time.
     state
-        State in which the server records its address, and the reason why it is closed.
+        State in which the server records its address, and the reason why it does not listen.
     """
 
     def __init__(self, section: WebSection, app: ASGIApp, limit: int, state: NetworkState) -> None:
@@ -67,7 +67,7 @@ class NetworkServer:
         state.address, state.browser_url = section.listen_url, section.find_browser_url(socket.gethostname())
 
     def start(self, has_key: Callable[[], bool]) -> None:
-        """Start a task that serves; `has_key` returns whether a valid key exists."""
+        """Start a task that serves requests; `has_key` returns whether a valid key exists."""
         self._task = asyncio.get_running_loop().create_task(self._serve(has_key))
 
     async def close(self) -> None:
@@ -82,7 +82,7 @@ class NetworkServer:
             await self._task
 
     async def _serve(self, has_key: Callable[[], bool]) -> None:
-        """Serve; an error closes only this server, because prints and the Unix socket must continue."""
+        """Serve requests. An error ends only this server; prints and the Unix socket's server continue."""
         try:
             await self._serve_when_allowed(has_key)
         except Exception as error:
@@ -91,7 +91,7 @@ class NetworkServer:
 
     async def _serve_when_allowed(self, has_key: Callable[[], bool]) -> None:
         while not self._section.is_local and not has_key():
-            self._report_problem("it has no key yet: add one with `farm key add NAME`")
+            self._report_problem("there is no key yet: add one with `farm key add NAME`")
             await asyncio.sleep(_KEY_CHECK_INTERVAL_S)
         while True:
             try:
@@ -139,11 +139,11 @@ class NetworkServer:
 
 
 def find_host_names(section: WebSection) -> frozenset[str]:
-    """Return the names of this host in lower case, with and without `.local`, and the names in fleet.yaml."""
+    """Return the names of this host, with and without `.local`, and those in fleet.yaml, in lower case."""
     name = socket.gethostname().lower()
     names = {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}
-    proxy = urlsplit(section.url or "").hostname
-    return frozenset({*names, *section.names, *([proxy] if proxy else [])})
+    url_host = urlsplit(section.url or "").hostname
+    return frozenset({*names, *section.names, *([url_host] if url_host else [])})
 
 
 def has_valid_key(books: Books, clock: Clock) -> bool:

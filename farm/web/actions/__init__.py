@@ -1,4 +1,7 @@
-"""Forms of the pages. Each is a command, and is answered by a redirect to its page, which shows a note."""
+"""Routes of the forms on pages. Each form sends a command; the response redirects to the form's page.
+
+The page then shows a note on the result.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Routes of forms: the models of the API parse the fields, and errors become notes.
+"""Routes of forms: the models of the API parse the fields, and an error is shown as a note on the page.
 
-The response to a form is a redirect to the page that sent it, so that a reload does not send the form again.
+The response to a form redirects to the page that sent it, so that a reload does not send the form again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 class FormRoute(APIRoute):
-    """Route of a form, whose errors are shown as a note on the page that sent it."""
+    """Route of a form. An error is shown as a note on the page that sent the form."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handle = super().get_route_handler()
@@ -44,7 +44,7 @@ class FormRoute(APIRoute):
 
 
 async def read_form(request: Request, model: type[_Model]) -> _Model:
-    """Read the fields of a form that are not empty. Raises ValidationError or BadForm."""
+    """Parse the fields of a form that are not empty into a model. Raises ValidationError or BadForm."""
     fields = await read_fields(request)
     return model.model_validate({name: value for name, value in fields.items() if value})
 
@@ -57,7 +57,7 @@ def answer_form(request: Request, note: Note, path: str | None = None) -> Respon
     request
         Request with the form.
     note
-        Result of the form.
+        Result of the command that the form sent.
     path
         Path of the page; by default, the path of the page that sent the form.
     """

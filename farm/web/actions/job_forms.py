@@ -1,4 +1,4 @@
-"""Forms for jobs and their parts, with the paths and the commands of the API."""
+"""Routes of forms for jobs and their parts; they have the same paths and run the same commands as the API."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def make_job_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
     async def record_assembly(number: int, request: Request, caller_name: CallerName) -> Response:
         minutes = (await read_form(request, api.AssembledRequest)).minutes
         jobs.record_assembly(number, minutes, caller_name)
-        return answer_form(request, Note(f"Job {number} is assembled, in {minutes:g} minutes."))
+        return answer_form(request, Note(f"Job {number} was assembled in {minutes:g} minutes."))
 
     return router
 

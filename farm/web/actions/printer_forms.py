@@ -1,4 +1,4 @@
-"""Forms for printers, with the paths and the commands of the API."""
+"""Routes of forms for printers; they have the same paths and run the same commands as the API."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ def make_print_form_routes(printers: PrinterCommands, parts: PartCommands) -> AP
 
 
 def describe_cleared_bed(printer: str, response: api.ClearedResponse) -> str:
-    """Describe the result of clearing a bed in a sentence."""
+    """Return a sentence that describes the result of a report that a bed is clear."""
     if response.good is not None:
-        others = "".join(f"; {name} is already printing it again" for name in response.printed_on)
-        return f"{printer} is clear, and part {response.good} is good{others}."
+        reprints = "".join(f"; {name} is already printing it again" for name in response.printed_on)
+        return f"{printer} is clear, and part {response.good} is good{reprints}."
     return f"{printer} is clear" + (f"; part {response.again} is printed again." if response.again else ".")

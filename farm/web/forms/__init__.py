@@ -1,4 +1,4 @@
-"""Forms of browsers and slicers: fields, and uploads of models."""
+"""Readers of the forms that browsers and slicers send: their fields, and uploads of models."""
 
 from __future__ import annotations
 

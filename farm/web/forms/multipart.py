@@ -1,7 +1,8 @@
-"""Reader of multipart forms with one file, chunk by chunk, without I/O. The only import of python_multipart.
+"""Reader of multipart forms with one file, chunk by chunk, without I/O.
 
-Browsers and slicers write forms in several ways: with options before or after the file, with or without
-quotes around the boundary, with header names in any case, and with file names in raw UTF-8.
+Only this module imports python_multipart. Browsers and slicers write forms in different ways: with fields
+before or after the file, with or without quotes around the boundary, with header names in upper or lower
+case, and with file names in UTF-8 that is not escaped.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 MAX_PARTS = 20
 MAX_FIELD_BYTES = 64 * 1024
-"""Limit on the values of all fields together."""
+"""Limit on the total size of the values of all fields."""
 _FORM_TYPE = b"multipart/form-data"
 
 # python_multipart logs each malformed form as a warning, so anybody on the network could fill the log.
@@ -39,19 +40,19 @@ class FormReader:
     Parameters
     ----------
     content_type
-        The request's header `Content-Type`, which has the boundary.
+        The request's header `Content-Type`, which contains the boundary between the parts of the form.
 
     Attributes
     ----------
     fields
-        Values of the fields by name; the last field of a repeated name wins.
+        Values of the fields by name; of several fields with a name, the last counts.
     file_name
-        Name of the file as the client wrote it; None until its part begins.
+        Name of the file as the client wrote it; None until the file's part of the form begins.
 
     Raises
     ------
     BadForm
-        If the header does not announce a multipart form.
+        If the header is not that of a multipart form.
     """
 
     def __init__(self, content_type: str) -> None:
@@ -115,7 +116,7 @@ class FormReader:
             raise BadForm("the form has no file in its field `file`")
 
     def is_true(self, name: str) -> bool:
-        """Return whether a field is true according to OctoPrint's rules."""
+        """Return whether the value of a field means true, by the rules of OctoPrint."""
         return self.fields.get(name, "").strip().lower() in ("true", "yes", "y", "1")
 
     def _begin_part(self) -> None:

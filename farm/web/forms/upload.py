@@ -1,4 +1,4 @@
-"""Uploads by form, which are written to the state folder chunk by chunk, inspected, and submitted as jobs."""
+"""Uploads in forms: a file is written to the state folder in chunks, inspected, and submitted as a job."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ReadOptions = Callable[[FormReader], Awaitable[JobOptions]]
 
 
 class SubmittedForm(NamedTuple):
-    """Form whose upload was submitted, and the number of its job."""
+    """Form whose file was submitted, and the number of the job."""
 
     job_number: int
     form: FormReader
@@ -33,7 +33,7 @@ class SubmittedForm(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FormUploads:
-    """Receiver of forms with a model or G-code, which it submits as jobs.
+    """Receiver of forms that contain a model or G-code file, which is submitted as a job.
 
     Attributes
     ----------
@@ -65,13 +65,13 @@ class FormUploads:
         FarmError
             If the form is malformed or incomplete, or its model exceeds a limit or cannot be printed.
         HTTPException
-            If the length of the body is not announced.
+            If the request does not give the length of its body.
         """
         size = request.headers.get("content-length", "")
-        # a chunked body announces no length
+        # the length of a chunked body is not known in advance
         if not size.isdecimal() or "transfer-encoding" in request.headers:
             raise HTTPException(
-                _LENGTH_REQUIRED, "the request has no Content-Length: send the length of the upload in it"
+                _LENGTH_REQUIRED, "the request has no header Content-Length: send the length of the upload"
             )
         content = request.stream()
         try:
@@ -90,7 +90,7 @@ class FormUploads:
         return SubmittedForm(number, reader)
 
     async def _inspect_upload(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
-        """Inspect an upload; errors omit the file name, because slicers show it, and have little space."""
+        """Inspect an upload. Errors omit the file's name: a slicer shows it anyway, and has little space."""
         try:
             return await self.uploads.inspect(upload, name, options)
         except FarmError as error:
@@ -98,14 +98,14 @@ class FormUploads:
 
 
 async def _discard_rest(content: AsyncIterator[bytes]) -> None:
-    """Read the rest of a refused upload, because a client reads the response only after its last byte."""
+    """Discard the rest of a refused upload, because clients read the response only after the whole upload."""
     with suppress(ClientDisconnect):
         async for _ in content:
             pass
 
 
 async def _receive_file(content: AsyncIterator[bytes], reader: FormReader, upload: Upload) -> str:
-    """Write the file of a form to the upload's file, and return its name. Raises FarmError."""
+    """Write the file in a form to the file of an upload, and return its name. Raises FarmError."""
     name = _PLACEHOLDER_NAME
     append: Callable[[bytes], Awaitable[None]] | None = None
     async with AsyncExitStack() as files:

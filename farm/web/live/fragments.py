@@ -1,8 +1,8 @@
 """Fragments of a page, and the changes between two renderings. Pure.
 
-A template marks each element that changes independently with comments: `<!--live:ID-->` before it, with its
-id, and `<!--/live-->` after it. Fragments are not nested. After a change outside the fragments, the whole
-page is sent.
+A fragment is an element that changes independently of the rest. A template marks it with comments:
+`<!--live:ID-->` before the element, with the element's id, and `<!--/live-->` after it. Fragments are not
+nested. If something outside the fragments changes, the whole main element of the page is sent.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _VERSION_ATTRIBUTE = 'data-version=""'
 
 @dataclass(frozen=True, slots=True)
 class Fragments:
-    """Content of a page.
+    """Content of a page's main element.
 
     Attributes
     ----------
     frame
-        The main element, with a comment in place of each fragment.
+        The main element, with only the comments in place of each fragment.
     elements
         HTML of each fragment by its id.
     """
@@ -41,7 +41,7 @@ class Fragments:
 
     @property
     def version(self) -> str:
-        """Short hash of the content."""
+        """Short hash of the content, by which a browser states the version that it shows."""
         return hashlib.blake2b(self.html.encode(), digest_size=9).hexdigest()
 
 
@@ -54,7 +54,7 @@ def split_page(page: str) -> Fragments:
 
 
 def prepare_page(page: str) -> str:
-    """Prepare a rendered page for a browser: remove the comments, and add the version of its content."""
+    """Prepare a rendered page for a browser: remove the comments of the fragments, and add the version."""
     if _VERSION_ATTRIBUTE not in page:
         return page
     fragments = split_page(page)
@@ -64,9 +64,10 @@ def prepare_page(page: str) -> str:
 
 
 def find_changes(old_fragments: Fragments, new_fragments: Fragments) -> dict[str, str]:
-    """Return the HTML of the changed elements by id.
+    """Return the HTML of the changed fragments by id.
 
-    The whole main element is returned if fragments were added, removed or moved, or if the rest has changed.
+    The whole main element is returned instead if fragments were added, removed or moved, or if anything
+    outside them has changed.
     """
     if old_fragments.frame != new_fragments.frame:
         return {MAIN_ID: new_fragments.html}

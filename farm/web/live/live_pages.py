@@ -1,6 +1,7 @@
-"""Live pages, and the route of their changes. A page is rendered once for all its viewers of a role.
+"""Live pages, and the route that streams their changes.
 
-Pages without viewers are not rendered.
+In each round, a page that somebody views is rendered once for each role, and its changes are sent to all
+viewers with that role. A round lasts a second, or longer if rendering takes much time.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ from farm.web.notes import User
 
 log = logging.getLogger(__name__)
 
-PageRenderer = Callable[[User, str, str], Awaitable[str]]
+LivePageRenderer = Callable[[User, str, str], Awaitable[str]]
 """Function that renders a page for a user from the variable part of its path and the query of its URL."""
 
-_PERIOD_S = 1.0  # minimum time between two rounds
-_MAX_RENDERING_SHARE = 0.05  # share of the time that rendering may take
-_HEARTBEAT_S = 5.0
+_MIN_ROUND_S = 1.0  # minimum time between two rounds
+_MAX_RENDERING_SHARE = 0.05  # share of the daemon's time that rendering may take
+_HEARTBEAT_INTERVAL_S = 5.0
 _RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser reconnects
 _HEARTBEAT = b"event: beat\ndata:\n\n"
 _MAX_QUERY_LENGTH = 300
 
 
 class _Topic:
-    """Last rendering of one page for one role, which is renewed every few rounds, and its viewers."""
+    """One page for one role: its last rendering, which is repeated every few rounds, and its viewers."""
 
     def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds_per_rendering: int) -> None:
         self._render = render
@@ -51,13 +52,13 @@ class _Topic:
         self._change = asyncio.Event()
 
     async def refresh(self) -> None:
-        """Count a round; render again if a rendering is due, and wake the viewers after a change."""
+        """Handle a round: render again if a rendering is due, and after a change wake all viewers."""
         self._rounds_left -= 1
         if self._rounds_left <= 0:
             await self._render_again()
 
     async def refresh_for_version(self, version: str) -> None:
-        """Render again for a viewer with an unknown version, which may be newer than the last rendering."""
+        """Render again if a viewer's version is unknown, because it may be newer than the last rendering."""
         if self._rounds_per_rendering > 1 and version not in (self.version, self._previous_version):
             await self._render_again()
 
@@ -71,18 +72,18 @@ class _Topic:
             self.wake()
 
     def wake(self) -> None:
-        """Wake all viewers."""
+        """Wake the streams of all viewers, which call `wait`."""
         change, self._change = self._change, asyncio.Event()
         change.set()
 
     async def wait(self, duration_s: float) -> None:
-        """Wait for the next change, or for a duration in seconds."""
+        """Wait for the next change, at most for a duration in seconds."""
         with suppress(TimeoutError):
             async with asyncio.timeout(duration_s):
                 await self._change.wait()
 
     def format_changes_since(self, version: str) -> bytes:
-        """Return the changes since a version: none, the last changes, or the whole page."""
+        """Return the changes since a version as an event: none, the last changes, or the whole page."""
         if version == self.version:
             return b""
         if version == self._previous_version:
@@ -96,26 +97,26 @@ class LivePages:
     Parameters
     ----------
     streams
-        Counter of the open streams, which end with the daemon.
+        Limit on the number of open streams; when the daemon ends, it ends them all.
     """
 
     def __init__(self, streams: StreamLimit) -> None:
         self._streams = streams
-        self._pages: list[tuple[re.Pattern[str], PageRenderer, int]] = []
+        self._pages: list[tuple[re.Pattern[str], LivePageRenderer, int]] = []
         self._topics: dict[tuple[str, Role], _Topic] = {}
         self._refresh_task: asyncio.Task[None] | None = None
 
-    def add(self, path: str, render: PageRenderer, rounds_per_rendering: int = 1) -> None:
+    def add(self, path: str, render: LivePageRenderer, rounds_per_rendering: int = 1) -> None:
         """Add a page.
 
         Parameters
         ----------
         path
-            Path of the page with at most one variable, such as `/jobs/{number}`.
+            Path of the page, in which at most one part is variable, such as `/jobs/{number}`.
         render
             Function that renders the page.
         rounds_per_rendering
-            Number of rounds, of a second or more each, from one rendering to the next.
+            Number of rounds from one rendering to the next.
         """
         self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds_per_rendering))
 
@@ -136,14 +137,14 @@ class LivePages:
         Parameters
         ----------
         page_url, role
-            Path of the page, with its query, and the role of its viewer.
+            Path and query of the page, and the role of its viewer.
         version
             Version of the page in the viewer's browser.
         is_allowed
             Function that returns whether the viewer may still see the page.
         """
         topic = await self.find_topic(page_url, role)
-        topic.viewer_count += 1  # before any await, because a round ends pages without viewers
+        topic.viewer_count += 1  # before any await, because a round removes topics without viewers
         self._start_refreshing()
         try:
             await topic.refresh_for_version(version)
@@ -153,7 +154,7 @@ class LivePages:
                 version = topic.version
                 yield message or _HEARTBEAT
                 if version == topic.version and not topic.is_over:  # otherwise the page has just changed
-                    await topic.wait(_HEARTBEAT_S)
+                    await topic.wait(_HEARTBEAT_INTERVAL_S)
         finally:
             topic.viewer_count -= 1
 
@@ -170,8 +171,8 @@ class LivePages:
             self._refresh_task = asyncio.get_running_loop().create_task(self._refresh_pages())
 
     async def _refresh_pages(self) -> None:
-        """Render the pages that have viewers, until no page has any."""
-        pause_s = _PERIOD_S
+        """Render the pages that have viewers, round after round, until no page has viewers."""
+        pause_s = _MIN_ROUND_S
         while self._topics:
             await self._streams.wait(pause_s)
             spent_s = 0.0
@@ -183,13 +184,13 @@ class LivePages:
                     await self._refresh_topic(key, topic)
                     spent_s += time.perf_counter() - start_s
                 await asyncio.sleep(0.0)  # lets other tasks run between two pages
-            pause_s = max(_PERIOD_S, spent_s / _MAX_RENDERING_SHARE)
+            pause_s = max(_MIN_ROUND_S, spent_s / _MAX_RENDERING_SHARE)
 
     async def _refresh_topic(self, key: tuple[str, Role], topic: _Topic) -> None:
         try:
             await topic.refresh()
         except Exception as error:
-            if not isinstance(error, FarmError):  # a FarmError is expected, such as after a job was pruned
+            if not isinstance(error, FarmError):  # a FarmError is expected, for example if its job was pruned
                 log.exception("cannot render the live page %s", key[0])
             self._end_topic(key)
 
@@ -206,7 +207,7 @@ def format_changes(changes: dict[str, str], version: str) -> bytes:
 
 
 def make_live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
-    """Return the route of the stream of changes."""
+    """Return the route that streams the changes of a page."""
     router = APIRouter(include_in_schema=False)
 
     @router.get("/live", response_class=StreamingResponse)
@@ -215,7 +216,7 @@ def make_live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
         page: Annotated[str, Query(max_length=_MAX_QUERY_LENGTH)] = "/",
         version: Annotated[str, Query(max_length=_MAX_QUERY_LENGTH)] = "",
     ) -> StreamingResponse:
-        """Send the changed elements of a page as JSON by their ids, and heartbeats between changes."""
+        """Send the changed elements of a page as JSON objects by id, and heartbeats between the changes."""
         holder = find_holder(request)
         streams.check_caller(holder.name)
         await pages.find_topic(page, holder.role)  # raises an error before the stream begins

@@ -14,7 +14,7 @@ from farm.web.pages.rendering import load_template
 from farm.web.pages.sentences import format_commands
 
 Text = tuple[tuple[str, str], ...]
-"""Pieces of a text, each a pair of plain text and the name of an object to link; one of the two is empty."""
+"""Pieces of a text: pairs of plain text and the name of an object to link to, one of which is empty."""
 
 _STYLE = (
     ":root{color-scheme:light dark;--text:#222;--back:#fff;--line:#ccc;--link:#174ea6}"
@@ -29,7 +29,7 @@ _STYLE = (
 )
 _STYLE_HASH = base64.b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode()
 POLICY = f"default-src 'none'; style-src 'sha256-{_STYLE_HASH}'; frame-ancestors 'none'; base-uri 'none'"
-"""Content security policy of the page: it allows only its own style."""
+"""Content security policy of the page: it allows only the page's own style."""
 
 
 _LIMIT_WORDS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to"}
@@ -97,7 +97,9 @@ def _list_operations(document: Mapping[str, Any]) -> Iterator[_Operation]:
 
 def _list_contents(body: Mapping[str, Any]) -> list[tuple[str, Text]]:
     contents = body.get("content", {})
-    return [(kind, describe_schema(content.get("schema", {}))) for kind, content in contents.items()]
+    return [
+        (media_type, describe_schema(content.get("schema", {}))) for media_type, content in contents.items()
+    ]
 
 
 def _list_objects(document: Mapping[str, Any]) -> Iterator[tuple[str, list[tuple[str, Text, bool]]]]:

@@ -1,4 +1,4 @@
-"""Home page with tasks for people, printers in the order in which their prints end, and jobs; its route."""
+"""Home page and its route: tasks for people, printers in the order in which their prints end, and jobs."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _MAX_ENDED_JOBS = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Bed:
-    """Bed to clear, with its printer, the plate on it, and what a person has to decide about the part.
+class BedToClear:
+    """Bed to clear, with its printer, the plate on it, and the decision that a person must make on the part.
 
     Attributes
     ----------
@@ -36,10 +36,10 @@ class Bed:
     plate
         Last plate that was printed on the bed; None if there is none.
     awaits_verdict
-        True if its part waits for a verdict.
+        True if the part of the plate waits for a verdict.
     seen_print
-        Id of the last print on the bed, or "none", because the form of an outdated page must not clear a
-        later plate.
+        Id of the last print on the bed, or "none". The form sends it, so that an outdated page cannot clear
+        a later plate.
     good_part
         Part of a failed print that may nevertheless be good.
     """
@@ -62,9 +62,9 @@ class Task:
     code
         Code from the to-do list; `heat` for heaters that are on without a print.
     text
-        The action.
+        Sentence that says what to do.
     printers, jobs
-        Printers and jobs of the task.
+        Printers and jobs that the task concerns.
     beds
         Beds whose clearing ends the task.
     times
@@ -76,7 +76,7 @@ class Task:
     text: str
     printers: Sequence[str] = ()
     jobs: Sequence[api.JobView] = ()
-    beds: Sequence[Bed] = ()
+    beds: Sequence[BedToClear] = ()
     times: Sequence[TextTime] = ()
 
     @property
@@ -87,7 +87,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Printer, with the model that it prints and the expected end of its print."""
+    """Printer on the page, with the name of the model that it prints and the expected end of its print."""
 
     printer: api.PrinterView
     model: str
@@ -96,12 +96,12 @@ class Tile:
 
 
 @dataclass(frozen=True, slots=True)
-class JobRow:
-    """Job, with a text about its progress, and the reasons why it or its plates wait."""
+class JobCard:
+    """Job on the page, with a text about its progress, and the reasons why it or its plates wait."""
 
     job: api.JobView
     progress: str
-    waits: Sequence[Sentence]
+    wait_reasons: Sequence[Sentence]
 
 
 def render_home(status: api.Status, user: User, note: Note | None = None) -> str:
@@ -110,14 +110,16 @@ def render_home(status: api.Status, user: User, note: Note | None = None) -> str
     Parameters
     ----------
     status
-        The farm.
+        Status of the farm.
     user
         User of the page.
     note
         Message about the user's last action.
     """
-    jobs = [describe_job_row(job) for job in status.jobs]
-    ended_rows = [row for row in jobs if JobState(row.job.state).ended and row.job.state != JobState.PRINTED]
+    cards = [describe_job_card(job) for job in status.jobs]
+    ended_cards = [
+        card for card in cards if JobState(card.job.state).ended and card.job.state != JobState.PRINTED
+    ]
     return render_page(
         "home.html",
         status.fleet,
@@ -128,8 +130,8 @@ def render_home(status: api.Status, user: User, note: Note | None = None) -> str
         time_scale=status.fleet.time_scale,
         tasks=list_home_tasks(status),
         tiles=list_tiles(status),
-        jobs=[row for row in jobs if row not in ended_rows],
-        ended=ended_rows[-_MAX_ENDED_JOBS:][::-1],
+        jobs=[card for card in cards if card not in ended_cards],
+        ended=ended_cards[-_MAX_ENDED_JOBS:][::-1],
         night=describe_night(status.night),
     )
 
@@ -151,7 +153,7 @@ def list_home_tasks(status: api.Status) -> list[Task]:
 
 
 def _make_task_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
-    """Yield a key for each task: its code and its subject, with a number if these are not unique."""
+    """Yield a key for each task: its code, jobs and printers, and a number if these are not unique."""
     key_counts = Counter[str]()
     for todo in todos:
         subjects = () if todo.code in ("clear", "host") else (*map(str, todo.jobs), *todo.printers)
@@ -175,7 +177,7 @@ def _describe_heat(printer: api.PrinterView) -> str:
 def _describe_task(
     key: str, todo: api.Todo, printers: dict[str, api.PrinterView], jobs: dict[int, api.JobView]
 ) -> Task:
-    names, beds = todo.printers, list[Bed]()
+    names, beds = todo.printers, list[BedToClear]()
     text = todo.brief or todo.text
     match todo.code:
         case "clear":
@@ -206,14 +208,14 @@ def _describe_task(
     return Task(key, todo.code, text, names, task_jobs, beds, todo.times)
 
 
-def describe_bed(printer: api.PrinterView, good_part: str | None = None) -> Bed:
-    """Describe the plate on the bed of a printer, and what a person has to decide about its part."""
+def describe_bed(printer: api.PrinterView, good_part: str | None = None) -> BedToClear:
+    """Describe the plate on the bed of a printer, and the decision that a person must make about its part."""
     last_print = printer.last
     awaits_verdict = (
         last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
     )
     last_print_id = last_print.id if last_print is not None else "none"
-    return Bed(
+    return BedToClear(
         printer.name,
         last_print.plate if last_print is not None else None,
         awaits_verdict,
@@ -225,7 +227,8 @@ def describe_bed(printer: api.PrinterView, good_part: str | None = None) -> Bed:
 def list_tiles(status: api.Status) -> list[Tile]:
     """List the printers in the order in which their prints end; printers without a print come last.
 
-    The ends are rounded down to minutes, so that two printers with similar ends rarely change places.
+    The ends are rounded down to minutes, so that two printers whose prints end at similar times rarely swap
+    their places in the list.
     """
     models, now = {job.id: job.name for job in status.jobs}, status.fleet.now
     tiles = [
@@ -247,16 +250,16 @@ def _format_end(printer: api.PrinterView, now: str) -> str | None:
     return end.replace(second=0, microsecond=0).isoformat("T", "seconds")
 
 
-def describe_job_row(job: api.JobView) -> JobRow:
+def describe_job_card(job: api.JobView) -> JobCard:
     """Describe the progress of a job, and the reasons why it or its plates wait."""
     progress = format_planning(job.progress) if job.progress is not None else ""
     if job.plates:
         replanning_text = f"; replanning: {progress}" if progress else ""
         progress = f"{job.printed} of {format_count(len(job.plates), 'plate')} printed{replanning_text}"
-    return JobRow(job, progress, list(_list_waits(job)))
+    return JobCard(job, progress, list(_list_wait_reasons(job)))
 
 
-def _list_waits(job: api.JobView) -> Iterator[Sentence]:
+def _list_wait_reasons(job: api.JobView) -> Iterator[Sentence]:
     """Yield the reasons why a job and its plates wait, each once."""
     if job.error and job.state != JobState.CANCELLED:
         yield Sentence(job.reason or job.error)

@@ -18,7 +18,7 @@ _SEE_OTHER = 303
 
 
 def make_login_routes(services: Services, cookie: SessionCookie, caller_finder: CallerFinder) -> APIRouter:
-    """Return the routes with which people log in and out.
+    """Return the routes of the pages on which people log in and out.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def make_login_routes(services: Services, cookie: SessionCookie, caller_finder: 
     cookie
         The cookie of sessions.
     caller_finder
-        Finder of the caller with a key.
+        Finder of the caller who logs in with a key.
     """
     router, keys = APIRouter(include_in_schema=False), KeyCommands(services.controller)
     name = services.controller.fleet.fleet.name
@@ -62,7 +62,7 @@ def make_login_routes(services: Services, cookie: SessionCookie, caller_finder: 
 
 
 def _add_link_login_routes(router: APIRouter, services: Services, cookie: SessionCookie) -> None:
-    """Add the routes of log-in by a link."""
+    """Add the routes with which people log in by a link."""
     name = services.controller.fleet.fleet.name
 
     @router.get("/login/{token}")
@@ -76,16 +76,16 @@ def _add_link_login_routes(router: APIRouter, services: Services, cookie: Sessio
     @router.post("/login/{token}")
     async def log_in(token: str) -> Response:
         try:
-            text = services.sessions.open(token)
+            key_text = services.sessions.open(token)
         except NotFoundError as error:
             return HTMLResponse(render_message(name, str(error)), 404)
-        return _redirect_home(cookie, text)
+        return _redirect_home(cookie, key_text)
 
 
-def _redirect_home(cookie: SessionCookie, session: str) -> Response:
-    """Return a redirect to the home page, with the cookie of a session."""
+def _redirect_home(cookie: SessionCookie, key_text: str) -> Response:
+    """Return a redirect to the home page that stores the key text of a session in the cookie."""
     response = RedirectResponse("/", _SEE_OTHER)
-    cookie.set(response, session)
+    cookie.set(response, key_text)
     return response
 
 

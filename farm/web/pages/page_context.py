@@ -14,9 +14,9 @@ from farm.web.live import LivePages, prepare_page
 from farm.web.notes import Note, Notes, User
 
 SLOW_PAGE_ROUNDS = 10
-"""Rounds of live pages between two renderings of a page that reads all jobs and prints."""
+"""Number of rounds of live pages between two renderings of a page that reads all jobs and prints."""
 PageRenderer = Callable[[User, Note | None], Awaitable[str]]
-"""Function that renders a page for a user, with a note above it."""
+"""Function that renders a page for a user, with a note at its top."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class PageContext:
     services
         Components of the daemon.
     notes
-        Notes to show above the pages.
+        Notes that the pages show to users.
     live_pages
         Registry of the live pages.
     """
@@ -38,7 +38,7 @@ class PageContext:
     live_pages: LivePages
 
     async def answer(self, request: Request, render: PageRenderer) -> Response:
-        """Answer with a page and the note of the caller; the note is kept if rendering fails."""
+        """Return a page with the caller's note as the response; the note is kept if rendering fails."""
         holder = find_holder(request)
         with self.notes.show(holder.key.id) as note:
             return HTMLResponse(prepare_page(await render(User.for_holder(holder), note)))

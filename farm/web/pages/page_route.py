@@ -1,4 +1,4 @@
-"""Routes of pages, which convert an error to a page with its message."""
+"""Routes of pages. An error is shown as a page with its message."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EMPTY_FIELD_VALIDATOR = BeforeValidator(lambda value: None if value == "" else v
 
 
 def read_query(model: type[_Query], text: str) -> _Query:
-    """Read a URL's query for a page that is rendered without a request. Raises FarmError if it is invalid."""
+    """Parse the query of a URL for a page that is rendered without a request. Raises FarmError."""
     try:
         return model.model_validate(dict(parse_qsl(text, max_num_fields=_MAX_FIELDS)))
     except ValidationError as error:
@@ -34,7 +34,7 @@ def read_query(model: type[_Query], text: str) -> _Query:
 
 
 class PageRoute(APIRoute):
-    """Route of a page; a `FarmError` or an invalid URL becomes a page with the message."""
+    """Route of a page. A `FarmError`, or an invalid value in the URL, is shown as a page with a message."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return the handler of requests."""

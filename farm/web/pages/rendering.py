@@ -37,7 +37,7 @@ _VALUE_TEXTS = {
     "at_nozzle": "at the nozzle",
     "not_clear": "not clear",
 }
-"""Texts for values that the pages name differently from `--json`."""
+"""Texts for values whose names on the pages differ from those in `--json`."""
 _GLYPHS = {
     "printing": "▶",
     "heating": "▲",
@@ -57,7 +57,7 @@ _OTHER_GLYPH = "•"
 
 
 class FleetInfo(Protocol):
-    """Name and time zone of the fleet that the pages show: the section of `fleet.yaml`, or its view."""
+    """Object with the name and time zone of the fleet: a section of `fleet.yaml`, or `api.FleetView`."""
 
     @property
     def name(self) -> str: ...
@@ -74,11 +74,11 @@ def render_page(
     Parameters
     ----------
     template
-        File in `templates`, which extends `page.html`.
+        Name of a file in `templates` that extends `page.html`.
     fleet
         The fleet.
     path
-        Path of the page, marked in the navigation.
+        Path of the page, whose link is marked in the navigation.
     user
         User of the page.
     note
@@ -91,7 +91,7 @@ def render_page(
 
 
 def render_login(farm_name: str, user: str, role: Role) -> str:
-    """Render the page of a login link. Only its button logs in, so that previews do not use up the link."""
+    """Render the page that a login link opens. Only its button logs in: a preview leaves the link valid."""
     return load_template("login.html").render(title=farm_name, user=user, role=role)
 
 
@@ -121,7 +121,7 @@ def load_page_files() -> None:
 
 @cache
 def load_templates() -> Environment:
-    """Load all templates of this package once."""
+    """Load all templates of this package; later calls return the same environment."""
     filters: dict[str, Callable[..., str]] = {
         "duration": format_duration,
         "mass": format_mass,
@@ -162,7 +162,7 @@ def format_outcome(attempt: api.HistoryRow) -> Markup:
 
 
 def describe_value(value: str) -> str:
-    """Return the text for a value of an enumeration."""
+    """Return the text that pages show for a value of an enumeration."""
     return _VALUE_TEXTS.get(value, value.replace("_", " "))
 
 

@@ -1,6 +1,6 @@
-"""Times, and sentences with times and commands, as HTML. Pure.
+"""Conversion of times, and of sentences with times and commands, to HTML. Pure.
 
-Times are in the farm's time zone; a script of the pages converts them to the user's.
+Times are in the farm's time zone; the script `page.js` converts them to the user's.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ class TimedText(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Sentence:
-    """Sentence, and the times in it."""
+    """Sentence, with the times that it contains."""
 
     text: str
     times: Sequence[TextTime] = ()
 
 
 def format_sentence(sentence: TimedText) -> Markup:
-    """Format a sentence, with commands in backticks as code, and times as elements.
+    """Format a sentence as HTML, with commands in backticks as `<code>`, and times as `<time>`.
 
     A command at the end is left out, because the pages have a button for it.
     """
@@ -59,7 +59,7 @@ def format_commands(text: str) -> Markup:
 
 
 def _format_times(text: str, times: Sequence[TextTime]) -> Markup:
-    """Format a text, with the given times in it as elements."""
+    """Format a text as HTML, with the given times in it as `<time>`."""
     moments = {time.text: time.at for time in times}
     if not moments:
         return escape(text)
@@ -71,12 +71,12 @@ def _format_times(text: str, times: Sequence[TextTime]) -> Markup:
 
 
 def format_time_element(time: str | None, now: str) -> Markup:
-    """Format a time as an element.
+    """Format a time as `<time>`; return an empty text for None.
 
     Parameters
     ----------
     time, now
-        The time, and the time of the view, as ISO 8601.
+        The time, and the current time on the farm's clock, as ISO 8601.
     """
     if time is None:
         return Markup("")
@@ -98,5 +98,5 @@ class NamedTime(Protocol):
 
 
 def format_time_attributes(time: NamedTime) -> Markup:
-    """Return the attributes that mark a time in an element that can contain only text, such as in SVG."""
+    """Return the attributes that mark a time in an element that cannot contain `<time>`, such as in SVG."""
     return Markup('data-time="{}" data-text="{}"').format(time.at, time.text)

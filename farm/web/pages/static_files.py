@@ -1,4 +1,4 @@
-"""Files that pages load, such as scripts, and their route; the URL of a file changes with its contents."""
+"""Files that pages load, such as scripts, and the route that sends them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CACHE_CONTROL = "public, max-age=31536000, immutable"  # the URL changes with t
 
 @dataclass(frozen=True, slots=True)
 class StaticFile:
-    """Content of a file, plain and compressed with gzip."""
+    """Content of a file, plain and compressed with gzip. The version changes with the content."""
 
     content: bytes
     compressed_content: bytes
@@ -37,7 +37,7 @@ class StaticFile:
 
 @cache
 def load_static_files() -> Mapping[str, StaticFile]:
-    """Load the files by name."""
+    """Load all static files, and return them by name."""
     static_files: dict[str, StaticFile] = {}
     for package, folder in _FOLDERS:
         source = files(package).joinpath(folder)
@@ -54,13 +54,13 @@ def load_static_files() -> Mapping[str, StaticFile]:
 
 
 def make_static_url(name: str) -> str:
-    """Return the URL of a file with its version, so that browsers can cache it; empty if it is missing."""
+    """Return the URL of a file, with its version so that browsers may cache it; empty if it is missing."""
     file = load_static_files().get(name)
     return "" if file is None else f"/static/{name}?v={file.version}"
 
 
 def make_static_routes() -> APIRouter:
-    """Return the route of the files."""
+    """Return the route that sends the static files."""
     router = APIRouter(include_in_schema=False)
 
     @router.get("/static/{name}")

@@ -34,7 +34,7 @@ __all__ = [
 
 
 def add_slicer_routes(app: FastAPI, services: Services) -> None:
-    """Add the routes of these APIs to an application."""
+    """Add the routes of the APIs for slicers to an application."""
     jobs = JobCommands(services.controller, PrinterCommands(services.controller))
     selection = Selection()
     for prefix in PREFIXES:

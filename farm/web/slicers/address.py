@@ -1,4 +1,4 @@
-"""Address to which a slicer sends: the whole farm, or one of its printers."""
+"""Address to which a slicer sends its requests: the whole farm, or one of its printers."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from farm.model import Job, JobOptions
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Farm, or one of its printers, as named in the path of a request.
+    """The whole farm, or one of its printers, as the path of a request names it.
 
     Attributes
     ----------
     printer
         Name of the printer; None for any printer that fits.
     root
-        Scheme, host and prefix of its URLs, without a trailing slash.
+        URL up to the path of the slicer's API: scheme, host and prefix, without a trailing slash.
     """
 
     printer: str | None
@@ -30,7 +30,7 @@ class Address:
 
     @property
     def options(self) -> JobOptions:
-        """Options of a job that is sent to this address."""
+        """Options of a job that is submitted at this address."""
         return JobOptions() if self.printer is None else JobOptions(only=(self.printer,))
 
     def find_name(self, controller: Controller) -> str:
@@ -38,7 +38,7 @@ class Address:
         return self.printer or controller.fleet.fleet.name
 
     def list_sections(self, controller: Controller) -> list[PrinterSection]:
-        """Return the printers that may print a job that is sent to this address."""
+        """Return the fleet.yaml sections of the printers that may print a job submitted at this address."""
         return [section for section in controller.fleet.printers if self.printer in (None, section.name)]
 
     def lists_job(self, job: Job) -> bool:

@@ -1,6 +1,6 @@
 """Routes with which a program requests its own key, compatible with OctoPrint's plugin `appkeys`.
 
-They require no key. A request has no effect until an operator grants it on the farm's host.
+The routes themselves require no key. A request has no effect until an operator grants it on the farm's host.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Uploads of slicers: a form is submitted, with its fields as options of the job."""
+"""Uploads by slicers: the file in a form is submitted as a job, and fields of the form set its options."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MAX_NOTE_LENGTH = 200
 
 
 class SlicerUpload(NamedTuple):
-    """Job of an upload, and whether the slicer asked to print it."""
+    """Number of the job that an upload created, and whether the slicer asked to print it."""
 
     job_number: int
     is_print_requested: bool
@@ -45,7 +45,7 @@ async def submit_form(
     """
 
     async def read_options(form: FormReader) -> JobOptions:
-        folder = form.fields.get("path", "").strip("/ ")[:_MAX_NOTE_LENGTH]  # a note for people, never a path
+        folder = form.fields.get("path", "").strip("/ ")[:_MAX_NOTE_LENGTH]  # only shown, never opened
         form_options = {"hold": not form.is_true("print"), "note": folder or None}
         return JobOptions.model_validate({**options.model_dump(), **form_options})
 

@@ -1,4 +1,4 @@
-"""Routes of the Moonraker API that slicers use: test of the connection, and uploads.
+"""Routes of the Moonraker API that slicers use: to test the connection, and to upload files.
 
 As in Moonraker, the response to an upload is not wrapped in `result`, unlike all other responses.
 """

@@ -1,4 +1,4 @@
-"""Routes of commands in the OctoPrint API: select, print, pause and cancel."""
+"""Routes of the OctoPrint API that run commands: select, print, pause and cancel."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _NO_CONTENT = 204
 
 
 class FileCommand(BaseModel):
-    """Command on a file: `select`, which also releases its job if `print` is true."""
+    """Command on a file: `select`, which also releases the file's held job if `print` is true."""
 
     command: str
     print: bool = False
 
 
 class JobCommand(BaseModel):
-    """Command on the selected job or the open print."""
+    """Command on the open print of the addressed printer, or otherwise on the selected job."""
 
     command: str
     action: Literal["pause", "resume", "toggle"] = "toggle"
@@ -45,7 +45,7 @@ class ConnectionCommand(BaseModel):
 
 
 def make_octoprint_command_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
-    """Return the routes of commands.
+    """Return the routes of the OctoPrint API that run commands.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
 
     @router.post("/api/connection", status_code=_NO_CONTENT)
     async def run_connection_command(body: ConnectionCommand, _: AddressParameter) -> None:
-        if body.command != "connect":  # agents connect printers without a command
+        if body.command != "connect":  # a printer's agent connects to it without this command
             raise RefusedError("printers stay connected: `farm maintenance PRINTER` takes one out of use")
 
     return router
@@ -94,7 +94,7 @@ def make_octoprint_command_routes(services: Services, jobs: JobCommands, selecti
 def _add_file_command_route(
     router: APIRouter, services: Services, jobs: JobCommands, selection: Selection
 ) -> None:
-    """Add the route of commands on files."""
+    """Add the route that runs commands on files."""
 
     @router.post(FILE_PATH, status_code=_NO_CONTENT)
     @router.post(JOB_FILE_PATH, status_code=_NO_CONTENT)

@@ -23,7 +23,7 @@ _CREATED = 201
 
 
 def make_octoprint_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
-    """Return the routes of the OctoPrint API for descriptions of the farm and for uploads.
+    """Return the routes of the OctoPrint API that describe the farm or receive uploads.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Descriptions of the farm in the form in which OctoPrint describes its printer. Pure.
+"""JSON objects that describe the farm as OctoPrint describes its printer. Pure.
 
-The farm is always ready, because it accepts jobs at any time, and because Cura's plugin does not send to a
-printer that is printing. The description of a job has the state of its print.
+The farm is always reported as ready, because it accepts jobs at any time, and because Cura's plugin sends
+no files to a printer that is printing. Only the description of a job gives the state of its print.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from farm.model import Job, PrintState
 
 API_VERSION = "0.1"
 SERVER_VERSION = "1.9.0"
-"""Version of OctoPrint whose API the farm implements; clients compare it."""
+"""Version of OctoPrint whose API the farm implements; clients check it."""
 READY_TEXT = "Operational"
 _STATE_TEXTS = {
     PrintState.ASSIGNED: "Starting",
@@ -46,7 +46,7 @@ _FLAGS = {
 
 
 def describe_version() -> dict[str, Any]:
-    """Describe the version; its text begins with OctoPrint, because some clients accept no other text."""
+    """Describe the version; `text` begins with "OctoPrint", because some clients accept no other server."""
     return {"api": API_VERSION, "server": SERVER_VERSION, "text": f"OctoPrint (farm {farm.__version__})"}
 
 
@@ -67,7 +67,7 @@ def describe_user(name: str, is_operator: bool) -> dict[str, Any]:
 
 
 def describe_login(name: str, is_operator: bool) -> dict[str, Any]:
-    """Describe a caller, in the response to a log-in with a key."""
+    """Describe a caller for the response to a log-in with a key."""
     rights = {"active": True, "admin": is_operator, "user": True}
     return {**describe_user(name, is_operator), **rights, "apikey": None, "settings": {}}
 
@@ -86,14 +86,14 @@ def describe_state(printer: api.PrinterView | None) -> dict[str, Any]:
 
 
 def describe_current_job(job: Job | None, progress: api.PrintProgress | None) -> dict[str, Any]:
-    """Describe the selected or printing job.
+    """Describe the job that is being printed or is selected.
 
     Parameters
     ----------
     job
-        The job; None if none is selected.
+        The job; None if no job is printed or selected.
     progress
-        Progress of its open print; None if there is none.
+        Progress of the job's open print; None if there is none.
     """
     file = dict.fromkeys(("name", "path", "origin", "size", "date"))
     if job is not None:
@@ -123,7 +123,7 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
 
 
 def describe_file(job: Job, resource: str) -> dict[str, Any]:
-    """Describe a job as a file, with the URL of its description."""
+    """Describe a job as a file; `resource` is the URL of this description."""
     kind = "model" if job.own_gcode is None else "machinecode"
     return {
         **_describe_file_name(job),
@@ -136,7 +136,7 @@ def describe_file(job: Job, resource: str) -> dict[str, Any]:
 
 
 def format_file_path(job: Job) -> str:
-    """Return the path of a job's file; the job's number is the folder, which makes the path unique."""
+    """Return the path of a job's file; its folder is the job's number, which makes the path unique."""
     return f"{job.id}/{job.name}"
 
 
@@ -145,14 +145,15 @@ def _describe_file_name(job: Job) -> dict[str, Any]:
 
 
 def find_job(jobs: Mapping[int, Job], path: str, caller_name: str) -> Job:
-    """Find the job of a file's path.
+    """Find the job that a file's path refers to.
 
     Parameters
     ----------
     jobs
         All jobs by number.
     path
-        Number and name; or only a name, for the newest open job with that name, preferably one of the caller.
+        `NUMBER/NAME`; or only a name: the newest open job with that name, preferably one that the caller
+        submitted.
     caller_name
         Name of the caller.
 
@@ -174,7 +175,7 @@ def find_job(jobs: Mapping[int, Job], path: str, caller_name: str) -> Job:
 
 
 def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
-    """Describe the profile of a printer; the farm has that of its printer with the lowest build height.
+    """Describe the profile of a printer, or of the farm: that of its printer with the lowest build height.
 
     Parameters
     ----------
@@ -221,7 +222,7 @@ def _describe_axes(profile: Profile) -> dict[str, Any]:
 
 
 def describe_connection(name: str) -> dict[str, Any]:
-    """Describe the connection, which is always established."""
+    """Describe the connection to the printer, which is always reported as established."""
     return {
         "current": {"state": READY_TEXT, "port": None, "baudrate": None, "printerProfile": _PROFILE_ID},
         "options": {

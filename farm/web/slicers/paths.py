@@ -58,10 +58,10 @@ _UPLOAD_PATTERN = re.compile(rf"(/to/[^/]+)?({FILES_PATH}|{MOONRAKER_UPLOAD_PATH
 
 
 def is_slicer_path(path: str) -> bool:
-    """Return whether a path belongs to an API for slicers, which gets errors as plain text."""
+    """Return whether a path belongs to an API for slicers, whose errors are plain text."""
     return _SLICER_PATH_PATTERN.fullmatch(path) is not None
 
 
 def is_slicer_upload(path: str) -> bool:
-    """Return whether a path receives uploads."""
+    """Return whether a path of an API for slicers receives uploads."""
     return _UPLOAD_PATTERN.fullmatch(path) is not None

@@ -1,7 +1,7 @@
-"""Errors for slicers: one line of plain text that begins with the reason.
+"""Error responses for slicers: one line of plain text that begins with the reason.
 
-PrusaSlicer and its forks show the whole body. Cura's plugin shows the first 100 characters if the type is
-exactly `text/plain`. The status 409 is not used, because the plugin treats it differently.
+PrusaSlicer and its forks show the whole body. Cura's plugin shows the first 100 characters if the content
+type is exactly `text/plain`. The status 409 is not used, because the plugin treats it differently.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ log = logging.getLogger(__name__)
 
 _STATUS_CODES = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.FAILED: 500, ErrorCode.ENGINE: 500}
 _BAD_REQUEST = 400
-_TEXT_TYPE = "text/plain"  # without a charset, because Cura's plugin shows no text that has one
+_TEXT_TYPE = "text/plain"  # no charset, because Cura's plugin does not show text with one
 
 
 def make_text_response(text: str, status: int) -> Response:
-    """Make a response of one line of plain text."""
+    """Make a response with one line of plain text."""
     return Response(flatten_text(text).encode(), status, {"content-type": _TEXT_TYPE})
 
 
@@ -55,8 +55,8 @@ def make_error_response(error: Exception) -> Response:
     if isinstance(error, HTTPException):
         return make_text_response(str(error.detail), error.status_code)
     if isinstance(error, OSError):
-        log.warning("a request of a slicer failed", exc_info=error)
+        log.warning("a slicer's request failed", exc_info=error)
         text = f"the farm cannot store the file ({error.strerror or error}): check its disk space"
         return make_text_response(text, 500)
-    log.error("a request of a slicer failed", exc_info=error)
+    log.error("a slicer's request failed", exc_info=error)
     return make_text_response(f"the daemon failed: {type(error).__name__}; see its log", 500)

@@ -78,7 +78,7 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
         farm.fleet.read_text() + f"web: {{listen: '0.0.0.0:{port}', tls: {{cert: {cert}, key: {key}}}}}\n"
     )
     farm.up()
-    assert "it has no key yet" in farm.run_checked("key")
+    assert "there is no key yet" in farm.run_checked("key")
     with closing(socket.socket()) as probe:  # the server does not listen before there is a key
         assert probe.connect_ex(("127.0.0.1", port)) != 0
     added_key = farm.run_checked("key", "add", "laptop", "--role", "look").strip()

@@ -1,21 +1,21 @@
-// 3D view of the parts of a job: coloured by state or printer, pulled apart, or in the steps of their assembly.
+// 3D view of the parts of a job, coloured by state or printer: an exploded view, or the steps of the assembly.
 
 import { AnimationMixer, Box3, Color, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { Stage, readColour } from "./stage.js";
 
 const STATES = ["waiting", "printing", "printed", "good", "bad", "failed", "cancelled"]; // colours in palette.css
-const GOLDEN_RATIO = 0.618; // neighbouring numbers get distant hues
+const HUE_STEP = 0.618; // golden ratio, so that neighbouring numbers get hues that differ much
 const STEP_S = 1.5; // duration of each step in the animation (decompose/export/glb.py)
 
-/** Return the rows of the parts by name. */
+/** Return the rows of the parts in the table, by name of the part. */
 const findRows = () => new Map([...document.querySelectorAll("tr[data-part]")].map((row) => [row.dataset.part, row]));
 
-/** Return the name of a part in the file; three.js removes the dots from the name of its mesh. */
+/** Return the name of a part as in the model file, because three.js removes the dots from the name of a mesh. */
 const findName = (mesh) => mesh.userData.name ?? mesh.name;
 
 /** Return the colour of a printer by its number. */
-const computeColour = (number) => new Color().setHSL((number * GOLDEN_RATIO) % 1, 0.5, 0.55);
+const computeColour = (number) => new Color().setHSL((number * HUE_STEP) % 1, 0.5, 0.55);
 
 /** Add an input with its label. */
 const addInput = (container, text, attributes, onInput) => {
@@ -48,10 +48,10 @@ class JobView {
     this.mixer?.clipAction(this.clip).play();
     const kinds = new Set([...this.rows.values()].map((row) => row.dataset.kind));
     this.colourBy = kinds.size > 1 ? "state" : "printer"; // all parts wait before the first print
-    this.picked = null; // a part of the model
-    this.copy = null; // name of the picked row if the part has several copies
+    this.picked = null; // name of the picked part in the model
+    this.copy = null; // name of the picked row, which is one of several copies of the part
     this.addControls(container);
-    this.setApart(0.35);
+    this.explode(0.35);
     this.paint();
     this.stage.fitView();
     this.stage.onPick((mesh) => this.pick(mesh ? findName(mesh) : null));
@@ -60,14 +60,14 @@ class JobView {
   addControls(container) {
     const controls = document.createElement("div");
     controls.className = "tools";
-    this.apartInput = addInput(controls, "Pull apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
+    this.explosionInput = addInput(controls, "Pull apart", { type: "range", min: 0, max: 100, value: 35 }, (input) => {
       if (this.stepInput) this.stepInput.value = this.stepInput.max;
-      this.setApart(input.value / 100);
+      this.explode(input.value / 100);
     });
     if (this.clip) {
       const steps = Math.round(this.clip.duration / STEP_S);
       this.stepInput = addInput(controls, "Assembly", { type: "range", min: 0, max: steps, value: steps }, (input) => {
-        this.apartInput.value = 0;
+        this.explosionInput.value = 0;
         this.setStep(Number(input.value));
       });
     }
@@ -77,16 +77,16 @@ class JobView {
         this.paint();
       });
     }
-    this.key = document.createElement("p");
-    this.key.className = "key";
+    this.legend = document.createElement("p");
+    this.legend.className = "key";
     this.caption = document.createElement("p");
     this.caption.setAttribute("role", "status");
-    container.append(controls, this.key, this.caption);
+    container.append(controls, this.legend, this.caption);
     for (const [name, row] of this.rows) this.addButton(name, row);
     const table = document.querySelector("table.parts");
     if (table) {
-      const watch = { attributeFilter: ["data-kind", "data-printer"], childList: true, subtree: true };
-      new MutationObserver(() => this.updateRows()).observe(table, watch);
+      const options = { attributeFilter: ["data-kind", "data-printer"], childList: true, subtree: true };
+      new MutationObserver(() => this.updateRows()).observe(table, options);
     }
   }
 
@@ -102,7 +102,7 @@ class JobView {
     cell.append(button);
   }
 
-  /** Update the view after rows were replaced or changed their state. */
+  /** Update the view after rows of the table were replaced, or the state or printer of a part changed. */
   updateRows() {
     this.rows = findRows();
     for (const [name, row] of this.rows) this.addButton(name, row);
@@ -110,13 +110,15 @@ class JobView {
     this.paint();
   }
 
-  setApart(share) {
+  /** Move the parts away from the middle of the model, by a share of the greatest distance, from 0 to 1. */
+  explode(share) {
     for (const { mesh, restPosition, direction } of this.parts.values()) {
       mesh.position.copy(restPosition).addScaledVector(direction, 1.2 * share);
     }
     this.stage.requestFrame();
   }
 
+  /** Show the parts after a number of assembly steps. */
   setStep(number) {
     for (const { mesh, restPosition } of this.parts.values()) mesh.position.copy(restPosition);
     const end = Math.min(number * STEP_S, this.clip.duration - 1e-3);
@@ -124,7 +126,7 @@ class JobView {
     this.stage.requestFrame();
   }
 
-  /** Colour all parts, and update the key of colours. */
+  /** Colour all parts, and update the legend. */
   paint() {
     const printers = [...new Set([...this.rows.values()].map((row) => row.dataset.printer))].sort();
     const meanings = new Map();
@@ -139,7 +141,7 @@ class JobView {
       mesh.material.color.copy(colour);
       mesh.material.emissive.set(name === this.picked ? 0x555522 : 0);
     }
-    this.key.replaceChildren(...[...meanings].sort().map(([text, colour]) => {
+    this.legend.replaceChildren(...[...meanings].sort().map(([text, colour]) => {
       const entry = document.createElement("span");
       const patch = document.createElement("i");
       patch.style.background = `#${colour.getHexString()}`;
@@ -149,7 +151,7 @@ class JobView {
     this.stage.requestFrame();
   }
 
-  /** Mark a part in the view, and the row of one copy or all its rows in the table; null marks no part. */
+  /** Mark a part in the view, and its row in the table: the row of one copy, or of all copies. Null marks no part. */
   pick(name, copy = null) {
     [this.picked, this.copy] = [name, copy];
     const rows = this.markRows();
@@ -166,7 +168,7 @@ class JobView {
     return rows;
   }
 
-  /** Return the part of the model for the name of a row; names of copies end with a dot and a number. */
+  /** Return the name of the part in the model for a row; the name of a copy's row ends with a dot and a number. */
   findPart(name) {
     return this.parts.has(name) ? name : name.split(".")[0];
   }

@@ -1,4 +1,4 @@
-// Rotatable view of meshes, drawn only after a change.
+// 3D view of meshes that a user can rotate; it is drawn only after a change.
 
 import {
   AmbientLight, Box3, Color, DirectionalLight, Group, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3, WebGLRenderer,
@@ -7,9 +7,9 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 const FIELD_OF_VIEW_DEG = 35;
 const MARGIN = 0.95; // below 1, because a box does not fill its bounding sphere
-const CLICK_PX = 4; // a pointer that moved further has turned the view
+const CLICK_PX = 4; // if the pointer moves further while it is pressed, it turns the view instead of picking a part
 
-/** Return a colour of the style sheet by its name. */
+/** Return the colour in a variable of the style sheet. */
 export const readColour = (name) => new Color(getComputedStyle(document.documentElement).getPropertyValue(name).trim());
 
 export class Stage {
@@ -18,7 +18,7 @@ export class Stage {
    * @param {string} label description of the view for screen readers
    */
   constructor(container, label) {
-    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }); // otherwise the view is blank in print
+    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }); // so that a printed page has the view
     this.canvas = this.renderer.domElement;
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
@@ -71,8 +71,8 @@ export class Stage {
     if (box.isEmpty()) return;
     const centre = box.getCenter(new Vector3());
     const radius = box.getSize(new Vector3()).length() / 2;
-    const narrow = Math.min(1, this.camera.aspect);
-    const distance = (MARGIN * radius) / Math.sin((FIELD_OF_VIEW_DEG * Math.PI) / 360) / narrow;
+    const relativeWidth = Math.min(1, this.camera.aspect); // below 1 if the view is narrower than it is high
+    const distance = (MARGIN * radius) / Math.sin((FIELD_OF_VIEW_DEG * Math.PI) / 360) / relativeWidth;
     this.camera.near = distance / 100;
     this.camera.far = distance * 10;
     this.camera.position.copy(centre).add(new Vector3(0.55, 0.5, 0.8).normalize().multiplyScalar(distance));
@@ -89,11 +89,11 @@ export class Stage {
     this.canvas.addEventListener("pointerup", (event) => {
       if (!start || Math.hypot(event.clientX - start[0], event.clientY - start[1]) > CLICK_PX) return;
       const area = this.canvas.getBoundingClientRect();
-      const at = new Vector2(
+      const pointer = new Vector2(
         (2 * (event.clientX - area.left)) / area.width - 1, 1 - (2 * (event.clientY - area.top)) / area.height,
       );
       const caster = new Raycaster();
-      caster.setFromCamera(at, this.camera);
+      caster.setFromCamera(pointer, this.camera);
       callback(caster.intersectObject(this.content, true).find((hit) => hit.object.isMesh)?.object ?? null);
     });
   }

@@ -11,12 +11,12 @@ import { PLYLoader } from "three/addons/loaders/PLYLoader.js";
 import { STLLoader } from "three/addons/loaders/STLLoader.js";
 import { Stage, readColour } from "./stage.js";
 
-const MAX_BYTES = 300e6; // a larger file is not shown
+const MAX_BYTES = 300e6; // a larger file has no preview
 const UNITS_MM = { micron: 0.001, millimeter: 1, centimeter: 10, inch: 25.4, foot: 304.8, meter: 1000 };
 
 const wrapMesh = (geometry) => new Group().add(new Mesh(geometry));
 
-/** Return the length of the unit of a 3MF file in mm. */
+/** Return the unit of length of a 3MF file, in mm. */
 const readUnit = (content) => {
   const files = unzipSync(new Uint8Array(content), { filter: ({ name }) => name.toLowerCase().endsWith(".model") });
   const units = Object.values(files).map((file) => /<model\b[^>]*\bunit="(\w+)"/.exec(strFromU8(file.subarray(0, 4096)))?.[1]);
@@ -34,18 +34,18 @@ const READERS = {
   },
 };
 
-/** Return the scale of a model from the form: the longest side takes precedence over the unit. */
-const findScale = (form, longest) => {
+/** Return the scale of a model from the fields of the form: the longest side takes precedence over the unit. */
+const findScale = (form, unscaledSide) => {
   const side = Number(form.elements.longest_side_mm.value);
-  return side > 0 ? side / longest : Number(form.elements.scale.value);
+  return side > 0 ? side / unscaledSide : Number(form.elements.scale.value);
 };
 
 const formatLengths = (lengths) => `${lengths.map((mm) => (mm < 10 ? mm.toFixed(1) : Math.round(mm))).join(" × ")} mm`;
 
-/** Compare the size of a model in any orientation with the build volumes. */
-const compareSize = (size, beds) => {
+/** Return a sentence that compares the size of a model, in any orientation, with the build volumes. */
+const compareSize = (size, volumes) => {
   const lengths = [...size].sort((a, b) => a - b);
-  const fitting = beds.filter(([, ...bed]) => bed.sort((a, b) => a - b).every((mm, axis) => lengths[axis] <= mm));
+  const fitting = volumes.filter(([, ...volume]) => volume.sort((a, b) => a - b).every((mm, axis) => lengths[axis] <= mm));
   if (Math.max(...size) < 5) return "It is smaller than 5 mm: check its unit.";
   if (Math.max(...size) > 5000) return "It is longer than 5 m: check its unit.";
   return fitting.length
@@ -54,8 +54,8 @@ const compareSize = (size, beds) => {
 };
 
 class UploadView {
-  constructor(container, form, beds) {
-    Object.assign(this, { container, form, beds, stage: null, model: null });
+  constructor(container, form, volumes) {
+    Object.assign(this, { container, form, volumes, stage: null, model: null });
     this.caption = document.getElementById("size");
     form.elements.file.addEventListener("change", () => this.read(form.elements.file.files[0]));
     for (const name of ["scale", "longest_side_mm"]) form.elements[name].addEventListener("input", () => this.show());
@@ -92,16 +92,16 @@ class UploadView {
     if (!this.model) return;
     this.model.scale.setScalar(1);
     this.model.position.set(0, 0, 0);
-    const raw = new Box3().setFromObject(this.model).getSize(new Vector3());
-    const scale = findScale(this.form, Math.max(...raw));
-    const size = raw.toArray().map((mm) => mm * scale);
-    this.caption.textContent = `${formatLengths(size)}. ${compareSize(size, this.beds)}`;
+    const unscaledSize = new Box3().setFromObject(this.model).getSize(new Vector3());
+    const scale = findScale(this.form, Math.max(...unscaledSize));
+    const size = unscaledSize.toArray().map((mm) => mm * scale);
+    this.caption.textContent = `${formatLengths(size)}. ${compareSize(size, this.volumes)}`;
     this.container.hidden = false;
     this.stage ??= new Stage(this.container, "The model beside the printers' build volume");
     this.draw(scale, isNew);
   }
 
-  /** Place the model in the middle of the largest bed; z is up. */
+  /** Draw the model in the middle of the largest build volume; z is up. */
   draw(scale, isNew) {
     const { content } = this.stage;
     content.clear();
@@ -117,21 +117,21 @@ class UploadView {
       if (!mesh.geometry.attributes.normal) mesh.geometry.computeVertexNormals();
       mesh.material = material;
     });
-    const [, width, depth, height] = this.beds.reduce((a, b) => (a[1] * a[2] * a[3] > b[1] * b[2] * b[3] ? a : b));
+    const [, width, depth, height] = this.volumes.reduce((a, b) => (a[1] * a[2] * a[3] > b[1] * b[2] * b[3] ? a : b));
     const edges = new EdgesGeometry(new BoxGeometry(width, depth, height));
-    const volume = new LineSegments(edges, new LineBasicMaterial({ color: readColour("--faint") }));
-    volume.position.z = height / 2;
+    const outline = new LineSegments(edges, new LineBasicMaterial({ color: readColour("--faint") }));
+    outline.position.z = height / 2;
     const grid = new GridHelper(Math.max(width, depth), 10, new Color(readColour("--line")), readColour("--line"));
     grid.rotation.x = Math.PI / 2;
-    content.add(volume, grid);
+    content.add(outline, grid);
     this.stage.resize();
     if (isNew) this.stage.fitView();
     this.stage.requestFrame();
   }
 }
 
-/** Show a preview of the file that a person chooses or drops. */
+/** Show a preview of each file that a person chooses or drops on the form. */
 export const showUpload = async (container) => {
-  const beds = JSON.parse(container.dataset.beds);
-  if (beds.length) new UploadView(container, document.getElementById("submit"), beds);
+  const volumes = JSON.parse(container.dataset.volumes);
+  if (volumes.length) new UploadView(container, document.getElementById("submit"), volumes);
 };

@@ -1,4 +1,4 @@
-"""Pages of the whole fleet: timeline, printers, history."""
+"""Pages of the fleet: its timeline, its printers, its history."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""History page with figures of ended prints and filters, and its CSV file."""
+"""History page: a filter, and figures of the prints that have ended; the same prints as a CSV file."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 day
 
 
 class HistoryQuery(BaseModel):
-    """Filter of prints in the page's URL; an empty field does not filter."""
+    """Filter of prints in the page's URL; an empty field matches all prints."""
 
     days: Annotated[Annotated[int, Field(ge=1, le=36_500)] | None, EMPTY_FIELD_VALIDATOR] = None
     printer: Annotated[Annotated[str, Field(max_length=100)] | None, EMPTY_FIELD_VALIDATOR] = None
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_FIELD_VALIDATOR] = None
 
     def to_filter(self) -> HistoryFilter:
-        """Return the filter for the view."""
+        """Return the filter as a parameter of `describe_history`."""
         return HistoryFilter(days=self.days, printer=self.printer, job=self.job)
 
 
@@ -72,7 +72,7 @@ def render_history(view: HistoryView, fleet: FleetInfo, user: User, note: Note |
     Parameters
     ----------
     view
-        Ended prints, with figures.
+        Prints that have ended, with figures.
     fleet
         The fleet.
     user

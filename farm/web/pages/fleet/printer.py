@@ -1,6 +1,7 @@
 """Pages of a printer, and stills of prints.
 
-A printer has a page with its state, temperatures, prints and faults, and one with its last lines on the wire.
+A printer has a page with its state, temperatures, prints and faults, and a page with the last lines on the
+wire: those that its agent and its board have exchanged.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ UPKEEP_WORDS = {
     "PrinterAlarmed": "alarm",
     "BedBecameUnknown": "bed unknown",
 }
-"""Words for the kinds of events about the upkeep of a printer."""
+"""Texts for the kinds of events in the section "Upkeep" of a printer's page."""
 _MAX_UPKEEP_EVENTS = 15
 _IMAGE_TYPES = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
@@ -92,11 +93,11 @@ def render_printer(page: PrinterPage, fleet: FleetInfo, user: User, note: Note |
     Parameters
     ----------
     page
-        The printer.
+        Data of the printer.
     fleet
         The fleet.
     user
-        User of the page, which has the forms that the user's role allows.
+        User of the page, whose role decides which forms it has.
     note
         Message about the user's last action.
     """
@@ -108,7 +109,7 @@ def render_printer(page: PrinterPage, fleet: FleetInfo, user: User, note: Note |
 
 @dataclass(frozen=True, slots=True)
 class ShownLine:
-    """Line on the wire, with its time of day on the farm's clock."""
+    """Line to or from the board, with its time of day on the farm's clock."""
 
     time: str
     is_sent: bool
@@ -122,12 +123,12 @@ def render_wire(
     user: User,
     problem: str | None = None,
 ) -> str:
-    """Render the last lines on the wire of a printer.
+    """Render the page with the last lines between a printer's agent and its board.
 
     Parameters
     ----------
     name
-        The printer.
+        Name of the printer.
     lines
         Lines, oldest first, with times on the farm's clock.
     fleet

@@ -1,4 +1,4 @@
-"""Page of the fleet's timeline, with the effect of a what-if change to a job."""
+"""Page with the timeline of the fleet, and with the effect of a what-if change to a job."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from farm.web.pages.page_route import EMPTY_FIELD_VALIDATOR, PageRoute, read_que
 from farm.web.pages.rendering import FleetInfo, render_page
 
 PERIODS = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
-"""Periods before now that the page can show, each as a number of hours and a label."""
+"""Periods before the present that the page can show, each as a number of hours and a label."""
 MOVES = (("", "unchanged"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
 """What-if moves of a job, each as a value of `api.QueuePlace` and a label."""
 
 
 class TimelineQuery(BaseModel):
-    """Query of the page: the period before now that it shows, and a what-if change."""
+    """Query of the page: the length of the past period that it shows, and a what-if change."""
 
     hours: Literal["6", "12", "24", "72", "168"] = "12"
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_FIELD_VALIDATOR] = None
@@ -40,7 +40,7 @@ class TimelineQuery(BaseModel):
 
     @property
     def past_s(self) -> float:
-        """Length of the period before now that the page shows, in seconds."""
+        """Length of the past period that the page shows, in seconds."""
         return int(self.hours) * 3600.0
 
     def format_query(self) -> str:
@@ -56,7 +56,7 @@ class TimelineQuery(BaseModel):
 
 
 def make_timeline_routes(pages: PageContext) -> APIRouter:
-    """Return the routes of the timeline.
+    """Return the route of the timeline.
 
     The books are read in a thread, because a long history would block the event loop.
     """
@@ -97,7 +97,7 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
     NotFoundError
         If there is no such job.
     RefusedError
-        If none of its plates waits, or the job cannot be moved to the chosen place.
+        If no plate of the job is waiting, or the job cannot be moved to the chosen place.
     FarmError
         If the start cannot be parsed.
     """
@@ -143,7 +143,7 @@ def render_timeline(
     note
         Message about the user's last action.
     problem
-        Reason why the change cannot be made.
+        Reason why the what-if change is not possible; None if it is, or if there is none.
     """
     return render_page(
         "timeline.html",
@@ -165,9 +165,9 @@ def render_timeline(
 
 
 def format_start(view: TimelineView) -> str:
-    """Format the what-if start with its date; return an empty text if there is none.
+    """Format the start in a what-if change with its date; return an empty text if there is none.
 
-    Without the date, `22:00` would mean a different day tomorrow.
+    Without the date, `22:00` would mean another day if the form is sent tomorrow.
     """
     if view.change is None or view.change.not_before_s is None:
         return ""
@@ -175,7 +175,7 @@ def format_start(view: TimelineView) -> str:
 
 
 def describe_change(change: Change | None, query: TimelineQuery) -> str:
-    """Describe the what-if change in a few words."""
+    """Describe a what-if change in a few words."""
     if change is None:
         return ""
     place = f"{dict(MOVES)[query.to]} in the queue" if query.to else ""

@@ -1,4 +1,4 @@
-"""Pages of jobs: their plans, parts and files."""
+"""Pages of jobs, with their plans, parts and files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["make_all_job_routes"]
 
 
 def make_all_job_routes(pages: PageContext, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:
-    """Return the routes of all pages of jobs, and of their forms."""
+    """Return the routes of all pages of jobs, and of the forms for their plans."""
     router = APIRouter(include_in_schema=False)
     router.include_router(make_job_page_routes(pages, dry_runs))
     router.include_router(make_plan_form_routes(pages.services, jobs))

@@ -1,4 +1,4 @@
-"""Buttons of a job and its parts, which depend on their state and the user's role. Pure."""
+"""Buttons for a job and its parts, which depend on the states of these and on the user's role. Pure."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Action:
     label
         Text on the button.
     fields
-        Hidden fields of its form.
+        Names and values of the hidden fields in the button's form.
     is_destructive
-        True if the action cannot be undone; the page asks for a confirmation.
+        True if the action cannot be undone; the page then asks for confirmation.
     """
 
     path: str
@@ -32,7 +32,7 @@ class Action:
 
 
 def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
-    """List the buttons of a job, the most likely one first.
+    """List the buttons for a job; the first is the one that the user most likely needs.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def can_report_assembly(job: api.JobView, role: Role) -> bool:
 def list_part_actions(
     job: api.JobView, part: api.PartView, printer: api.PrinterView | None, role: Role
 ) -> Iterator[Action]:
-    """Yield the buttons of a part.
+    """Yield the buttons for a part.
 
     Parameters
     ----------
@@ -105,10 +105,10 @@ def list_part_actions(
 def find_printers_with_parts(
     job: api.JobView, printers: Sequence[api.PrinterView]
 ) -> dict[str, api.PrinterView]:
-    """Find the printers with parts of a job on their beds, by part id.
+    """Find the printers on whose beds printed parts of a job lie, by part id.
 
-    Only the last print of a part counts, because an earlier failed print may lie on another bed, and must not
-    get the verdict.
+    Only the last print of each part counts: an earlier print, which failed, may lie on another bed, and must
+    not get the verdict.
     """
     beds = {
         (printer.last.plate, printer.name): printer

@@ -1,4 +1,4 @@
-"""Chart of the expected printing time by number of printers, from which a user chooses the number. Pure."""
+"""Chart of the time curve: expected printing time over number of printers, for the user's choice. Pure."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ _MAX_LABELS = 12
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Point of the time curve.
+    """Point of the time curve, which a user can choose.
 
     Attributes
     ----------
+    printer_count
+        Number of printers.
     text
         Text with the number, the printing time and the time of the end.
     x, y
         Position in the chart, px.
     label
-        Number below the axis; empty if there is no space for it.
+        Number of printers, as a label below the axis; empty if there is no space for it.
     is_chosen
-        True if the plan has this number of printers.
+        True if the current plan has this number of printers.
     end
-        Expected time of the end.
+        Time at which printing is expected to end.
     """
 
     printer_count: int
@@ -73,26 +75,28 @@ def lay_out_time_curve(
     now
         Current time on the farm's clock.
     """
-    by_number = {point.printers: point.makespan_s for point in points if point.makespan_s > 0}
-    if len(by_number) < 2:
+    times_s = {point.printers: point.makespan_s for point in points if point.makespan_s > 0}
+    if len(times_s) < 2:
         return None
-    numbers = sorted(by_number)
-    first, last, longest_s = numbers[0], numbers[-1], max(by_number.values())
-    label_interval = -(-(last - first + 1) // _MAX_LABELS)
+    printer_counts = sorted(times_s)
+    least, most, longest_s = printer_counts[0], printer_counts[-1], max(times_s.values())
+    label_interval = -(-(most - least + 1) // _MAX_LABELS)
 
-    def place_choice(number: int) -> Choice:
-        time_s = by_number[number]
+    def place_choice(printer_count: int) -> Choice:
+        time_s = times_s[printer_count]
         end = make_text_time(start.timestamp() + time_s, now.timestamp(), now.tzinfo or UTC)
+        printers_text = format_count(printer_count, "printer")
         return Choice(
-            printer_count=number,
-            text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end.text}",
-            x=_LEFT_MARGIN + (_WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN) * (number - first) / (last - first),
+            printer_count=printer_count,
+            text=f"{printers_text}: about {format_duration(time_s)}, ends {end.text}",
+            x=_LEFT_MARGIN
+            + (_WIDTH - _LEFT_MARGIN - _RIGHT_MARGIN) * (printer_count - least) / (most - least),
             y=_TOP_MARGIN + (_HEIGHT - _TOP_MARGIN - _BOTTOM_MARGIN) * (1 - time_s / longest_s),
-            label=str(number) if (number - first) % label_interval == 0 else "",
-            is_chosen=number == chosen_count,
+            label=str(printer_count) if (printer_count - least) % label_interval == 0 else "",
+            is_chosen=printer_count == chosen_count,
             end=end,
         )
 
-    choices = tuple(place_choice(number) for number in numbers)
+    choices = tuple(place_choice(printer_count) for printer_count in printer_counts)
     polyline = " ".join(f"{choice.x:.1f},{choice.y:.1f}" for choice in choices)
     return TimeCurve(choices, polyline, format_duration(longest_s))

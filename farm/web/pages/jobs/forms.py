@@ -1,4 +1,4 @@
-"""Forms for the plan of a job without approval: print it, keep it, or plan it again."""
+"""Routes of forms for the plan of a job that is not approved: to print it, to keep it, or to plan again."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from farm.web.notes import Note
 
 
 class ReleaseForm(BaseModel):
-    """Hash of the plan that the person has seen; None if the job had no plan yet."""
+    """Fields of the form that releases a job: hash of the plan that the user saw, None if there was none."""
 
     plan: str | None = None
 
 
 class ReplanForm(BaseModel):
-    """Number of printers, and the job whose time curve the page shows."""
+    """Fields of the form that plans a job again: number of printers, and job whose time curve is shown."""
 
     printers: Annotated[int, Field(ge=1)] | None = None
     curve: int | None = None
 
 
 def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
-    """Return the routes of the forms."""
+    """Return the routes of the forms for plans."""
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/jobs/{number}/release")
@@ -44,7 +44,7 @@ def make_plan_form_routes(services: Services, jobs: JobCommands) -> APIRouter:
     @router.post("/jobs/{number}/keep")
     async def keep_plan(number: int, request: Request, caller_name: CallerName) -> Response:
         jobs.keep_dry_run(number, caller_name)
-        return answer_form(request, Note(f"Job {number} is kept, and printed once it is approved."))
+        return answer_form(request, Note(f"Job {number} is kept, and is printed once it is approved."))
 
     @router.post("/jobs/{number}/replan")
     async def replan_job(number: int, request: Request, caller_name: CallerName) -> Response:

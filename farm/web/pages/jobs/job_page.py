@@ -1,4 +1,4 @@
-"""Page of one job with next step, parts, timeline, assembly and files. Pure."""
+"""Page of one job, with its next step, parts, timeline, assembly and files. Pure."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ class JobData:
     printers
         All printers of the fleet.
     history
-        Ended prints of the fleet, for the timeline.
+        Prints of the fleet that have ended, for the timeline.
     timeline
-        Expected times of its plates; None without a plan, and once the job has ended.
+        Actual and expected times of the job's plates; None before it is planned and after it has ended.
     report
-        Joints, assembly and time curve.
+        Report on the decomposition: joints, assembly and time curve.
     files
-        Names of its files.
+        Names of the job's files.
     time_curve_job
-        Job whose report has the time curve; None for this job.
+        Number of the job whose report has the time curve; None for this job.
     gcode_figures
-        Figures of a person's own G-code.
+        Names and values of the figures of a person's own G-code.
     """
 
     job: api.JobView
@@ -74,7 +74,7 @@ def render_job_page(data: JobData, fleet: FleetInfo, user: User, note: Note | No
     Parameters
     ----------
     data
-        The job.
+        The job, and what the page shows beside it.
     fleet, user, note
         See `render_page`.
     """
@@ -154,7 +154,7 @@ def _format_end(end: str, now: str) -> Markup:
 
 
 def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
-    """Yield the known figures of a job, with their times as elements."""
+    """Yield the names and values of the known figures of a job, with times as `<time>`."""
     times_at = [at for run in job.runs for at in (run.started, run.ended)] + [job.pruned]
     times = [TextTime(text=format_time(at, job.now), at=at) for at in times_at if at is not None]
     for name, text in list_figures(job):
@@ -173,7 +173,7 @@ def estimate_completed_share(progress: PlanProgress) -> float | None:
 
 
 def list_wait_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list[Sentence]:
-    """List the reasons why a job or its plates wait, each once, except the reason in the summary."""
+    """List the reasons why a job or its plates wait, each once, without the reason that the summary gives."""
     reasons = []
     if timeline is not None and timeline.left:
         reasons.append(Sentence(f"no printer can print {shorten_names(timeline.left)}"))
@@ -206,13 +206,13 @@ def list_model_changes(job: api.JobView) -> list[str]:
 
 
 def lay_out_job_gantt(data: JobData, now: datetime) -> Gantt | None:
-    """Lay out the prints of a job, the prints of other jobs at the same time, and the remaining plates."""
+    """Lay out a Gantt chart of a job's prints, other jobs' prints at the same time, and planned prints."""
     slots = () if data.timeline is None else data.timeline.slots
     return lay_out_gantt([*list_bars(data.job, data.history, now), *list_expected_bars(slots, now)])
 
 
 def lay_out_job_time_curve(data: JobData, now: datetime) -> TimeCurve | None:
-    """Lay out the time curve of a plan, with the start time of the plan for all points."""
+    """Lay out the time curve of a plan; for each number of printers, printing starts at the same time."""
     timeline = data.timeline
     if timeline is None:
         return None
@@ -223,7 +223,7 @@ def lay_out_job_time_curve(data: JobData, now: datetime) -> TimeCurve | None:
 
 
 def group_downloads(files: Sequence[str]) -> Mapping[str, list[tuple[str, str]]]:
-    """Group the files of a job by title, each file with its name and a label."""
+    """Group the files of a job under titles; each file has its name and a label."""
     groups: dict[str, list[tuple[str, str]]] = {"Model": [], "Parts (STL)": [], "G-code": [], "Pictures": []}
     for name in files:
         if name in _FILE_LABELS:

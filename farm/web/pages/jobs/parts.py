@@ -16,7 +16,7 @@ from farm.wording import format_deviation, format_filament
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
-    """Row of a part.
+    """Row of a part in the table.
 
     Attributes
     ----------
@@ -27,18 +27,18 @@ class PartRow:
     remark
         Number of the attempt if there were several, and the bed on which the part lies.
     kind
-        State as style sheets and scripts know it: waiting, printing, printed, good, bad, failed or cancelled.
+        State for style sheets and scripts: waiting, printing, printed, good, bad, failed or cancelled.
     progress
         Completed share of the open print, from 0 to 1; None if there is none.
     end
-        Expected or actual end of its print, as ISO 8601; None if unknown.
+        Expected or actual time at which its print ends, as ISO 8601; None if unknown.
     expected_time, current_estimate, actual_time
-        Printing times: the planned time, the expected time of the open print according to its progress, and
-        the actual time of the last print.
+        Printing times: that of the plan, that of the open print as its progress suggests, and the actual time
+        of the last print.
     reason
         Reason why it waits or failed; empty if there is none.
     warnings
-        Features that its slice may not print as modelled.
+        Warnings of its plate, such as walls too thin to print.
     """
 
     id: str
@@ -64,7 +64,7 @@ def list_part_rows(
     slots: Mapping[str, api.SlotView],
     role: Role,
 ) -> list[PartRow]:
-    """List the parts of a job.
+    """List the rows of a job's parts.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def list_part_rows(
     printers
         All printers of the fleet.
     slots
-        Actual or expected printer and times of each plate, by its id.
+        Printer and times of each plate, actual or expected, by the plate's id.
     role
         Role of the user.
     """

@@ -33,19 +33,19 @@ _DOCUMENT_HEADERS = {
     "frame-ancestors 'none'; base-uri 'none'"
 }
 """Security policy of a stored page in a single file: it allows inline styles and pictures, but no script."""
-_MAX_PRINTS = 2000  # maximum number of prints of other jobs in a timeline
+_MAX_PRINTS = 2000  # maximum number of ended prints that a timeline considers
 _CHUNK_BYTES = 1 << 18
 _COMPRESSION_LEVEL = 1  # halves the size of an STL, at about 50 MB/s
 
 
 class JobQuery(BaseModel):
-    """Query of a job's page: the job whose time curve it shows, if that is another job."""
+    """Query of a job's page: number of the job whose time curve the page shows, if that is another job."""
 
     curve: Annotated[int | None, EMPTY_FIELD_VALIDATOR] = None
 
 
 def make_job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
-    """Return the routes of a job's pages. The page of a dry run keeps the dry run alive."""
+    """Return the routes of a job's pages. A dry run does not end while its page is open."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     fleet = services.controller.fleet.fleet
 
@@ -89,7 +89,7 @@ def _add_document_routes(router: APIRouter, services: Services) -> None:
         files = map_stored_files(controller.books, number)
         parts = {name: services.state.files / file for name, file in files.items() if name.endswith(".stl")}
         for name in parts or ["parts.zip"]:
-            # raises an error before an incomplete archive is sent
+            # a missing file raises an error here, before an incomplete archive is sent
             await find_stored_file(services, number, name)
         headers = {"content-disposition": f'attachment; filename="job-{number}-parts.zip"'}
         return StreamingResponse(generate_archive(parts), media_type="application/zip", headers=headers)
@@ -111,7 +111,7 @@ def _add_document_routes(router: APIRouter, services: Services) -> None:
 
 
 async def _read_stored_report(services: Services, number: int) -> Report:
-    """Read the report on a job's parts; return an empty report if there is none or it cannot be read."""
+    """Read the report on a job's decomposition; return an empty report if it is missing or unreadable."""
     file_name = map_stored_files(services.controller.books, number).get(_REPORT_FILE)
     if file_name is None:
         return Report()
@@ -123,12 +123,12 @@ async def _read_stored_report(services: Services, number: int) -> Report:
 
 @lru_cache(maxsize=32)
 def _read_report(path: Path) -> Report:
-    """Read a report; cached, because a stored file never changes and a live page is rendered often.
+    """Read a report. It is cached, because a stored file never changes, and a live page is rendered often.
 
     Raises
     ------
     OSError
-        If the report cannot be read; errors are not cached, because they may be temporary.
+        If the report cannot be read. Errors are not cached, because they may be temporary.
     """
     return parse_report(path.read_bytes())
 
@@ -154,7 +154,7 @@ def collect_job_data(services: Services, number: int, report: Report, time_curve
 
 
 class _ChunkBuffer:
-    """Stream that cannot seek, and buffers content until `take` is called."""
+    """Writable stream without `seek`, which buffers the content until `take` is called."""
 
     def __init__(self) -> None:
         self._chunks: list[bytes] = []

@@ -1,4 +1,4 @@
-// Reloads a job's page when its sections or parts change; otherwise keeps the 3D view while the rest is updated.
+// Reloads a job's page if an update adds or removes sections or parts. Other updates keep the 3D view.
 
 const listSections = (root) =>
   [...root.querySelectorAll("section, tr[data-part]")].map((element) => element.id || element.getAttribute("aria-labelledby")).join();

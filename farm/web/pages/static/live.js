@@ -1,9 +1,9 @@
-// Updates a live page: a stream of server-sent events brings the changed elements.
-// It keeps the focus, open forms and typed text. The event "element-received" reports each new element to other scripts.
+// Updates a live page with the changed elements that the farm sends as server-sent events.
+// An update keeps the focus, open forms and typed text. The event "element-received" gives each new element to other scripts.
 
 const RETRY_MS = 3000;
-const MAX_SILENCE_MS = 15000; // after which the page warns that it may be outdated
-const STILL_INTERVAL_MS = 5000; // between two stills of a camera
+const MAX_SILENCE_MS = 15000; // time without an event after which the page warns that it may be outdated
+const STILL_INTERVAL_MS = 5000; // time between two stills of a camera
 
 const main = document.getElementById("main");
 const page = document.body.dataset.live;
@@ -12,7 +12,7 @@ let source = null;
 let contactMs = Date.now();
 let retryTimer = 0;
 
-const isAlike = (old, fresh) => old.nodeType === fresh.nodeType && old.nodeName === fresh.nodeName && !old.id && !fresh.id;
+const canReuse = (old, fresh) => old.nodeType === fresh.nodeType && old.nodeName === fresh.nodeName && !old.id && !fresh.id;
 
 const removeAndGetNext = (node) => {
   const next = node.nextSibling;
@@ -39,19 +39,19 @@ export const sync = (old, fresh) => {
   syncAttributes(old, fresh);
   const known = new Map([...old.children].filter((child) => child.id).map((child) => [child.id, child]));
   const wanted = new Set([...fresh.children].map((child) => child.id));
-  let at = old.firstChild;
+  let next = old.firstChild;
   for (const child of [...fresh.childNodes]) {
-    while (at && at.id && !wanted.has(at.id)) at = removeAndGetNext(at);
-    const same = child.id ? known.get(child.id) : at && isAlike(at, child) && at;
+    while (next && next.id && !wanted.has(next.id)) next = removeAndGetNext(next);
+    const same = child.id ? known.get(child.id) : next && canReuse(next, child) && next;
     if (!same) {
-      old.insertBefore(child, at);
+      old.insertBefore(child, next);
       continue;
     }
-    if (same === at) at = at.nextSibling;
-    else old.insertBefore(same, at);
+    if (same === next) next = next.nextSibling;
+    else old.insertBefore(same, next);
     sync(same, child);
   }
-  while (at) at = removeAndGetNext(at);
+  while (next) next = removeAndGetNext(next);
 };
 
 const applyChanges = (changes) => {

@@ -8,7 +8,7 @@ const readOffset = (iso) => {
   return !found || !found[1] ? 0 : (found[1] === "-" ? -1 : 1) * (60 * Number(found[2]) + Number(found[3]));
 };
 
-/** Format a time in the reader's time zone; null if both zones agree. A mark of a chart may have no day. */
+/** Format a time in the reader's time zone, without a date if `text` has none; null if both zones have the same UTC offset. */
 const formatMoment = (iso, text) => {
   const moment = new Date(iso);
   if (Number.isNaN(moment.getTime()) || -moment.getTimezoneOffset() === readOffset(iso)) return null;
@@ -18,17 +18,17 @@ const formatMoment = (iso, text) => {
   return moment.toLocaleString([], { ...date, hour: "2-digit", minute: "2-digit", hour12: false });
 };
 
-/** Convert the times inside an element to the reader's time zone if it differs, and add a note to the footer. */
+/** Convert the times inside an element to the reader's time zone if it differs, and then say so in the footer. */
 const localiseTimes = (root) => {
   let isLocal = false;
   for (const element of root.querySelectorAll("time[datetime], [data-time]")) {
     if (element.closest("[data-farm-time]")) continue; // this part of the page uses the farm's time zone
-    const text = element.dataset.text ?? element.textContent; // `data-text` is a part of the content
-    const words = formatMoment(element.dataset.time ?? element.getAttribute("datetime"), text);
-    if (words === null) continue;
+    const text = element.dataset.text ?? element.textContent; // with `data-text`, the content has more than the time
+    const localText = formatMoment(element.dataset.time ?? element.getAttribute("datetime"), text);
+    if (localText === null) continue;
     isLocal = true;
     if (element.localName === "time") element.title = `${text} in the farm's time zone`;
-    element.textContent = element.textContent.replace(text, () => words);
+    element.textContent = element.textContent.replace(text, () => localText);
   }
   const note = document.getElementById("zones");
   if (!isLocal || !note) return;

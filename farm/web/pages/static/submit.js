@@ -1,6 +1,6 @@
-// Shows the progress of an upload and of the check of its model while the browser sends the form.
+// Shows the progress of an upload, and of the inspection of the model, while the browser sends the form.
 
-const PERIOD_MS = 500;
+const POLL_INTERVAL_MS = 500;
 
 /** Describe the progress of an upload in a few words. */
 export const describeUpload = ({ step, received, size }) =>
@@ -16,7 +16,7 @@ const poll = async () => {
   } catch {
     // the page is closing, or the network is down, which the browser reports
   }
-  setTimeout(poll, PERIOD_MS);
+  setTimeout(poll, POLL_INTERVAL_MS);
 };
 
 // Input in a field selects the radio button of its choice, such as the number of printers.
@@ -27,5 +27,5 @@ form.addEventListener("input", ({ target }) => {
 
 form.addEventListener("submit", () => {
   progress.textContent = "sending";
-  setTimeout(poll, PERIOD_MS);
+  setTimeout(poll, POLL_INTERVAL_MS);
 });

@@ -18,16 +18,16 @@ QUALITIES = ("glue", "glue-strong", "paper", "paper-hidden", "draft", "fast", "n
 
 
 class Goal(StrEnum):
-    """Choice of the number of printers."""
+    """Goal from which the number of printers follows."""
 
-    AUTO = "auto"  # as many printers as save time
-    COUNT = "count"
+    AUTO = "auto"  # as many printers as shorten the printing time
+    COUNT = "count"  # a given number of printers
     DEADLINE = "deadline"  # the fewest parts that are printed by a given time
     GLUING_DEADLINE = "glued"  # the fewest parts that are printed and glued by a given time
 
 
 class Start(StrEnum):
-    """Choice of the start."""
+    """Choice of the time at which printing starts."""
 
     NOW = "now"
     OVERNIGHT = "overnight"
@@ -35,14 +35,14 @@ class Start(StrEnum):
 
 
 class NextStep(StrEnum):
-    """Choice of the step after the submission."""
+    """Choice of the step that follows the submission."""
 
     PLAN = "plan"  # show the plan without printing
     PRINT = "print"
     HOLD = "hold"  # plan the job, and wait for approval
 
 
-_PLAIN_FIELDS = (
+_PLAIN_FIELDS = (  # fields with the name and the value of an option
     "longest_side_mm",
     "quality",
     "material",
@@ -72,7 +72,7 @@ DEFAULTS: Mapping[str, str] = {
 
 
 def read_job_options(fields: Mapping[str, str]) -> JobOptions:
-    """Read the options of a job from the fields of a form; empty fields get their defaults.
+    """Read the options of a job from the fields of a form; for an empty field, the default is used.
 
     Raises
     ------
@@ -90,11 +90,13 @@ def read_job_options(fields: Mapping[str, str]) -> JobOptions:
     if goal is Goal.COUNT:
         values["printers"] = _require_field(fields, "printers", "give the number of printers")
     if goal is Goal.DEADLINE:
-        values["done_by"] = _require_field(fields, "done_by", "give the time by which it is done")
+        values["done_by"] = _require_field(fields, "done_by", "give the time by which the job is printed")
     if goal is Goal.GLUING_DEADLINE:
-        values["assembled_by"] = _require_field(fields, "assembled_by", "give the time by which it is glued")
+        values["assembled_by"] = _require_field(
+            fields, "assembled_by", "give the time by which the job is glued"
+        )
     if start is Start.TIME:
-        values["at"] = _require_field(fields, "at", "give the time at which it starts")
+        values["at"] = _require_field(fields, "at", "give the time at which the job starts")
     values["marks"] = fields.get("marks", "") != ""
     values["overnight"] = start is Start.OVERNIGHT
     values["dry_run"] = next_step is NextStep.PLAN

@@ -40,16 +40,16 @@ _REQUEST_ID_PATTERN = re.compile(r"[0-9a-f]{32}")
 
 @dataclass(frozen=True, slots=True)
 class SubmitChoices:
-    """Choices in the form, from the printers of the fleet.
+    """Choices in the form, which depend on the printers of the fleet.
 
     Attributes
     ----------
     printer_count
         Number of printers.
     materials, colours
-        Kinds of material, and colours, on the printers.
+        Kinds of material, and colours, of the reels on the printers.
     build_volumes_mm
-        Build volumes: name of the printer model, width, depth and height.
+        For each build volume: name of the printer model, width, depth and height.
     timezone
         Time zone of the times in the form.
     can_read_step
@@ -98,7 +98,7 @@ def render_submit_page(
     choices
         Choices in the form.
     request_id
-        Id of the submission; a form that is sent twice makes one job.
+        Id of the submission; a form that is sent twice creates only one job.
     fleet, user, note
         See `render_page`.
     values
@@ -118,7 +118,7 @@ def render_submit_page(
         qualities=QUALITIES,
         min_pin_mm=MIN_PIN_MM,
         max_pin_mm=MAX_PIN_MM,
-        beds=json.dumps([list(bed) for bed in choices.build_volumes_mm]),
+        build_volumes=json.dumps([list(volume) for volume in choices.build_volumes_mm]),
         file_types=",".join(
             (_MESH_SUFFIXES, *([_STEP_SUFFIXES] if choices.can_read_step else []), _GCODE_SUFFIXES)
         ),
@@ -126,7 +126,7 @@ def render_submit_page(
 
 
 def make_submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
-    """Return the routes of the page."""
+    """Return the routes that show the page and receive its form."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     fleet = services.controller.fleet
     uploads = FormUploads(services.uploads, jobs)

@@ -57,9 +57,9 @@ def test_fields_become_options(fields, options):
     [
         ({"goal": "count"}, "give the number of printers"),
         ({"goal": "count", "printers": "0"}, "printers"),
-        ({"goal": "deadline"}, "give the time by which it is done"),
-        ({"goal": "glued"}, "give the time by which it is glued"),
-        ({"start": "at"}, "give the time at which it starts"),
+        ({"goal": "deadline"}, "give the time by which the job is printed"),
+        ({"goal": "glued"}, "give the time by which the job is glued"),
+        ({"start": "at"}, "give the time at which the job starts"),
         ({"goal": "x"}, "send the form again"),
         ({"next": "x"}, "send the form again"),
         ({"copies": "many"}, "copies"),

@@ -153,5 +153,5 @@ def test_time_of_gluing_is_reported_once_the_parts_are_printed(farm, ann):
     farm.controller.books = put(farm.controller.books, job.model_copy(update={"state": JobState.DONE}))
     assert form in farm.browse("GET", path, ann).text
     farm.browse("POST", f"{path}/assembled", ann, data={"minutes": "42"})
-    assert f"Job {number} is assembled, in 42 minutes." in farm.browse("GET", path, ann).text
+    assert f"Job {number} was assembled in 42 minutes." in farm.browse("GET", path, ann).text
     assert farm.controller.books.get_job(number).gluing.minutes == 42.0
