@@ -1,4 +1,4 @@
-"""The daemon's second server, for callers on the network: keys, roles and sessions."""
+"""The daemon's second server, for callers on the network, who identify themselves by keys or sessions."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class KeyHolder:
         return self.key.kind is KeyKind.SESSION
 
     def is_operator(self, group: str | None) -> bool:
-        """Return whether the caller has the role of an operator."""
+        """Return whether the caller has the role of an operator; `group` counts only on the Unix socket."""
         return self.role is Role.OPERATE
 
 

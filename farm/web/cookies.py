@@ -46,15 +46,21 @@ class SessionCookie:
         """Return the key text of the session in the header `Cookie`; empty if there is none."""
         return cookie_parser(header).get(self.name, "")
 
-    def set(self, response: Response, text: str) -> None:
+    def set(self, response: Response, key_text: str) -> None:
         """Store a session's key text in the browser. The farm, not the cookie's age, ends the session."""
-        self._write_cookie(response, text, int(MAX_SESSION_S))
+        self._write_cookie(response, key_text, int(MAX_SESSION_S))
 
     def clear(self, response: Response) -> None:
         """Remove the session's key text from the browser."""
         self._write_cookie(response, "", 0)
 
-    def _write_cookie(self, response: Response, text: str, max_age_s: int) -> None:
+    def _write_cookie(self, response: Response, key_text: str, max_age_s: int) -> None:
         response.set_cookie(
-            self.name, text, max_age_s, path="/", secure=self.is_encrypted, httponly=True, samesite="lax"
+            self.name,
+            key_text,
+            max_age_s,
+            path="/",
+            secure=self.is_encrypted,
+            httponly=True,
+            samesite="lax",
         )

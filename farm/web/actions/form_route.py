@@ -44,7 +44,10 @@ class FormRoute(APIRoute):
 
 
 async def read_form(request: Request, model: type[_Model]) -> _Model:
-    """Parse the fields of a form that are not empty into a model. Raises ValidationError or BadForm."""
+    """Parse the fields of a form into a model; empty fields count as missing.
+
+    Raises ValidationError or BadForm.
+    """
     fields = await read_fields(request)
     return model.model_validate({name: value for name, value in fields.items() if value})
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from python_multipart.multipart import MultipartCallbacks
 
 MAX_PARTS = 20
+"""Limit on the number of parts of a form: its fields and its file."""
 MAX_FIELD_BYTES = 64 * 1024
 """Limit on the total size of the values of all fields."""
 _FORM_TYPE = b"multipart/form-data"

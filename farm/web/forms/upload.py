@@ -71,7 +71,7 @@ class FormUploads:
         # the length of a chunked body is not known in advance
         if not size.isdecimal() or "transfer-encoding" in request.headers:
             raise HTTPException(
-                _LENGTH_REQUIRED, "the request has no header Content-Length: send the length of the upload"
+                _LENGTH_REQUIRED, "the request has no Content-Length: send the length of the upload"
             )
         content = request.stream()
         try:
