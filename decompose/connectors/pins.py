@@ -42,7 +42,7 @@ ROUNDING_MARGIN_MM = 0.03  # margin for shapely's buffers, which may cut off inn
 MIN_CORNER_MM = 0.5  # corners of a hull that protrude by less are ignored
 MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of the step
 SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and the direction of the step
-NO_SQUARE_FACE_REASON = "no glued face is perpendicular to the direction in which the parts are joined"
+NO_PERPENDICULAR_FACE_REASON = "no glued face is perpendicular to the direction in which the parts are joined"
 
 
 def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
@@ -94,8 +94,8 @@ def place_pins(
     if options.pin_mm is None:
         return pins, unpinned_steps
     for number, step in enumerate(assembly.steps):
-        held_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
-        pairs = [pair for j in held_joints for pair in find_sides(workpieces.blanks, j, joints[j])]
+        holding_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
+        pairs = [pair for j in holding_joints for pair in find_sides(workpieces.blanks, j, joints[j])]
         sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, is_sliding=True)
         glue_points_mm = sample_glue([side for side, _ in pairs])
         glue_points_by_step_mm.append(glue_points_mm)
@@ -104,7 +104,7 @@ def place_pins(
         new_pins = placer.place_connectors([*options.used_distances_mm, *pair_distances_mm])
         pins += new_pins
         if not new_pins:
-            unpinned_steps.append((number, "too small for a pin" if sites else NO_SQUARE_FACE_REASON))
+            unpinned_steps.append((number, "too small for a pin" if sites else NO_PERPENDICULAR_FACE_REASON))
     redundant_pins = find_redundant_pins(workpieces, glue_points_by_step_mm, pins)
     workpieces.remove_tools(hole for pin in redundant_pins for hole in pin.holes)
     return [pin for pin in pins if pin not in redundant_pins], unpinned_steps
@@ -258,23 +258,30 @@ class _PinPlacer:
         inner_pair = self._find_farthest_pair(*inner_areas)
         if inner_pair is not None and inner_pair[0] >= EXTRA_MARGIN_SHARE * best_pair[0]:
             best_pair = inner_pair
-        separation_mm, (site, deep_mm), (shallow_site, end_mm) = best_pair
+        separation_mm, (deep_site, deep_point_mm), (shallow_site, farthest_point_mm) = best_pair
         for shift_mm in np.arange(0.0, separation_mm - MIN_PAIR_DISTANCE_MM, 0.5):
             # Move the shallow pin towards the deep one, within the plane of its face.
-            shallow_mm = end_mm + self._project_points((deep_mm - end_mm)[None])[0] * shift_mm / separation_mm
-            new_mm = self._measure_separation_mm(deep_mm, shallow_mm)
-            if any(abs(new_mm - known_mm) < self.min_difference_mm for known_mm in used_distances_mm):
-                continue
-            if not shallow_areas[shallow_site].contains(
-                shapely.Point(self.sites[shallow_site].moved_side.project_onto_face(shallow_mm))
+            offset_mm = self._project_points((deep_point_mm - farthest_point_mm)[None])[0]
+            shallow_point_mm = farthest_point_mm + offset_mm * shift_mm / separation_mm
+            distance_mm = self._measure_separation_mm(deep_point_mm, shallow_point_mm)
+            if any(
+                abs(distance_mm - used_distance_mm) < self.min_difference_mm
+                for used_distance_mm in used_distances_mm
             ):
                 continue
-            deep_pin = self._make_pin(site, deep_mm, False, np.zeros(3))
+            if not shallow_areas[shallow_site].contains(
+                shapely.Point(self.sites[shallow_site].moved_side.project_onto_face(shallow_point_mm))
+            ):
+                continue
+            deep_pin = self._make_pin(deep_site, deep_point_mm, False, np.zeros(3))
             if deep_pin is None:
                 return []
             self.workpieces.add_tools(deep_pin.holes)
             shallow_pin = self._make_pin(
-                shallow_site, shallow_mm, True, self._compute_slot_mm(deep_mm, shallow_mm)
+                shallow_site,
+                shallow_point_mm,
+                True,
+                self._compute_slot_mm(deep_point_mm, shallow_point_mm),
             )
             if shallow_pin is not None:
                 self.workpieces.add_tools(shallow_pin.holes)
@@ -294,18 +301,18 @@ class _PinPlacer:
         self, deep_areas: list[shapely.Geometry], shallow_areas: list[shapely.Geometry]
     ) -> tuple[float, tuple[int, Floats], tuple[int, Floats]] | None:
         """Find the deep and the shallow place that are farthest apart: their distance, sites and points."""
-        ends = [self._list_corners(areas) for areas in (deep_areas, shallow_areas)]
-        if not all(len(sites) for sites, _ in ends):
+        corners = [self._list_corners(areas) for areas in (deep_areas, shallow_areas)]
+        if not all(len(sites) for sites, _ in corners):
             return None
-        separations_mm = cdist(*(self._project_points(points) for _, points in ends))
+        separations_mm = cdist(*(self._project_points(points) for _, points in corners))
         first, second = np.unravel_index(int(separations_mm.argmax()), separations_mm.shape)
         if separations_mm[first, second] < MIN_PAIR_DISTANCE_MM:
             return None
-        (sites, points), (others, other_points) = ends
+        (deep_sites, deep_points_mm), (shallow_sites, shallow_points_mm) = corners
         return (
             float(separations_mm[first, second]),
-            (sites[first], points[first]),
-            (others[second], other_points[second]),
+            (deep_sites[first], deep_points_mm[first]),
+            (shallow_sites[second], shallow_points_mm[second]),
         )
 
     def _list_corners(self, areas: list[shapely.Geometry]) -> tuple[list[int], Floats]:

@@ -172,7 +172,7 @@ def choose_view(
     areas_mm2 = np.array([entry.face.area_mm2 for entry in scene.glued_faces])
     outwards = np.array([entry.outward_normal for entry in scene.glued_faces]).reshape(-1, 3)
 
-    def compute_merit(view: tuple[float, float]) -> float:
+    def score_view(view: tuple[float, float]) -> float:
         tilts = outwards @ (make_camera(*view) @ pose)[2]
         visible_mm2 = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT_COS), 0.0)
         turn_deg = (
@@ -194,8 +194,8 @@ def choose_view(
     views = [
         (azimuth_deg, elevation_deg) for elevation_deg, azimuth_deg in product(elevations_deg, AZIMUTHS_DEG)
     ]
-    best_views = sorted(views, key=compute_merit, reverse=True)[:MAX_DRAWN_VIEWS]
-    return max(best_views, key=lambda view: score_drawing(view) + compute_merit(view))
+    best_views = sorted(views, key=score_view, reverse=True)[:MAX_DRAWN_VIEWS]
+    return max(best_views, key=lambda view: score_drawing(view) + score_view(view))
 
 
 def name_top_direction(camera: Floats) -> str:

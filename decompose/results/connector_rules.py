@@ -227,13 +227,13 @@ def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()
             for used_distance_mm in used_distances_mm
         ):
             faults.append(f"a body of step {step + 1} fits a neighbour that is printed already")
-    for (step, pair), (other, others) in combinations(pairs.items(), 2):
-        play_mm = 2.0 * max(_measure_play_mm(pin) for pin in (*pair, *others))
+    for (step, pair), (other_step, other_pair) in combinations(pairs.items(), 2):
+        play_mm = 2.0 * max(_measure_play_mm(pin) for pin in (*pair, *other_pair))
         is_alike = [pin.key_direction is None for pin in pair] == [
-            pin.key_direction is None for pin in others
+            pin.key_direction is None for pin in other_pair
         ]
-        if is_alike and abs(measure_distance_mm(*pair) - measure_distance_mm(*others)) <= play_mm:
-            faults.append(f"bodies of steps {step + 1} and {other + 1} fit each other")
+        if is_alike and abs(measure_distance_mm(*pair) - measure_distance_mm(*other_pair)) <= play_mm:
+            faults.append(f"bodies of steps {step + 1} and {other_step + 1} fit each other")
     return faults
 
 
