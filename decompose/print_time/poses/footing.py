@@ -67,7 +67,7 @@ class Footing:
         bed_support_border_mm
             (p, 2) points of the supports on the bed.
         """
-        contact_mm2, outline_mm, points = _measure_first_layer(triangles)
+        contact_mm2, outline_length_mm, points = _measure_first_layer(triangles)
         rim = find_convex_outline(points)
         sides = np.diff(rim, axis=0, append=rim[:1])
         sides = sides[np.linalg.norm(sides, axis=1) > MAX_ROUNDING_MM]
@@ -83,7 +83,7 @@ class Footing:
         half_planes = find_half_planes(outline)
         return cls(
             contact_mm2=contact_mm2,
-            hydraulic_diameter_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
+            hydraulic_diameter_mm=4.0 * contact_mm2 / outline_length_mm if outline_length_mm > 0.0 else 0.0,
             length_mm=float(pdist(rim).max(initial=0.0)),
             sharp_corner_count=int((bend_deg > 180.0 - MAX_SHARP_DEG).sum()),
             width_mm=float(np.ptp(outline @ half_planes[:, :2].T, axis=0).min()) if len(outline) else 0.0,
@@ -147,7 +147,7 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     tuple
         Area in mm2, length of the outline in mm, and (n, 2) float64 points in mm that span the layer.
     """
-    area_mm2, outline_mm, count = 0.0, 0.0, 0
+    area_mm2, outline_length_mm, count = 0.0, 0.0, 0
     points = np.zeros((4 * _count_low_triangles(triangles), 2))
     ends = np.zeros((2, 2))
     for t in range(len(triangles)):
@@ -166,10 +166,10 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
             continue
         share = _cut_triangle(triangles[t], low_corner_count == 1, ends)
         area_mm2 += down_mm2 * (share if low_corner_count == 1 else 1.0 - share)
-        outline_mm += np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1])
+        outline_length_mm += np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1])
         points[count : count + 2] = ends
         count += 2
-    return max(0.0, area_mm2), outline_mm, points[:count].copy()
+    return max(0.0, area_mm2), outline_length_mm, points[:count].copy()
 
 
 @jit
