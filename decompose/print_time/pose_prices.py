@@ -114,13 +114,13 @@ def sum_pose_features(
     """
     surfaces = measure_surfaces(vertices, faces)
     has_savings = is_cut is not None and bool(is_cut.any()) and _saves_at_hidden_faces(cost)
-    features, extents = np.zeros((len(rotations), len(ADDITIVE_FEATURES))), np.zeros((len(rotations), 3))
+    features, extents_mm = np.zeros((len(rotations), len(ADDITIVE_FEATURES))), np.zeros((len(rotations), 3))
     features[:, 0] = sum_volume_mm3(surfaces)
     cosines = (cost.skin_cos, cost.overhang_cos)
     for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
         rotated_vertices = (vertices if hull is None else hull) @ rotation.T
         bottom = rotated_vertices.min(axis=0)
-        extents[i] = rotated_vertices.max(axis=0) - bottom
+        extents_mm[i] = rotated_vertices.max(axis=0) - bottom
         up, bed_mm = rotation[2], float(bottom[2])
         features[i, 1:] = _sum_face_features(surfaces, up, bed_mm, cosines)
         if has_savings and is_cut is not None:
@@ -128,7 +128,7 @@ def sum_pose_features(
             saved_mm2 = hidden_faces.compute_saved_skin_mm2(cost.hidden_bed_share, cost.hidden_top_share)
             features[i, SKIN_INDEX] = max(0.0, features[i, SKIN_INDEX] - saved_mm2)
             features[i, LATERAL_INDEX] -= cost.hidden_side_share * hidden_faces.cut_side_mm2
-    return features, extents
+    return features, extents_mm
 
 
 def _saves_at_hidden_faces(cost: CostModel) -> bool:
@@ -149,8 +149,8 @@ def price_poses_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostMo
     ndarray
         (k,) seconds.
     """
-    features, extents = sum_pose_features(vertices, faces, rotations, cost)
-    return np.array([cost.price_part_s(*pose) for pose in zip(features, extents, strict=True)])
+    features, extents_mm = sum_pose_features(vertices, faces, rotations, cost)
+    return np.array([cost.price_part_s(*pose) for pose in zip(features, extents_mm, strict=True)])
 
 
 def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:

@@ -68,8 +68,8 @@ def find_best_pose(
     rotations = _list_rotations(list_directions(vertices, faces, hull), hull, printers)
     if not len(rotations):
         return None
-    features, extents = sum_pose_features(vertices, faces, rotations, cost, hull.points, is_cut)
-    min_s, max_s = _bound_prices_s(features, extents, cost, fit_first_layer)
+    features, extents_mm = sum_pose_features(vertices, faces, rotations, cost, hull.points, is_cut)
+    min_s, max_s = _bound_prices_s(features, extents_mm, cost, fit_first_layer)
     mesh = PartMesh(vertices, faces, is_cut)
     best_pose: Pose | None = None
     measured_count = 0
@@ -88,15 +88,15 @@ def find_best_pose(
 
 
 def _bound_prices_s(
-    features: Floats, extents: Floats, cost: CostModel, fit_first_layer: bool
+    features: Floats, extents_mm: Floats, cost: CostModel, fit_first_layer: bool
 ) -> tuple[list[float], list[float]]:
     """Bound the prices of poses with features (k, 5): without supports and brim, and with all supports."""
     cost_without_brim = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     min_s = [
         cost_without_brim.price_part_s([*f[:COLUMN_INDEX], 0.0], e)
-        for f, e in zip(features, extents, strict=True)
+        for f, e in zip(features, extents_mm, strict=True)
     ]
-    return min_s, [cost.price_part_s(f, e) for f, e in zip(features, extents, strict=True)]
+    return min_s, [cost.price_part_s(f, e) for f, e in zip(features, extents_mm, strict=True)]
 
 
 def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[TargetPrinter]) -> Floats:

@@ -79,10 +79,10 @@ def find_steady_pose(
     order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < max_slenderness]
     cost_without_brim, measured_count = replace(cost, brim_mm=0.0), 0
     for i in order:
-        (features,), (extents,) = sum_pose_features(
+        (features,), (extents_mm,) = sum_pose_features(
             mesh.vertices, mesh.faces, rotations[i : i + 1], cost, is_cut=mesh.is_cut
         )
-        if cost_without_brim.price_part_s([*features[:COLUMN_INDEX], 0.0], extents) > limit_s:
+        if cost_without_brim.price_part_s([*features[:COLUMN_INDEX], 0.0], extents_mm) > limit_s:
             continue
         pose = measure_pose_from_features(
             mesh, rotations[i], features, cost, fastest_pose.brim_width_mm is not None
