@@ -360,15 +360,15 @@ class _PinPlacer:
         if not len(far_glue_points_mm):
             return None
         areas = self._find_axis_areas(True)
-        sites, corners = self._list_corners(areas)
+        sites, corners_mm = self._list_corners(areas)
         inner_points_mm = [
             sample_points(site.moved_side, area.buffer(-ROUNDING_MARGIN_MM), PLACE_PITCH_MM)
             for site, area in zip(self.sites, areas, strict=True)
         ]
         sites += [number for number, points in enumerate(inner_points_mm) for _ in points]
-        points = np.concatenate([corners, *inner_points_mm])
-        for best in sort_places_by_gain(points, far_glue_points_mm):
-            pin = self._make_pin(sites[best], points[best], True, np.zeros(3))
+        points_mm = np.concatenate([corners_mm, *inner_points_mm])
+        for best in sort_places_by_gain(points_mm, far_glue_points_mm):
+            pin = self._make_pin(sites[best], points_mm[best], True, np.zeros(3))
             if pin is not None:
                 self.workpieces.add_tools(pin.holes)
                 return pin

@@ -179,9 +179,9 @@ def check_missing_volume(parts: Sequence[Part], boxes_mm: Floats, model: Model, 
     hollows = hollow.list_pieces()
     distances_mm = [outside.measure_gap_mm(cavity, min_wall_mm) for cavity in hollows]
     nearest_index = int(np.argmin(distances_mm))
-    centre = np.round(hollows[nearest_index].bounds_mm.mean(axis=0))
+    centre_mm = np.round(hollows[nearest_index].bounds_mm.mean(axis=0))
     raise GeometryError(
-        Rule.WALL, None, f"the hollow at {centre} is {distances_mm[nearest_index]:.2f} mm from the surface"
+        Rule.WALL, None, f"the hollow at {centre_mm} is {distances_mm[nearest_index]:.2f} mm from the surface"
     )
 
 

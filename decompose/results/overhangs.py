@@ -88,11 +88,11 @@ def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[
     dict
         Area of each layer that is cut, by its number.
     """
-    corners = np.sort(hollow.arrays()[0] @ frame[2])
-    is_corner = np.searchsorted(corners, layer_heights_mm[:-1] - CORNER_TOLERANCE_MM) < np.searchsorted(
-        corners, layer_heights_mm[1:] + CORNER_TOLERANCE_MM
-    )
-    breaks = 1 + np.flatnonzero(is_corner)
+    corner_heights_mm = np.sort(hollow.arrays()[0] @ frame[2])
+    has_corner_between = np.searchsorted(
+        corner_heights_mm, layer_heights_mm[:-1] - CORNER_TOLERANCE_MM
+    ) < np.searchsorted(corner_heights_mm, layer_heights_mm[1:] + CORNER_TOLERANCE_MM)
+    breaks = 1 + np.flatnonzero(has_corner_between)
     runs = [run.tolist() for run in np.split(np.arange(len(layer_heights_mm)), breaks) if len(run)]
     end_layers = sorted({n for run in runs for n in _list_end_layers(run)})
     outlines = dict(zip(end_layers, _cut_outlines(hollow, frame, layer_heights_mm[end_layers]), strict=True))
