@@ -56,8 +56,10 @@ def format_planning(progress: PlanProgress) -> str:
         return "waiting for a worker"
     if progress.step is PlanStep.DECOMPOSING:
         share = "" if progress.share is None else f" {format_share(progress.share)}"
-        left_s = progress.remaining_s or 0.0
-        return f"decomposing{share}" + (f", at most {format_duration(left_s)} left" if left_s >= 1.0 else "")
+        remaining_s = progress.remaining_s or 0.0
+        return f"decomposing{share}" + (
+            f", at most {format_duration(remaining_s)} left" if remaining_s >= 1.0 else ""
+        )
     if progress.step is PlanStep.LEVELLING:
         return "balancing the parts by their sliced times"
     if progress.step is PlanStep.NO_ROOM:

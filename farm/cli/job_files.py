@@ -16,7 +16,7 @@ from farm.errors import FarmError, RefusedError
 
 _NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}")
 _DIGEST_PATTERN = re.compile(r"[0-9a-f]{64}")
-_PICTURE_SUFFIXES = (".stl", ".png", ".jpg", ".jpeg")  # STL files are drawn
+_REPORT_SUFFIXES = (".stl", ".png", ".jpg", ".jpeg")  # the report shows drawings of STL files
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class FetchedFiles:
         return self.paths_by_sha256.get(Path(path).stem) or self.paths_by_name.get(Path(path).name)
 
 
-def is_picture(name: str) -> bool:
+def is_shown_in_report(name: str) -> bool:
     """Return whether the report of a job shows a file with this name."""
-    return name.lower().endswith(_PICTURE_SUFFIXES)
+    return name.lower().endswith(_REPORT_SUFFIXES)
 
 
 def fetch_files(

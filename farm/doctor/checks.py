@@ -219,13 +219,13 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
     if facts.fleet is None:
         return
     scale, zone = facts.fleet.fleet.time_scale, facts.fleet.fleet.timezone
-    if clock.scale_and_anchor is not None and clock.scale_and_anchor[0] != scale:
-        old_scale = clock.scale_and_anchor[0]
+    if clock.scale_and_anchor_s is not None and clock.scale_and_anchor_s[0] != scale:
+        old_scale = clock.scale_and_anchor_s[0]
         text = f"the state folder was used with time_scale {old_scale:g}, but fleet.yaml says {scale:g}"
         yield make_problem(
             "clock", text, "restore that value in fleet.yaml, or name another folder with --state"
         )
-    elif clock.scale_and_anchor is not None and clock.scale_and_anchor[1] > clock.now_s:
+    elif clock.scale_and_anchor_s is not None and clock.scale_and_anchor_s[1] > clock.now_s:
         text = "the start of the farm's clock is in the future: the host's clock was set back"
         yield make_warning("clock", text, action)
     if clock.host_zone is not None and clock.host_zone != zone:

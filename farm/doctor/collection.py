@@ -220,7 +220,7 @@ def _read_clock_facts(state: StateFolder) -> ClockFacts:
     return ClockFacts(
         now_s=time.time(),
         is_synchronised=_is_clock_synchronised(),
-        scale_and_anchor=read_anchor(state.clock),
+        scale_and_anchor_s=read_anchor(state.clock),
         host_zone=_read_host_zone(),
     )
 

@@ -135,7 +135,7 @@ class ClockFacts:
         The host's clock, in seconds since the epoch.
     is_synchronised
         True if NTP synchronises it; None if the kernel does not report that.
-    scale_and_anchor
+    scale_and_anchor_s
         Seconds of the farm's clock per wall second, and the time at which both clocks agreed, from the state
         folder; None if the farm has not run yet.
     host_zone
@@ -144,7 +144,7 @@ class ClockFacts:
 
     now_s: float
     is_synchronised: bool | None = None
-    scale_and_anchor: tuple[float, float] | None = None
+    scale_and_anchor_s: tuple[float, float] | None = None
     host_zone: str | None = None
 
 

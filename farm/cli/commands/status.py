@@ -189,7 +189,7 @@ def report(
     ] = None,
 ) -> None:
     """Write an HTML page on a job: its figures, a Gantt chart, what failed and why, and its parts."""
-    from farm.cli.job_files import fetch_files, is_picture
+    from farm.cli.job_files import fetch_files, is_shown_in_report
     from farm.cli.job_report import find_local_file, render_report  # slow to load
 
     client, target = connect(paths), out or Path(f"job-{job}.html")
@@ -197,7 +197,7 @@ def report(
         page = render_report(client, job, find_local_file)
     else:
         with TemporaryDirectory() as folder:
-            result = fetch_files(client, job, Path(folder), select=is_picture)
+            result = fetch_files(client, job, Path(folder), select=is_shown_in_report)
             page = render_report(client, job, result.find)
     try:
         target.write_text(page.text, encoding="utf-8")

@@ -33,8 +33,8 @@ def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int |
     return lay_out_table(_COLUMNS, [_list_cells(printer, now) for printer in printers], width)
 
 
-def rank_urgency(printer: api.PrinterView) -> float:
-    """Rank a printer by the time until it needs a person: -1 if it needs one now, infinity if it is idle."""
+def compute_urgency_s(printer: api.PrinterView) -> float:
+    """Return the seconds until a printer needs a person: -1 if it needs one now, infinity if it is idle."""
     if _format_action(printer):
         return -1.0
     return printer.print.remaining_s if printer.print is not None else float("inf")

@@ -9,7 +9,7 @@ from rich.text import Text
 from farm import api
 from farm.cli.display.blocks import Block, fit_blocks
 from farm.cli.display.console import ERROR_STYLE, HEADING_STYLE, NOTE_STYLE, URGENT_STYLE
-from farm.cli.display.printers_table import lay_out_printers, rank_urgency
+from farm.cli.display.printers_table import compute_urgency_s, lay_out_printers
 from farm.cli.display.table import wrap_text
 from farm.model import JobState
 from farm.text import format_count, format_duration, format_mass
@@ -61,7 +61,7 @@ def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None)
     ended_jobs = [job for job in view.jobs if _is_finished(job)]
     printers = view.printers
     if height is not None and len(printers) > height - _OTHER_LINE_COUNT:
-        printers = sorted(printers, key=rank_urgency)
+        printers = sorted(printers, key=compute_urgency_s)
     headings, *table = lay_out_printers(printers, now, width)
     max_lines = 1 if is_brief else None  # lines of a job
     open_job_lines = [

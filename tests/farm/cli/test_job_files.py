@@ -6,7 +6,7 @@ import os
 import pytest
 
 from farm import api
-from farm.cli.job_files import fetch_files, is_picture
+from farm.cli.job_files import fetch_files, is_shown_in_report
 from farm.errors import FarmError, RefusedError
 
 CONTENTS = {"p01.stl": b"solid", "plate-01.gcode": b"G28" * 1000, "assembly.png": b"\x89PNG"}
@@ -131,5 +131,5 @@ def test_folder_that_cannot_be_made_is_named(tmp_path):
 
 
 def test_report_fetches_only_pictures_and_parts(tmp_path):
-    fetch_files(FakeClient(), 3, tmp_path, select=is_picture)
+    fetch_files(FakeClient(), 3, tmp_path, select=is_shown_in_report)
     assert sorted(read_folder(tmp_path)) == ["assembly.png", "p01.stl"]

@@ -152,13 +152,13 @@ CASES = {
     "clock of 1970": ({"clock": ClockFacts(1000.0, True)}, "problem", "clock", "1970-01-01: it is not set"),
     "no NTP": ({"clock": replace(SOUND_FACTS.clock, is_synchronised=False)}, "warning", "clock", "no NTP"),
     "another scale": (
-        {"clock": replace(SOUND_FACTS.clock, scale_and_anchor=(60.0, NOW_S))},
+        {"clock": replace(SOUND_FACTS.clock, scale_and_anchor_s=(60.0, NOW_S))},
         "problem",
         "clock",
         "time_scale 60, but fleet.yaml says 1",
     ),
     "clock set back": (
-        {"clock": replace(SOUND_FACTS.clock, scale_and_anchor=(1.0, NOW_S + 9e5))},
+        {"clock": replace(SOUND_FACTS.clock, scale_and_anchor_s=(1.0, NOW_S + 9e5))},
         "warning",
         "clock",
         "was set back",

@@ -26,6 +26,7 @@ def test_coupon_is_a_closed_stl_and_its_fits_are_reported(
     assert trimesh.load_mesh(path).is_watertight
     output = capsys.readouterr().out
     assert "0.1 to 0.7 mm wider than a pin of 3 mm" in output and "11, 9 and 5 mm" in output
+    assert "the number that fits, in mm (4: 0.4)" in output
 
 
 def test_coupon_needs_a_diameter_and_a_place(tmp_path: Path) -> None:
