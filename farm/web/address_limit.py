@@ -13,7 +13,7 @@ from farm.errors import RefusedError
 from farm.http import BoundedServer, WaitingConnection, find_longest_waiting_connection
 
 _SHARE_DIVISOR = 4  # one address may have a quarter of all connections
-_MIN_CONNECTIONS = 4
+_MIN_CONNECTIONS = 4  # one address may always have this number
 _IPV6_PREFIX_BITS = 64  # all addresses with the same prefix may belong to one client
 
 
@@ -23,12 +23,13 @@ def find_client_network(host: str) -> str | None:
     Parameters
     ----------
     host
-        The client's IP address.
+        The client's IP address. Any other text is returned unchanged.
 
     Returns
     -------
     str or None
-        IPv4 address, or IPv6 network of one client; None for this host, because it may run a proxy.
+        IPv4 address, or IPv6 network of one client. None for this host, whose connections are not counted,
+        because it may run a proxy.
     """
     try:
         address = ipaddress.ip_address(host.partition("%")[0])

@@ -40,7 +40,7 @@ class NetworkServer:
     app
         The application.
     limit
-        Maximum number of connections at a time.
+        Maximum number of open connections.
     state
         State in which the server records its address, and the reason why it does not listen.
     """

@@ -18,8 +18,8 @@ def make_printer_form_routes(printers: PrinterCommands) -> APIRouter:
 
     @router.post("/printers/{name}/cleared")
     async def clear_bed(name: str, request: Request, operator_name: OperatorName) -> Response:
-        answer = printers.clear_bed(name, await read_form(request, api.ClearedRequest), operator_name)
-        return answer_form(request, Note(describe_cleared_bed(name, answer)))
+        response = printers.clear_bed(name, await read_form(request, api.ClearedRequest), operator_name)
+        return answer_form(request, Note(describe_cleared_bed(name, response)))
 
     @router.post("/printers/{name}/load")
     async def load_reel(name: str, request: Request, operator_name: OperatorName) -> Response:
