@@ -20,9 +20,9 @@ from decompose.problem import Problem
 COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are searched
 MAX_HALVINGS = 8  # maximum number of times that the range of sizes is halved
 CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
-MAX_TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the one before
-TRIAL_SIZE_RATIO = 0.96  # ratio of the size in a trial to that in the trial before
-TRIAL_BUDGET_S = 2.0  # budget of a trial: enough to find a result, although not the best one
+MAX_TRIALS = 4  # maximum number of decompositions at full granularity, each of a smaller model
+TRIAL_SIZE_RATIO = 0.96  # ratio of the size in a trial to the size in the previous trial
+TRIAL_BUDGET_S = 2.0  # budget of a trial: enough to find some result
 
 
 def advise_longest_side_mm(
@@ -32,7 +32,7 @@ def advise_longest_side_mm(
     cost: CostModel,
     executor: Executor | None = None,
 ) -> int | None:
-    """Find a length of the longest side at which a model that needs too many parts could be cut.
+    """Find a smaller length of the longest side, at which a model that is too large fits the printers.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def advise_longest_side_mm(
     if max_scale is None:
         return None
     coarse_options = replace(options, granularity=COARSE_GRANULARITY)
-    low, high = 0.0, max_scale * 1.15  # a part may fit at an angle, which the estimate does not consider
+    low, high = 0.0, max_scale * 1.15  # a part may fit at an angle, which the estimate ignores
     scale = max_scale
     for _ in range(MAX_HALVINGS):
         if _has_result(model, scale, printers, coarse_options, cost, executor):
@@ -72,9 +72,10 @@ def advise_longest_side_mm(
 def _estimate_max_scale(
     model: Model, printers: Sequence[TargetPrinter], options: Options, cost: CostModel
 ) -> float | None:
-    """Estimate the largest scale below 1 at which a model on a coarse grid needs no more parts than printers.
+    """Estimate the largest scale, at most 1, at which there are enough printers for the parts of a model.
 
-    The grid is not scaled; the printers' build volumes grow instead. Times have no influence on the fit.
+    The number of parts is computed on a coarse grid. Instead of shrinking the grid, the build volumes are
+    enlarged. Print times are ignored.
     """
     problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE_GRANULARITY))
     grid = problem.build_grid(model)
@@ -97,7 +98,9 @@ def _estimate_max_scale(
 
 def _scale_volume(printer: TargetPrinter, scale: float) -> TargetPrinter:
     """Scale the build volume of a printer."""
-    return replace(printer, boxes=tuple((scale * x, scale * y, scale * z) for x, y, z in printer.boxes))
+    return replace(
+        printer, box_sizes_mm=tuple((scale * x, scale * y, scale * z) for x, y, z in printer.box_sizes_mm)
+    )
 
 
 def _has_result(
@@ -108,7 +111,7 @@ def _has_result(
     cost: CostModel,
     executor: Executor | None,
 ) -> bool:
-    """Check whether a scaled model can be cut for these printers, by a short search."""
+    """Check by a short search whether a scaled model can be cut for these printers."""
     vertices, faces = model.solid.arrays()
     scaled_model = replace(model, solid=Solid.from_arrays(scale * vertices, faces))
     engine = Engine.BEST if options.engine is Engine.GUILLOTINE else options.engine

@@ -28,9 +28,9 @@ from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
 MAX_SUMS = 1e8
-"""Maximum work for each time limit of the curve, about a second: the number of boxes in the tables times the
-number of ways to divide printers between the two sides of a cut. Classes of printers are merged until there
-are so few ways."""
+"""Maximum number of sums for each time limit of the curve, about one second of work: the boxes in the tables,
+times the ways to divide the printers between the two sides of a cut. Classes of printers are merged until the
+number is small enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +40,11 @@ class CountGoal:
     Attributes
     ----------
     clearing_s, assembly_s
-        Time in seconds that a person needs for each part: to clear its bed, and to glue it. The sum of
-        printing and handling is minimised.
+        Time in seconds that a person needs for each part: to take it off the bed, and to glue it. Without a
+        time limit, the sum of printing and handling is minimised.
     time_limit_s
-        Time limit in seconds for printing all parts. The fewest printers that meet it are used or, if none
-        do, the number of printers that finishes first, however long the handling takes.
+        Time limit in seconds for printing all parts. The fewest printers that meet it are used. If no
+        number of printers meets it, the number that finishes first is used.
     includes_gluing
         Whether the time limit also includes gluing the parts.
     """
@@ -73,8 +73,8 @@ def decompose_for_goal(
 ) -> Decomposition:
     """Cut a model for the number of printers that suits a goal.
 
-    The number is chosen by the makespans of the first 1, 2, ... printers, which the tables of the grid give
-    for their build volumes and speeds. If that number turns out to be too small for the parts, all printers
+    The number is chosen from the makespans on the first 1, 2, ... printers, which are computed on a grid for
+    the build volumes and speeds of these printers. If the parts turn out to need more printers, all printers
     are used.
 
     Parameters
@@ -84,7 +84,7 @@ def decompose_for_goal(
     printers
         Free printers, the best ones first.
     goal
-        Goal that decides the number.
+        Goal that decides the number of printers.
 
     Raises
     ------
@@ -104,12 +104,12 @@ def decompose_for_goal(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Compute the makespan of the first 1, 2, ... printers from the tables of a grid (`BoxTables`).
+    """Compute the makespan on the first 1, 2, ... printers from the tables of a grid (`BoxTables`).
 
     Numbers of printers that are too small for any partition are omitted.
 
-    Unequal printers are grouped in classes, on a coarser grid, because there are more ways to distribute
-    parts among them. All printers of a class are given its mean speed.
+    If the printers differ, they are grouped into classes and the grid is coarser, because parts can be
+    distributed among different printers in more ways. Each class is given the mean speed of its printers.
 
     Parameters
     ----------
@@ -143,5 +143,5 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
 
 
 def _compute_mean_factor(factors: Sequence[float]) -> float:
-    """Compute the harmonic mean of time factors: printers share the work in proportion to their speeds."""
+    """Compute the harmonic mean of time factors: printers share work in proportion to their speeds."""
     return len(factors) / sum(1.0 / factor for factor in factors)

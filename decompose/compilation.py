@@ -38,9 +38,9 @@ _ENGINE_OPTIONS = (
 
 
 def compile_functions() -> None:
-    """Compile every function for the types that decompositions call it with, and store the code.
+    """Compile every function for the argument types that decompositions use, and store the code.
 
-    If several processes do this at the same time, the others wait for the first.
+    If several processes do this at the same time, the first one compiles and the others wait.
     """
     with ExitStack() as stack:
         if CODE_FOLDER is not None and not is_compiled():
@@ -72,11 +72,11 @@ def _cut_small_model() -> None:
 
 
 def main() -> None:
-    """Compile, and print where the code is stored."""
+    """Compile all functions, and print the folder of the code."""
     ensure_compiled()
-    place = "nowhere: no folder can be written" if CODE_FOLDER is None else f"in {CODE_FOLDER}"
+    place = "nowhere: no folder is writable" if CODE_FOLDER is None else f"in {CODE_FOLDER}"
     if CODE_FOLDER not in (None, INSTALLED_FOLDER):
-        place += f", as {INSTALLED_FOLDER} cannot be written"
+        place += f", as {INSTALLED_FOLDER} is not writable"
     sys.stdout.write(f"Machine code is kept {place}\n")
 
 

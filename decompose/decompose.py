@@ -1,4 +1,4 @@
-"""Decomposition of a model into checked parts for some printers."""
+"""Decomposition of a model into checked parts for given printers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from decompose.results import Decomposition, finish_result
 
 # Maximum number of faces of a model to price; twice as many change the price by 0.5 %.
 MAX_PRICED_FACES = 300_000
-PRICE_TOLERANCES_MM = (0.02, 0.05)
+PRICE_TOLERANCES_MM = (0.02, 0.05)  # tolerances of the simplification, tried in this order
 
 
 def decompose_model(
@@ -34,16 +34,16 @@ def decompose_model(
     cost: CostModel,
     executor: Executor | None = None,
 ) -> Decomposition:
-    """Cut a model into parts that finish together.
+    """Cut a model into parts whose prints end at about the same time.
 
     Parameters
     ----------
     model
         Model from `decompose.geometry.load_model`.
     printers
-        Free printers, each for one part at most; a printer that may print in several rounds appears once for
-        each. The engine `guillotine` cuts a part for the build volume and the speed of its own printer; the
-        parts of other engines fit all printers.
+        Free printers, each of which gets at most one part; a printer that may print several parts in turn
+        appears once for each of them. The engine `guillotine` cuts a part for the build volume and the speed
+        of its own printer; the parts of other engines fit all printers.
     options
         Engine, grid and limits.
     cost
@@ -54,7 +54,7 @@ def decompose_model(
     Raises
     ------
     NoFit
-        There are more parts than printers; the error has the number of printers that would be enough.
+        There are more parts than printers; the error gives the number of printers that would be enough.
     GeometryError
         The result breaks a geometry rule.
     """
@@ -102,7 +102,9 @@ def run_engine(problem: Problem, get_serial_s: Callable[[], tuple[float, float]]
 def _add_bound(
     problem: Problem, result: Decomposition, get_least_work_s: Callable[[], float | None]
 ) -> Decomposition:
-    """Add the bound for boxes on any grid to a result of the engine `guillotine`, if bounds are requested.
+    """Add the lower bound for all boxes, on a grid or not, to a result of the engine `guillotine`.
+
+    Nothing is added if no proven bound is requested.
 
     A model with very many faces is simplified, as for its price.
 
@@ -128,7 +130,7 @@ def _add_bound(
 
 
 def _sum_least_work_s(problem: Problem, triangles: Floats) -> float | None:
-    """Sum the least work of all parts of a mesh (m, 3, 3); None if no bound on any grid is requested."""
+    """Sum the least work of all parts of a mesh (m, 3, 3); None if no proven bound is requested."""
     is_bounded = problem.options.prove and problem.options.engine in (Engine.BEST, Engine.GUILLOTINE)
     if not is_bounded:
         return None
@@ -159,7 +161,7 @@ def estimate_serial_s(
     cost
         Cost model for print times.
     fit_first_layer
-        Whether the brim and the first layer's expansion are also chosen.
+        Whether the widths of the brim and of the first-layer expansion are also chosen.
 
     Returns
     -------
@@ -181,7 +183,7 @@ class _StageTimes:
         self._stage_times_s: dict[str, float] = {}
 
     def record_stage(self, stage: str) -> None:
-        """Record a stage that has just ended, with the time since the end of the one before."""
+        """Record a stage that has just ended, with the time since the end of the previous stage."""
         now_s = perf_counter()
         self._stage_times_s[stage] = now_s - self._stage_start_s
         self._stage_start_s = now_s

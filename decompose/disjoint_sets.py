@@ -38,7 +38,7 @@ def join_sets(parent: npt.NDArray[np.signedinteger[Any]], a: int, b: int) -> int
 
 
 class DisjointSets:
-    """Disjoint sets of the elements 0 to n - 1, with the size of each set."""
+    """Disjoint sets of the elements 0 to `count` - 1, with the size of each set."""
 
     def __init__(self, count: int) -> None:
         self._parent = list(range(count))

@@ -15,7 +15,7 @@ class ModelUnreadable(DecomposeError):
 
 
 class BadSize(ModelUnreadable):
-    """No model can have this scale or this longest side."""
+    """The requested scale or longest side is impossible for any model."""
 
 
 class ModelEmpty(DecomposeError):
@@ -39,7 +39,7 @@ class ModelTiny(DecomposeError):
 
 
 class ModelHuge(DecomposeError):
-    """The model is so large, or so far from its origin, that its numbers cannot be lengths in mm."""
+    """The model is so large, or so far from its origin, that its coordinates cannot be in mm."""
 
 
 class ModelTooDetailed(DecomposeError):
@@ -52,10 +52,10 @@ class NoFit(DecomposeError):
     Attributes
     ----------
     needed_printer_count
-        Minimum number of printers of the same kinds that would be enough, or a lower bound on this number;
-        None if it is not known, or if no number would be enough.
+        Minimum number of printers, of the same kinds, that would be enough, or a lower bound on this number;
+        None if the number is not known, or if no number would be enough.
     is_too_large
-        Whether a smaller model would fit (`advised_size` finds its maximum size).
+        Whether a smaller model would fit (`advised_size` finds the maximum size).
     """
 
     def __init__(
@@ -82,11 +82,11 @@ class NoFit(DecomposeError):
         part_count, printer_count
             Number of parts, and number of printers.
         printers_to_free
-            Description of the printers to free, for the message.
+            Words for the printers to free, used in the message.
         """
         return cls(
-            f"{format_size(extents_mm)} mm needs {part_count} parts, each on its own printer, but there are "
-            f"{printer_count}: free {printers_to_free}, or give a smaller --longest-side",
+            f"a model of {format_size(extents_mm)} mm needs {part_count} parts, each on its own printer, but "
+            f"there are {printer_count} printers: free {printers_to_free}, or give a smaller --longest-side",
             part_count,
             is_too_large=True,
         )
@@ -103,7 +103,7 @@ class Rule(StrEnum):
     CLOSED = "closed"  # each part is a closed manifold of positive volume
     ONE_PIECE = "one-piece"
     FITS = "fits"  # each part fits its printer, in its pose
-    OWN_PRINTER = "own-printer"  # no printer has more parts than it may print
+    OWN_PRINTER = "own-printer"  # no printer gets more parts than it may print
     NO_OVERLAP = "no-overlap"
     SURFACE = "surface"  # the original surface is covered exactly once
     WALL = "wall"  # hollows keep their distance from the original surface
@@ -112,22 +112,22 @@ class Rule(StrEnum):
     ONLY_HOLES_REMOVED = "drilled"  # only the holes and marks are removed, and a part stays one piece
     # A minimum wall remains between pins and marks, and between them and the surface and other faces.
     PIN_WALLS = "skin"
-    # Each pin can be inserted, and no body fits when rotated or when swapped with another body.
+    # Each pin can be inserted, and no glued group of parts fits in a wrong rotation or a wrong place.
     PINS_UNAMBIGUOUS = "pinned"
-    PIN_DIRECTIONS = "order"  # each pin is along the direction of its step
+    PIN_DIRECTIONS = "order"  # each pin is parallel to the direction in which its step joins the parts
     SUPPORT_FREE = "support-free"  # the ceilings of holes and grooves need no support
     STL = "stl"  # the file, when read back, is watertight and has the part's volume
 
 
 class GeometryError(DecomposeError):
-    """A result breaks a geometry rule, and is not printed.
+    """A result breaks a geometry rule, so it is not printed.
 
     Attributes
     ----------
     rule
         Short name of the rule, a value of `Rule`.
     part
-        Part that breaks it; None if the rule concerns the decomposition as a whole.
+        Part that breaks the rule; None if the rule concerns the decomposition as a whole.
     """
 
     def __init__(self, rule: str, part: str | None, problem: str) -> None:

@@ -1,11 +1,11 @@
 """Settings of the just-in-time compiler, and the folder of its machine code.
 
-Compiled code contains functions and constants of other files, but numba compares the time stamp of one file
-only, so it would use stale code after an update. Therefore, the folder is named by a hash of all compiled
-files.
+Compiled code contains functions and constants from other files. Numba, however, compares the time stamp of
+only one file, so it would use stale code after an update. Therefore, the folder is named by a hash of all
+compiled files.
 
 The folder is next to the sources, where `farm setup` fills it (`decompose.compilation`). A user who may not
-write there gets a copy in their own cache, because numba only uses a folder that it can write to.
+write there gets a copy in their own cache, because numba only uses a writable folder.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def hash_sources(folder: Path) -> str:
-    """Hash the content of all files below a folder that have compiled functions."""
+    """Hash the contents of all files with compiled functions in a folder and its subfolders."""
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         text = path.read_bytes()
@@ -45,12 +45,12 @@ def find_code_folder(main_folder: Path, other_folders: Iterable[Path]) -> Path |
     main_folder
         Folder next to the sources.
     other_folders
-        Folders to use if that one cannot be written, in this order; they get a copy of the installed code.
+        Folders to try in this order if the main folder is not writable; they get a copy of its code.
 
     Returns
     -------
     Path or None
-        The first folder that can be written; None if there is none.
+        The first writable folder; None if there is none.
     """
     if is_writable(main_folder):
         return main_folder
@@ -94,7 +94,7 @@ def _copy_folder(source: Path, target: Path) -> None:
 
 
 def _list_other_folders(name: str) -> Iterator[Path]:
-    """Yield folders for a user who may not write next to the sources; the last is for this process alone."""
+    """Yield folders for a user who may not write next to the sources; only this process uses the last one."""
     with contextlib.suppress(RuntimeError):  # a user without a home folder
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "farm" / name
     with contextlib.suppress(OSError):
@@ -108,7 +108,7 @@ _SOURCES_HASH = hash_sources(_PACKAGE_FOLDER)
 INSTALLED_FOLDER = _PACKAGE_FOLDER / "__pycache__" / _SOURCES_HASH
 """Folder next to the sources, for all users."""
 CODE_FOLDER = find_code_folder(INSTALLED_FOLDER, _list_other_folders(_SOURCES_HASH))
-"""Folder of the machine code; None if it cannot be kept."""
+"""Folder of the machine code; None if no folder is writable."""
 _MARKER_NAME = (
     f"compiled-{numba.__version__}-{sysconfig.get_config_var('SOABI')}-{llvmlite.binding.get_host_cpu_name()}"
 )
@@ -119,7 +119,7 @@ if CODE_FOLDER is not None:
 
 
 def jit(function: F) -> F:
-    """Compile a function to machine code, and keep the code on disk if a folder can be written."""
+    """Compile a function to machine code, and keep the code on disk if a folder is writable."""
     return cast(F, numba.njit(cache=CODE_FOLDER is not None, nogil=True)(function))
 
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 MIN_GLUE_MM2 = 25.0
-"""Area of a joint of 5 mm x 5 mm, which holds a part the size of a hand."""
+"""Minimum area of a glued joint, 5 mm x 5 mm: enough to hold a part the size of a hand."""
 BUDGET_S = 20.0
 FILAMENT_MM = 2.85
 THIN_FILAMENT_MM = 1.75
@@ -27,10 +27,10 @@ class Engine(StrEnum):
 
 
 class Interior(StrEnum):
-    """Treatment of whole cells deep inside the model."""
+    """Treatment of the grid cells that are deep inside the model."""
 
-    LEAVE = "leave"  # not printed
-    KEEP = "keep"
+    LEAVE = "leave"  # they are not printed
+    KEEP = "keep"  # they are printed
 
 
 class Score(StrEnum):
@@ -71,9 +71,9 @@ class ParalleloboxOptions:
     Attributes
     ----------
     tries
-        Number of draws for each number of seeds.
+        Number of random sets of seeds to try for each number of seeds.
     score
-        Interpretation of the paper's score.
+        Interpretation of the score in the paper.
     """
 
     tries: int = 3
@@ -93,10 +93,10 @@ class ConnectorOptions:
     marks
         Whether the numbers of the parts are cut into these faces.
     printer_fits_mm
-        Fits of the printers whose fit differs from `pin_fit_mm`, by name.
+        Name and fit of each printer whose fit differs from `pin_fit_mm`.
     used_distances_mm
-        Distances between the two pins of steps whose parts are drilled already, such as the neighbours of a
-        part that is cut again.
+        Distances between two pins that parts already have, such as the neighbours of a part that is cut
+        again; new pairs of pins get other distances.
     """
 
     pin_mm: float | None = None
@@ -126,15 +126,15 @@ class Options:
     granularity
         Cube root of the number of grid cells: a name of `grid.GRANULARITIES`, a number, or ``auto``.
     interior
-        Treatment of whole cells deep inside the model.
+        Treatment of the grid cells that are deep inside the model.
     min_wall_mm
-        Minimum thickness of the wall where the inside is not printed.
+        Minimum thickness of the wall around a hollow.
     min_glue_mm2
-        Minimum area of a joint whose glue counts as holding; the joint must also be two walls wide.
+        Minimum area of a glued joint that counts as holding; the joint must also be two walls wide.
     seed
         Seed of the random numbers of the engines; the engine `guillotine` uses none.
     faithful
-        Whether a published method runs as its authors describe it, with their prices and settings.
+        Whether an engine from the literature runs as its authors describe it, with their prices and settings.
     fit_first_layer
         Whether the widths of the brim and of the first-layer expansion are chosen for each part.
     prove

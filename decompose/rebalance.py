@@ -1,8 +1,8 @@
-"""Moves of the cut planes by the sliced times of the parts.
+"""Moves of the cut planes based on sliced times: the print times that the slicer computes for the parts.
 
 Prices of parts have errors of one or two per cent, and a job waits for the part that is underestimated most.
 The error hardly changes when the faces of a part move by a few millimetres. So each part keeps its ratio of
-sliced time to price, and the planes are moved again with price times ratio instead of the price.
+sliced time to price, and the planes are moved again, with each price multiplied by this ratio.
 """
 
 from __future__ import annotations
@@ -36,36 +36,37 @@ def rebalance_planes(
 ) -> Decomposition | None:
     """Move the cut planes so that the part with the longest sliced time ends sooner.
 
-    The sliced times after the move may differ from what is expected, and even be longer, where the time of a
-    part jumps. They also show this jump to a next move, which starts from there.
+    Where the time of a part jumps, the sliced times after the move may differ from the expected ones, and may
+    even be longer. The next move, which starts from these sliced times, takes the jump into account.
 
     Parameters
     ----------
     model
         Model that was decomposed.
     previous_result
-        Its decomposition, which may be without its parts, joints and faults (`Decomposition.without_parts`).
+        Decomposition of the model; its parts, joints and faults may be left out
+        (`Decomposition.without_parts`).
     sliced_times_s
-        Sliced time of each of its parts in seconds.
+        Sliced time of each part in seconds.
     cost
         Cost model of that decomposition.
     executor
         Threads for work that may run in parallel; None to run it serially.
     best_ratio
-        Ratio of the least sliced makespan of any decomposition so far to that of the previous one. It is a
-        ratio, because a caller may include times that are not here, such as the heat-up.
+        Ratio of the least sliced makespan of any decomposition so far to that of the previous one. The ratio
+        is used because the caller's makespans may include other times, such as that of heating up.
 
     Returns
     -------
     Decomposition | None
         Decomposition into the same number of parts, with the times of the cost model. None if the gain over
-        the best one would be too small to slice again, or if the parts were not cut by the engine
-        `guillotine`.
+        the best decomposition would be too small to slice the parts again, or if the parts were not cut by
+        the engine `guillotine`.
 
     Raises
     ------
     NoFit, GeometryError
-        The result no longer fits, or breaks a geometry rule.
+        The new parts do not fit the printers, or the result breaks a geometry rule.
     """
     if (cutting := previous_result.cutting) is None:
         return None
@@ -74,8 +75,8 @@ def rebalance_planes(
     effort = Effort(previous_result.options.best.budget_s)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
-    cut_boxes = _cut_previous_boxes(problem, cutting, sliced_times_s)
-    shifted_pieces = None if cut_boxes is None else _shift_planes(problem, cut_boxes, best_ratio)
+    box_pieces = _cut_previous_boxes(problem, cutting, sliced_times_s)
+    shifted_pieces = None if box_pieces is None else _shift_planes(problem, box_pieces, best_ratio)
     if shifted_pieces is None:
         return None
     grid = GridFigures(previous_result.grid_makespan_s, previous_result.lower_bound_s, previous_result.cells)
@@ -84,17 +85,17 @@ def rebalance_planes(
     return _copy_history(previous_result, result, perf_counter() - start_s)
 
 
-def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]], best_ratio: float) -> list[Piece] | None:
-    """Move the planes between the pieces of each box; None if the gain is too small to slice again."""
-    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in cut_boxes])
-    shifted_pieces = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, cut_boxes)
-    old_s = _compute_makespan_s(problem, [piece for pieces in cut_boxes for piece in pieces])
+def _shift_planes(problem: Problem, box_pieces: list[list[Piece]], best_ratio: float) -> list[Piece] | None:
+    """Move the planes of boxes, given the pieces in each box; None if the gain is too small."""
+    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in box_pieces])
+    shifted_pieces = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, box_pieces)
+    old_s = _compute_makespan_s(problem, [piece for pieces in box_pieces for piece in pieces])
     max_s = (1.0 - MIN_GAIN) * best_ratio * old_s
     return shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= max_s else None
 
 
 def _copy_history(previous_result: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
-    """Copy the history of a decomposition to the result that improves it."""
+    """Copy the records of a decomposition, such as its attempts, to the result that improves it."""
     return replace(
         result,
         engine=previous_result.engine,
@@ -116,7 +117,7 @@ def _cut_previous_boxes(
     Parameters
     ----------
     problem
-        Problem with the aligned model.
+        Problem whose model is in the frame of the cuts.
     cutting
         Boxes and printers of the parts.
     sliced_times_s
@@ -134,7 +135,7 @@ def _cut_previous_boxes(
     parts_by_box: dict[bytes, list[int]] = {}
     for i, box in enumerate(cutting.boxes_mm):
         parts_by_box.setdefault(box.tobytes(), []).append(i)
-    part_pieces = []
+    box_pieces = []
     for parts in parts_by_box.values():
         pieces = cut_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
         if len(pieces) != len(parts):
@@ -147,17 +148,17 @@ def _cut_previous_boxes(
         poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
         if len(poses) != len(pieces):
             return None
-        part_pieces.append(
+        box_pieces.append(
             [
                 replace(piece, time_ratio=sliced_times_s[number] / (prices_s.get(number) or pose.price_s))
                 for piece, number, pose in zip(pieces, numbers, poses, strict=True)
             ]
         )
-    return part_pieces
+    return box_pieces
 
 
 def _compute_makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """Compute the sliced time until the last piece ends; inf if the pieces do not fit the printers."""
+    """Compute the expected makespan in sliced time; inf if the pieces do not fit the printers."""
     poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):
         return math.inf

@@ -71,9 +71,9 @@ def compute_makespan_s(problem: Problem, partition: Partition) -> float:
 def make_uniform_printers(printers: Sequence[TargetPrinter]) -> tuple[TargetPrinter, ...]:
     """Make the same number of printers with one speed and the build volume of the least height."""
     smallest_boxes = min(
-        (printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes)
+        (printer.box_sizes_mm for printer in printers), key=lambda boxes: max(box[2] for box in boxes)
     )
-    return tuple(replace(printer, boxes=smallest_boxes, time_factor=1.0) for printer in printers)
+    return tuple(replace(printer, box_sizes_mm=smallest_boxes, time_factor=1.0) for printer in printers)
 
 
 def compare_makespans(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:

@@ -24,11 +24,11 @@ class PlannedAttempt:
     Attributes
     ----------
     engine, granularity
-        Engine, and granularity of its grid.
+        Engine, and the granularity of its grid.
     yaw_deg
         Angle by which the model is rotated about z.
     budget_s
-        Budget of the attempt, see `problem.Effort`.
+        Budget of the attempt (see `problem.Effort`).
     """
 
     engine: Engine
@@ -64,7 +64,7 @@ def make_attempt(
     best_known_s
         Makespan to beat.
     on_spent
-        Function that is called with the spent effort in seconds, see `problem.Effort`.
+        Function that is called with the spent effort in seconds (see `problem.Effort`).
     """
     effort = Effort(planned_attempt.budget_s, on_spent=on_spent)
     options = replace(problem.options, engine=planned_attempt.engine, granularity=planned_attempt.granularity)
@@ -75,7 +75,7 @@ def make_attempt(
         best_known_s=best_known_s,
         is_thorough=True,
     )
-    started_s, makespan_s, reason = perf_counter(), None, ""
+    start_s, makespan_s, reason = perf_counter(), None, ""
     result: Decomposition | None = None
     failure: DecomposeError | None = None
     try:
@@ -90,7 +90,7 @@ def make_attempt(
         planned_attempt.granularity,
         planned_attempt.yaw_deg,
         makespan_s,
-        perf_counter() - started_s,
+        perf_counter() - start_s,
         effort.spent_s,
         not effort.is_cut_short,
         reason,

@@ -1,4 +1,4 @@
-"""Progress of a search, reported to the listener of the same thread."""
+"""Progress of a search, reported to the listener of the current context (thread or task)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def listen_to_progress(listener: Callable[[float], None]) -> Iterator[None]:
     ----------
     listener
         Function that is called with the spent share of the budget of the engine `best`, 0 to 1. A search may
-        end before it is 1; engines without a budget report nothing.
+        end before the share is 1; engines without a budget report nothing.
     """
     token = _LISTENER.set(listener)
     try:

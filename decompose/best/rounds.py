@@ -17,8 +17,9 @@ from decompose.options import Engine
 from decompose.problem import MAX_GRANULARITY, WORK_NS, Problem, Work, choose_granularity
 from decompose.results import Attempt, Decomposition
 
-GRID_SHARE = 0.5  # share of the budget for the tables of the first grid, its solves and its bound
-USUAL_SOLVE_COUNT = 30  # usual number of solves on a grid, each for a different limit
+# Maximum share of the budget for the first grid: its tables, the searches in them and its bound.
+GRID_SHARE = 0.5
+USUAL_SEARCH_COUNT = 30  # usual number of searches on a grid, each for another time limit
 # Minimum remaining budget for another attempt, as a share of the first attempt's effort.
 MIN_START_SHARE = 0.5
 OTHER_GRID_RATIOS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
@@ -41,7 +42,7 @@ class SearchState:
     best_result
         Best result; None if there is none.
     failure
-        Error of the first attempt that had one.
+        Error of the first attempt that failed; None if none failed.
     """
 
     attempts: tuple[Attempt, ...] = ()
@@ -91,12 +92,12 @@ class SearchState:
 def plan_next_round(problem: Problem, state: SearchState) -> tuple[PlannedAttempt, ...]:
     """Plan the attempts that follow those of a state; none at the end of the search.
 
-    The first grid is tried alone. If it is coarser than the usual one because the budget is small, and gives
-    no sound result, the usual grid follows with the whole budget, then Parallelobox, because any result is
-    better than none. The next rounds are other grids, rotations of the model about z, and other grids at the
-    best angle. The attempts of a round have equal shares of the remaining budget. A round has at least one
-    attempt, and no more than can each spend as much effort as the first one. The other attempts form the next
-    round, with the rest of the budget.
+    The first grid is tried alone. It is coarser than the usual grid if the budget is small. If it then gives
+    no sound result, the usual grid follows with the whole budget, then the engine `parallelobox`, because any
+    result is better than none. The next rounds try other grids, then rotations of the model about z, then
+    other grids at the best angle. The attempts of a round have equal shares of the remaining budget. A round
+    has at least one attempt, but only so many that each can spend as much effort as the first attempt. The
+    other attempts form the next round, with the rest of the budget.
 
     Parameters
     ----------
@@ -173,7 +174,10 @@ def _has_restarted_on_usual_grid(problem: Problem, state: SearchState) -> bool:
 
 
 def _list_open_rounds(problem: Problem, state: SearchState) -> list[tuple[PlannedAttempt, ...]]:
-    """List the rounds that may follow the first grid if the budget is large enough, without made attempts."""
+    """List the rounds that may follow the first grid, without the attempts that have already been made.
+
+    The budget is not considered.
+    """
     usual_granularity = problem.options.granularity
     rounds: list[tuple[PlannedAttempt, ...]] = []
     if not state.has_sound_result:
@@ -208,7 +212,10 @@ def _list_open_rounds(problem: Problem, state: SearchState) -> list[tuple[Planne
 def _list_other_grids(
     problem: Problem, state: SearchState, granularity: str | int
 ) -> tuple[PlannedAttempt, ...]:
-    """List attempts on similar grids at the best angle, each shape once; none if the possible gain is low."""
+    """List attempts on similar grids at the best angle; none if the possible gain is low.
+
+    Each shape of a grid is tried only once.
+    """
     if state.best_result is not None and state.best_result.compute_possible_gain(problem.printers) < MIN_GAIN:
         return ()
     rotated_problem = rotate_about_z(problem, state.yaw_deg)
@@ -227,10 +234,10 @@ def _list_other_grids(
 
 
 def choose_first_granularity(problem: Problem) -> str | int:
-    """Choose the granularity of the first grid: the requested one, or a coarser one than ``auto``.
+    """Choose the granularity of the first grid: the requested one, or ``auto``, or a coarser one.
 
-    It is coarser if the budget is small, but stays fine enough for parts that are as large as the printers'
-    build volumes.
+    A coarser grid than ``auto`` is used if the budget is small. It stays fine enough for parts that are as
+    large as the printers' build volumes.
     """
     options, extents_mm = problem.options, problem.model.extents_mm
     if options.granularity != "auto":
@@ -245,10 +252,10 @@ def choose_first_granularity(problem: Problem) -> str | int:
 
 
 def _estimate_grid_s(shape: tuple[int, int, int]) -> float:
-    """Estimate the effort in s for a grid: its tables, the solves with them, and the bound from them."""
+    """Estimate the effort in s for a grid: its tables, the searches in them, and its bound."""
     box_count = math.prod(n * (n + 1) // 2 for n in shape)
     box_ns = WORK_NS[Work.BOX_PRICED] + WORK_NS[Work.BOX_PROVEN]
-    return (box_count * box_ns + USUAL_SOLVE_COUNT * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9
+    return (box_count * box_ns + USUAL_SEARCH_COUNT * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9
 
 
 def _make_sort_key(result: Decomposition) -> tuple[bool, float, int]:

@@ -3,29 +3,29 @@
 The work of all boxes together is bounded from below. One of n boxes has at least an n-th of it or, if the
 printers differ in speed, at least its printer's share.
 
-Surface and volume: each face of the model is printed once, at least at the price of its cheapest axis pose,
-and so is each mm3 of solid in a box.
+Surface and volume: each face of the model is printed once, and costs at least its price in its cheapest axis
+pose. Each mm3 of solid in a box is also printed once.
 
 Cut faces: a line along an axis runs through a length L of solid. A box is at most R long, the longest side of
-a build volume. So m >= L / R boxes share the line, and one ends and the next begins at m - 1 places, with two
-cut faces each, whether the boxes touch or not. If they do not touch, the solid between them is not printed,
-which is allowed only far enough from the surface, on at most a length U of the line. Compared with the whole
-line in one box, the extra cost is at least
+a build volume. So m >= L / R boxes share the line. At m - 1 places one box ends and the next one begins, with
+two cut faces at each place, whether the boxes touch or not. If they do not touch, the solid between them is
+not printed. This is allowed only far enough from the surface, on at most a length U of the line. Compared
+with the whole line in one box, the extra cost is at least
 
     min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R.
 
-Here k is the least price of a mm2 of cut face in any pose, and v that of a mm3, a third of which counts for
-each of the three lines through a point. The integral over all lines of the three axes is the cost of the
-cuts minus the savings from hollows. It increases with L and decreases with U. On a grid,
-therefore, L is the longest run of full cells, and U the length of all cells that may be left out. All lines
-in a row of cells have the same L and U.
+Here k is the least price of a mm2 of cut face in any pose, and v is the price of a mm3. A third of v counts
+for each of the three lines through a point. The integral of the extra cost over all lines along the three
+axes is the cost of the cuts minus the savings from hollows. The extra cost increases with L and decreases
+with U. On a grid, therefore, L is the longest run of full cells, and U the length of all cells that may be
+left out. All lines in a row of cells have the same L and U.
 
 `compute_price_s` subtracts savings from insets and rims from the price of a box. The savings from insets are
 limited by the height of a build volume, and those from rims by the skin that can be printed within the upper
 limit of the bound.
 
-As on a grid, a box is priced as one part in an axis pose (`grid.boxes`), even if its solid is in several
-pieces. Supports, brims and minimum layer times only add to the price.
+As in the tables of a grid (`grid.boxes`), a box is priced as one part in an axis pose, even if its solid is
+in several pieces. Supports, brims and minimum layer times only add to the price.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from decompose.print_time import MEAN_SIDE_SHARE, CostModel
 from decompose.printers import TargetPrinter
 
 CELLS_PER_SIDE = 64  # cube root of the number of cells; enough for a wall of 10 mm in a model of 450 mm
-UNREACHABLE_COS = 1.0  # no component of a unit normal is larger
+UNREACHABLE_COS = 1.0  # limit of a cosine that no face exceeds: no skin and no overhangs are counted
 
 
 def sum_least_work_s(
@@ -55,18 +55,18 @@ def sum_least_work_s(
     triangles
         (m, 3, 3) in mm, a closed mesh whose faces point outward by the right-hand rule.
     printers
-        Printers, at most one box each, with their build volumes.
+        Printers, each of which prints at most one box; only their build volumes count.
     cost
         Cost model for print times.
     wall_mm
-        Distance from the surface within which all solid must be in a box; inf if all solid must be.
+        Distance from the surface within which all solid must be in a box; inf if all solid must be in one.
 
     Returns
     -------
     float
         Seconds.
     """
-    max_length_mm = max(side_mm for printer in printers for box in printer.boxes for side_mm in box)
+    max_length_mm = max(side_mm for printer in printers for box in printer.box_sizes_mm for side_mm in box)
     volume_mm3 = float(
         np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0
     )
@@ -89,7 +89,7 @@ def bound_shared_work_s(
     work_s
         Result of `sum_least_work_s`, which the printers share.
     printers
-        Printers, at most one box each, with their build volumes and speeds.
+        Printers, each of which prints at most one box; their heights and their speeds count.
     cost
         Cost model for print times.
     makespan_s
@@ -102,8 +102,8 @@ def bound_shared_work_s(
         Seconds.
     """
     time_factors = [printer.time_factor for printer in printers]
-    highest_mm = max(box[2] for printer in printers for box in printer.boxes)
-    saved_s = cost.inset_s_per_mm * float(highest_mm)
+    max_height_mm = max(box[2] for printer in printers for box in printer.box_sizes_mm)
+    saved_s = cost.inset_s_per_mm * float(max_height_mm)
     saved_s += _compute_max_rim_savings_s(cost, makespan_s / min(time_factors))
     per_part_s = cost.fixed_s - saved_s
     per_part_s *= min(time_factors) if per_part_s > 0.0 else max(time_factors)
@@ -111,25 +111,27 @@ def bound_shared_work_s(
 
 
 def _compute_min_surface_price_s(triangles: Floats, cost: CostModel) -> float:
-    """Compute the price in s of the surface of triangles (m, 3, 3), each face in its cheapest axis pose."""
+    """Compute the price of triangles (m, 3, 3) as surface, in s, each face in its cheapest axis pose."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     doubled_areas_mm2 = np.linalg.norm(cross, axis=1)
     cosines = np.abs(cross) / np.maximum(doubled_areas_mm2, np.finfo(float).tiny)[:, None]
     upright = np.sqrt(np.maximum(0.0, 1.0 - cosines * cosines))
-    skin = cost.skin_s_per_mm2 * cosines + cost.slope_s_per_mm2 * upright
-    prices_s_per_mm2 = cost.lateral_s_per_mm2 * upright + (cosines > cost.skin_cos) * skin
+    skin_s_per_mm2 = cost.skin_s_per_mm2 * cosines + cost.slope_s_per_mm2 * upright
+    prices_s_per_mm2 = cost.lateral_s_per_mm2 * upright + (cosines > cost.skin_cos) * skin_s_per_mm2
     return float((prices_s_per_mm2.min(axis=1) * doubled_areas_mm2).sum() / 2.0)
 
 
 def _price_cuts_s_per_mm2(
     solid_mm: Floats, hollow_mm: Floats, max_length_mm: float, cost: CostModel
 ) -> Floats:
-    """Compute the least extra cost of lines compared with a single box, in s per mm2 of their cross-section.
+    """Compute the least extra cost of cut lines, in s per mm2 of their cross-section.
+
+    The cost is compared with that of each line in a single box.
 
     Parameters
     ----------
     solid_mm, hollow_mm
-        (k,) minimum lengths L of solid, and maximum lengths U that need not be printed.
+        (k,) minimum length L of solid on each line, and maximum length U of it that need not be printed.
     max_length_mm
         Maximum length of a box.
     cost
@@ -144,14 +146,17 @@ def _price_cuts_s_per_mm2(
 
 
 def _compute_max_rim_savings_s(cost: CostModel, makespan_s: float) -> float:
-    """Compute the maximum time that `compute_price_s` subtracts for the rims of skin within a makespan."""
+    """Compute the maximum time in s that `compute_price_s` subtracts for the rims of a part.
+
+    The part takes at most the makespan.
+    """
     if not cost.skin_s_per_mm2:
         return 0.0
-    rim_s_per_mm, skin = cost.skin_rim_s_per_mm, cost.skin_s_per_mm2
+    rim_s_per_mm, skin_s_per_mm2 = cost.skin_rim_s_per_mm, cost.skin_s_per_mm2
     return (
         rim_s_per_mm
-        * (rim_s_per_mm + math.sqrt(rim_s_per_mm * rim_s_per_mm + 4.0 * skin * makespan_s))
-        / (2.0 * skin)
+        * (rim_s_per_mm + math.sqrt(rim_s_per_mm * rim_s_per_mm + 4.0 * skin_s_per_mm2 * makespan_s))
+        / (2.0 * skin_s_per_mm2)
     )
 
 
@@ -167,13 +172,13 @@ def _build_grid(triangles: Floats) -> Grid:
 
 
 def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
-    """Find the cells (nx, ny, nz) with solid that may be further from the surface than the wall.
+    """Find the cells (nx, ny, nz) with solid that may be further from the surface than the wall thickness.
 
-    A cell is excluded if all of it is closer than the wall thickness to every point of the bounding box of
-    the surface in a nearby cell.
+    A cell is not among them if all of it is closer than the wall thickness to every point of one box: the
+    bounding box of the surface in the nearest cell that has surface.
     """
     has_surface = grid.cells == Cell.BOUNDARY
-    surface = grid.surface_extents[has_surface]
+    surface = grid.surface_bounds_mm[has_surface]
     centres_mm, halves_mm = (surface[:, :3] + surface[:, 3:]) / 2.0, (surface[:, 3:] - surface[:, :3]) / 2.0
     cells = np.argwhere(grid.is_needed)
     low_mm, high_mm = (
@@ -189,26 +194,26 @@ def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
 
 
 def _measure_rows(grid: Grid, is_unneeded: Bools, axis: int) -> Floats:
-    """Measure the blocks of cells with solid in each row along an axis.
+    """Measure each run of cells with solid along an axis.
 
     Returns
     -------
     Floats
-        (k, 3) longest run of full cells in mm, length of all cells that may be left out in mm, and
-        cross-section in mm2.
+        (k, 3) for each run: length of the longest run of full cells within it in mm, length of all its cells
+        that may be left out in mm, and its cross-section in mm2.
     """
     a_mm, b_mm = (np.diff(grid.planes[other]) for other in range(3) if other != axis)
-    places_mm, rows = grid.planes[axis], np.moveaxis(grid.is_needed, axis, 2)
+    planes_mm, rows = grid.planes[axis], np.moveaxis(grid.is_needed, axis, 2)
     starts, _ = _find_runs(grid.is_needed, axis)
     is_start = np.zeros(rows.shape, np.bool_)
     is_start[tuple(starts.T)] = True
-    blocks = (is_start.cumsum() - 1).reshape(rows.shape)  # number of the block of each cell with solid
+    run_numbers = (is_start.cumsum() - 1).reshape(rows.shape)  # number of the run of each cell with solid
     max_length_mm, hollow_mm = np.zeros(len(starts)), np.zeros(len(starts))
     full_starts, full_ends = _find_runs(grid.cells == Cell.INTERNAL, axis)
-    full_mm = places_mm[full_ends[:, 2]] - places_mm[full_starts[:, 2]]
-    np.maximum.at(max_length_mm, blocks[tuple(full_starts.T)], full_mm)
+    full_mm = planes_mm[full_ends[:, 2]] - planes_mm[full_starts[:, 2]]
+    np.maximum.at(max_length_mm, run_numbers[tuple(full_starts.T)], full_mm)
     unneeded_cells = np.argwhere(np.moveaxis(is_unneeded, axis, 2))
-    np.add.at(hollow_mm, blocks[tuple(unneeded_cells.T)], np.diff(places_mm)[unneeded_cells[:, 2]])
+    np.add.at(hollow_mm, run_numbers[tuple(unneeded_cells.T)], np.diff(planes_mm)[unneeded_cells[:, 2]])
     return np.stack([max_length_mm, hollow_mm, a_mm[starts[:, 0]] * b_mm[starts[:, 1]]], axis=1)
 
 

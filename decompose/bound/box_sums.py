@@ -1,4 +1,4 @@
-"""Sums of the cells in each box, and of the boxes over each cell, by summed-area tables."""
+"""Sums of cell values in each box, and of box shares over each cell, by summed-area tables."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, box_sums: Floats) -
     nx, ny, nz = cells.shape
     for x in range(nx):
         for y in range(ny):
-            run = 0.0
+            row_sum = 0.0
             for z in range(nz):
-                run += cells[x, y, z]
+                row_sum += cells[x, y, z]
                 sums[x + 1, y + 1, z + 1] = (
-                    run + sums[x, y + 1, z + 1] + sums[x + 1, y, z + 1] - sums[x, y, z + 1]
+                    row_sum + sums[x, y + 1, z + 1] + sums[x + 1, y, z + 1] - sums[x, y, z + 1]
                 )
     s = sums.ravel()
     for k in range(len(corners)):
@@ -65,10 +65,10 @@ def sum_over_cells(shares: Floats, corners: Ints, differences: Floats, cell_sums
     nx, ny, nz = cell_sums.shape
     for x in range(nx):
         for y in range(ny):
-            run = 0.0
+            row_sum = 0.0
             for z in range(nz):
-                run += differences[x, y, z]
-                total = run
+                row_sum += differences[x, y, z]
+                total = row_sum
                 if x > 0:
                     total += cell_sums[x - 1, y, z]
                 if y > 0:

@@ -1,9 +1,10 @@
 """Fractional covering of cells with the fewest boxes: a linear programme over all boxes within a time limit.
 
 Only the boxes within the limit that are not part of a larger one are used. There are tens of thousands of
-them, with too many cells each for a simplex method, but a summed-area table gives the sum over a box in O(1).
-So the programme is solved by the primal-dual hybrid gradient method (Chambolle and Pock 2011), with averages,
-restarts and the balance of the steps as in PDLP (Applegate et al. 2021).
+them, and they contain too many cells for a simplex method, but a summed-area table gives the sum over a box
+in constant time. So the programme is solved by the primal-dual hybrid gradient method (Chambolle and Pock
+2011), with averages, restarts and a balance of primal and dual steps (the primal weight) as in PDLP
+(Applegate et al. 2021).
 """
 
 from __future__ import annotations
@@ -21,26 +22,29 @@ from decompose.grid import BoxTables
 from decompose.jit import jit
 
 MAX_RESTARTS, RESTART_STEPS = 60, 100  # maximum number of restarts, and number of steps between them
-# Minimum weight of a box that may get a share before the next restart, as a share of its maximum weight.
-MIN_ACTIVE_SHARE = 0.9
-TOLERANCE = 1e-4  # the search stops when the minimum number of boxes exceeds that of printers by this share
-BOUND_TOLERANCE = 1e-3  # the search stops when the bounds on the minimum number of boxes differ by this share
+# Until the next restart, a box without a share takes part only if its weight is at least this fraction of its
+# maximum weight.
+MIN_ACTIVE_FRACTION = 0.9
+# The search stops when the minimum number of pieces exceeds the number of printers by this fraction.
+TOLERANCE = 1e-4
+# The search stops when the bounds on the minimum number of pieces differ by this fraction.
+BOUND_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Covering:
-    """A fractional covering of cells by boxes, and the weights that bound it from below.
+    """Fractional covering of cells by boxes, and the weights that bound it from below.
 
     Attributes
     ----------
     weights
         (nx, ny, nz) float64 weights of needed cells, at least 0. The weight in a box within the limit is at
         most its number of pieces (except for rounding), so the sum of all weights is a lower bound on the
-        pieces of any covering.
+        number of pieces of any covering.
     boxes
         (k, 6) int16 boxes within the limit that are not part of a larger one.
     shares
-        (k,) float64 share of each box in the covering; their sum is near the minimum.
+        (k,) float64 share of each box in the covering; the sum of shares times pieces is near its minimum.
     """
 
     weights: Floats
@@ -49,7 +53,7 @@ class Covering:
 
 
 class _Programme(NamedTuple):
-    """Linear programme: cover cells with the minimum sum of the shares of boxes times their pieces.
+    """Linear programme: cover the needed cells with the least sum of shares of boxes times their pieces.
 
     Attributes
     ----------
@@ -112,7 +116,7 @@ def _take_step(p: _Programme, work: _Workspace, balance: float, iterate: _Iterat
     work
         Workspace.
     balance
-        Ratio of the steps in shares to those in weights.
+        Ratio of the steps in shares to the steps in weights.
     iterate, mean
         Iterate, and mean of the iterates of `RESTART_STEPS` steps; both are updated in place.
     """
@@ -138,10 +142,10 @@ def _take_step(p: _Programme, work: _Workspace, balance: float, iterate: _Iterat
 def _take_steps_with_active_boxes(
     p: _Programme, work: _Workspace, balance: float, iterate: _Iterate
 ) -> _Iterate:
-    """Take `RESTART_STEPS` steps with the boxes that may get a share; return the mean of the iterates.
+    """Take `RESTART_STEPS` steps with the active boxes; return the mean of the iterates.
 
-    These boxes have a share, or almost their maximum weight. The bounds on the minimum number of boxes use
-    all boxes.
+    The active boxes are those that have a share, or almost their maximum weight. The bounds on the minimum
+    number of pieces use all boxes.
 
     Parameters
     ----------
@@ -151,7 +155,7 @@ def _take_steps_with_active_boxes(
         Iterate, updated in place.
     """
     sum_in_boxes(iterate.weights, p.corners, work.sums, work.box_sums)
-    active = np.flatnonzero((iterate.shares > 0.0) | (work.box_sums > MIN_ACTIVE_SHARE * p.piece_counts))
+    active = np.flatnonzero((iterate.shares > 0.0) | (work.box_sums > MIN_ACTIVE_FRACTION * p.piece_counts))
     programme = _Programme(
         p.is_needed, p.corners[active], p.piece_counts[active], p.needed_counts[active], p.overlap
     )
@@ -167,14 +171,14 @@ def _take_steps_with_active_boxes(
 
 @jit
 def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterate) -> tuple[float, float]:
-    """Find the divisors that make the weights, and the shares, of an iterate feasible.
+    """Find the divisors that make the weights and the shares of an iterate feasible.
 
     Parameters
     ----------
     p, work
         Linear programme, and workspace.
     iterate
-        Iterate, not changed.
+        Iterate; it is not changed.
 
     Returns
     -------
@@ -197,7 +201,7 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
 
 @jit
 def _find_best_iterate(p: _Programme, work: _Workspace, printer_count: int, iterate: _Iterate) -> _Iterate:
-    """Find the best feasible weights and shares by the method of this module.
+    """Find the best feasible weights and shares by the primal-dual method.
 
     The search ends when it is known whether more pieces are needed than there are printers.
 
@@ -211,32 +215,33 @@ def _find_best_iterate(p: _Programme, work: _Workspace, printer_count: int, iter
         Iterate to start from, updated in place.
     """
     best_weights, best_shares = iterate.weights.copy(), iterate.shares.copy()
-    lower, upper = 0.0, np.inf  # bounds on the number of boxes: sums of the best weights and shares
+    # Bounds on the minimum number of pieces, from the best weights and the best shares.
+    lower_bound, upper_bound = 0.0, np.inf
     balance = 0.05 * len(p.piece_counts) / p.is_needed.sum()
     for _ in range(MAX_RESTARTS):
-        old = _Iterate(iterate.shares.copy(), iterate.weights.copy())
+        start = _Iterate(iterate.shares.copy(), iterate.weights.copy())
         mean = _take_steps_with_active_boxes(p, work, balance, iterate)
-        smallest_gap, restart = np.inf, mean
+        smallest_gap, restart = np.inf, mean  # the next restart begins at this iterate
         for candidate in (_Iterate(iterate.shares.copy(), iterate.weights.copy()), mean):
             max_weight, min_share = _find_feasibility_divisors(p, work, candidate)
             low, high = (
                 candidate.weights.sum() / max_weight,
                 (candidate.shares * p.piece_counts).sum() / min_share,
             )
-            if low > lower:
-                lower, best_weights = low, candidate.weights / max_weight
-            if high < upper:
-                upper, best_shares = high, candidate.shares / min_share
+            if low > lower_bound:
+                lower_bound, best_weights = low, candidate.weights / max_weight
+            if high < upper_bound:
+                upper_bound, best_shares = high, candidate.shares / min_share
             if high - low < smallest_gap:
                 smallest_gap, restart = high - low, candidate
         if (
-            lower > printer_count * (1.0 + TOLERANCE)
-            or upper <= printer_count
-            or upper - lower < BOUND_TOLERANCE * lower
+            lower_bound > printer_count * (1.0 + TOLERANCE)
+            or upper_bound <= printer_count
+            or upper_bound - lower_bound < BOUND_TOLERANCE * lower_bound
         ):
             break
-        squared_share_distance = ((restart.shares - old.shares) ** 2 * p.needed_counts).sum()
-        squared_weight_distance = ((restart.weights - old.weights) ** 2 * p.overlap).sum()
+        squared_share_distance = ((restart.shares - start.shares) ** 2 * p.needed_counts).sum()
+        squared_weight_distance = ((restart.weights - start.weights) ** 2 * p.overlap).sum()
         if squared_share_distance > 0.0 and squared_weight_distance > 0.0:
             balance = np.sqrt(balance * np.sqrt(squared_share_distance / squared_weight_distance))
         iterate.shares[:], iterate.weights[:] = restart.shares, restart.weights
@@ -252,7 +257,7 @@ def _solve_programme(
     printer_count: int,
     weights: Floats,
 ) -> _Iterate:
-    """Find good feasible weights and shares of a `_Programme`.
+    """Build a `_Programme`, and find good feasible weights and shares of it.
 
     Parameters
     ----------
@@ -278,13 +283,13 @@ def _solve_programme(
 
 
 def cover_cells(
-    boxes: BoxTables, is_needed: Bools, limit_s: float, printer_count: int, weights: Floats
+    tables: BoxTables, is_needed: Bools, limit_s: float, printer_count: int, weights: Floats
 ) -> Covering:
     """Cover the needed cells with the fewest boxes within a time limit; fractions of boxes are allowed.
 
     Parameters
     ----------
-    boxes
+    tables
         Tables of the grid.
     is_needed
         (nx, ny, nz) bool, true for cells to be covered.
@@ -298,17 +303,17 @@ def cover_cells(
     Returns
     -------
     Covering
-        Covering near the minimum. If a needed cell is in no box within the limit, there is no covering, and
-        all weight is on that cell.
+        Covering near the minimum. If needed cells are in no box within the limit, there is no covering,
+        and all weight is on the first of these cells.
     """
-    total = int((boxes.seconds <= limit_s).sum())
-    largest_boxes, indices = np.zeros((total, 6), np.int16), np.zeros(total, np.int64)
-    tables = (boxes.seconds, boxes.trimmed_box, boxes.piece_counts)
-    count = find_largest_boxes(tables, limit_s, boxes.shape, largest_boxes, indices)
+    max_count = int((tables.seconds <= limit_s).sum())
+    largest_boxes, indices = np.zeros((max_count, 6), np.int16), np.zeros(max_count, np.int64)
+    arrays = (tables.seconds, tables.trimmed_box, tables.piece_counts)
+    count = find_largest_boxes(arrays, limit_s, tables.shape, largest_boxes, indices)
     largest_boxes = largest_boxes[:count].copy()
-    corners = find_corners(largest_boxes.astype(np.int64), boxes.shape)
+    corners = find_corners(largest_boxes.astype(np.int64), tables.shape)
     overlap = np.zeros(is_needed.shape)
-    sum_over_cells(np.ones(len(largest_boxes)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
+    sum_over_cells(np.ones(len(largest_boxes)), corners, np.zeros([n + 1 for n in tables.shape]), overlap)
     uncovered_cells = is_needed & (overlap < 0.5)
     if uncovered_cells.any():
         return Covering(
@@ -316,6 +321,6 @@ def cover_cells(
             largest_boxes,
             np.zeros(len(largest_boxes)),
         )
-    piece_counts = boxes.piece_counts[indices[:count]].astype(np.float64)
+    piece_counts = tables.piece_counts[indices[:count]].astype(np.float64)
     best = _solve_programme(is_needed, corners, piece_counts, overlap, printer_count, weights.copy())
     return Covering(best.weights, largest_boxes, best.shares)

@@ -14,7 +14,9 @@ Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.in
 
 @jit
 def _is_replaceable(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
-    """Check whether a box one layer larger can replace a box, within the limit and in no more pieces.
+    """Check whether a box can be replaced by a box that is one layer larger.
+
+    The larger box must be within the limit, and must not have more pieces.
 
     Parameters
     ----------
@@ -44,7 +46,7 @@ def _is_replaceable(tables: Tables, limit_s: float, box: Box, shape: Shape) -> b
 def find_largest_boxes(
     tables: Tables, limit_s: float, shape: Shape, boxes: npt.NDArray[np.int16], indices: Ints
 ) -> int:
-    """Find the boxes within a limit that no box one layer larger can replace; return their number.
+    """Find the boxes within a limit that cannot be replaced by larger ones; return their number.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def find_largest_boxes(
         Number of cells of the grid along each axis.
     boxes, indices
         (k, 6) int16 and (k,) int64, filled in with the boxes and their indices; k is at least the number of
-        all boxes within the limit.
+        boxes within the limit.
     """
     seconds, trimmed_box, _ = tables
     nx, ny, nz = shape

@@ -1,15 +1,15 @@
-"""Proven lower bounds on the makespan: from surface and volume, and from the tables over all boxes of a grid.
+"""Proven lower bounds on the makespan: from surface and volume, and from the tables of a grid's boxes.
 
 The bound from the tables holds for all partitions of the grid into boxes.
 
-The certificate of the bound is a weight for each needed cell. If `n` parts hold all the weight, one of them
-holds at least an n-th of it, so the makespan is at least the time of the fastest box with that share (a box
-of k pieces counts as k parts, and has to hold k shares). This is true for any weights. Weights are whole
-numbers, so that the comparison is exact, and every box is compared.
+The certificate of the bound is a weight for each needed cell. If n parts contain all the weight, one of them
+contains at least an n-th of it. So the makespan is at least the time of the fastest box that contains an n-th
+of the weight; a box of k pieces counts as k parts, and has to contain k times as much. This is true for any
+weights. The weights are whole numbers, so that comparisons are exact, and every box of the grid is examined.
 
 Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with the
-fewest boxes, or fractions of boxes, that each take at most T seconds. If more than n boxes are needed, T is
-refuted; bisection finds the greatest such T.
+fewest boxes, or fractions of boxes, that each take at most T seconds. If more than n boxes are needed, the
+makespan is longer than T. Bisection finds the greatest such T.
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ from decompose.print_time import MAX_INSET_SHARE, CostModel
 
 WEIGHT_UNIT = 1 << 24  # weight of a whole part before rounding to whole numbers
 MAX_LIMITS = 30  # maximum number of limits T that are tested
-FIRST_LIMIT_SHARE = 0.95  # the search begins at this share of a good partition's makespan
+FIRST_LIMIT_SHARE = 0.95  # first limit T, as a share of a known partition's makespan
 TOLERANCE = 0.0075  # accuracy of the bound, as a share of it
 
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A lower bound with its certificate.
+    """Lower bound with its certificate.
 
     Attributes
     ----------
     seconds
-        Minimum time of the slowest box in any partition into at most as many pieces as there are printers.
+        Lower bound on the time of the slowest box, for all partitions into at most as many pieces as there
+        are printers.
     weights
         (nx, ny, nz) int64 weights of the cells; 0 if a cell is not needed.
     """
@@ -57,7 +58,9 @@ def _find_bound_s(
     trimmed_box: npt.NDArray[np.int32],
     piece_counts: npt.NDArray[np.int16],
 ) -> float:
-    """Find the time of the fastest box that holds at least the share of weight for its number of pieces.
+    """Find the time of the fastest box that contains enough weight for its number of pieces.
+
+    A box needs the total weight divided by the number of printers for each of its pieces.
 
     Parameters
     ----------
@@ -71,7 +74,7 @@ def _find_bound_s(
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 of `BoxTables`.
     """
     nx, ny, nz = weight_sums.shape[0] - 1, weight_sums.shape[1] - 1, weight_sums.shape[2] - 1
-    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    y_interval_count, z_interval_count = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     total = weight_sums[nx, ny, nz]
     proven_s = makespan_s
     for x0 in range(nx):
@@ -79,7 +82,7 @@ def _find_bound_s(
             ix = index_interval(x0, x1, nx)
             for y0 in range(ny):
                 for y1 in range(y0 + 1, ny + 1):
-                    row = (ix * ty + index_interval(y0, y1, ny)) * tz
+                    row = (ix * y_interval_count + index_interval(y0, y1, ny)) * z_interval_count
                     for z0 in range(nz):
                         for z1 in range(z0 + 1, nz + 1):
                             box = row + index_interval(z0, z1, nz)
@@ -91,20 +94,20 @@ def _find_bound_s(
     return proven_s
 
 
-def _compute_bound(boxes: BoxTables, weights: Floats, printer_count: int, makespan_s: float) -> Bound:
-    """Compute the bound that some weights prove."""
+def _compute_bound(tables: BoxTables, weights: Floats, printer_count: int, makespan_s: float) -> Bound:
+    """Compute the bound that weights prove."""
     whole_weights = np.floor(weights * WEIGHT_UNIT).astype(np.int64)
     weight_sums = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
-    tables = (boxes.seconds, boxes.trimmed_box, boxes.piece_counts)
-    return Bound(_find_bound_s(weight_sums, printer_count, makespan_s, *tables), whole_weights)
+    arrays = (tables.seconds, tables.trimmed_box, tables.piece_counts)
+    return Bound(_find_bound_s(weight_sums, printer_count, makespan_s, *arrays), whole_weights)
 
 
-def bound_makespan(boxes: BoxTables, is_needed: Bools, printer_count: int, makespan_s: float) -> Bound:
-    """Prove a lower bound on the time of the slowest box in all partitions into boxes, guillotine or not.
+def bound_makespan(tables: BoxTables, is_needed: Bools, printer_count: int, makespan_s: float) -> Bound:
+    """Prove a lower bound on the time of the slowest box, for all partitions into boxes, guillotine or not.
 
     Parameters
     ----------
-    boxes
+    tables
         Tables for which the proof holds: the time of a box is that of its best axis pose, with supports
         down to the bed, and the box consists of as many pieces as the tables say.
     is_needed
@@ -112,7 +115,7 @@ def bound_makespan(boxes: BoxTables, is_needed: Bools, printer_count: int, makes
     printer_count
         Maximum number of pieces.
     makespan_s
-        Makespan of a partition into that many pieces, according to the tables.
+        Makespan of a partition into at most that many pieces, according to the tables.
 
     Returns
     -------
@@ -121,17 +124,17 @@ def bound_makespan(boxes: BoxTables, is_needed: Bools, printer_count: int, makes
         linear programmes are solved approximately.
     """
     weights = is_needed * (printer_count / is_needed.sum())
-    best_bound = _compute_bound(boxes, weights, printer_count, makespan_s)
+    best_bound = _compute_bound(tables, weights, printer_count, makespan_s)
     high_s, limit_s = makespan_s, FIRST_LIMIT_SHARE * makespan_s
     for _ in range(MAX_LIMITS):
         if high_s <= best_bound.seconds * (1.0 + TOLERANCE):
             break
         if limit_s <= best_bound.seconds:
             limit_s = (best_bound.seconds + high_s) / 2.0
-        weights = cover_cells(boxes, is_needed, limit_s, printer_count, weights).weights
-        proof = _compute_bound(boxes, weights, printer_count, makespan_s)
-        best_bound = max(best_bound, proof, key=lambda bound: bound.seconds)
-        if proof.seconds <= limit_s:
+        weights = cover_cells(tables, is_needed, limit_s, printer_count, weights).weights
+        bound = _compute_bound(tables, weights, printer_count, makespan_s)
+        best_bound = max(best_bound, bound, key=lambda b: b.seconds)
+        if bound.seconds <= limit_s:
             high_s = limit_s
         limit_s = (best_bound.seconds + high_s) / 2.0
     return best_bound
@@ -140,10 +143,10 @@ def bound_makespan(boxes: BoxTables, is_needed: Bools, printer_count: int, makes
 def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printer_count: int, cost: CostModel) -> float:
     """Compute a lower bound on the makespan of any partition that prints a surface and a volume.
 
-    In the best case, all of the surface is level skin, or the flattest slope without skin; cuts, supports,
-    brims and minimum layer times only add to the time. At most `printer_count` parts share the work, and each
-    takes its fixed time in addition. The time that each part saves because its inner walls are shorter, and
-    because walls cover the rim of its skin, is subtracted.
+    In the best case, all of the surface is either horizontal skin or the flattest slope without skin. Cuts,
+    supports, brims and minimum layer times only add to the time. At most `printer_count` parts share the
+    work, and each part takes its fixed time in addition. The bound subtracts the time that each part saves
+    because its inner walls are shorter, and because walls cover the rim of its skin.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A rectilinear grid over a model, and tables over all axis-aligned boxes of its cells."""
+"""A rectilinear grid over a model, and tables with an entry for every axis-aligned box of its cells."""
 
 from __future__ import annotations
 

@@ -11,7 +11,9 @@ Shape = tuple[int, int, int]  # shape of a grid, in cells
 
 @jit
 def index_interval(lo: int, hi: int, n: int) -> int:
-    """Compute the index of the interval [lo, hi) among the n (n + 1) / 2 intervals of n cells, by length.
+    """Compute the index of the interval [lo, hi) among all intervals of n cells, the shortest first.
+
+    There are n (n + 1) / 2 intervals.
 
     Parameters
     ----------
@@ -35,8 +37,9 @@ def compute_index(box: Box, shape: Shape) -> int:
     """
     x0, y0, z0, x1, y1, z1 = box
     nx, ny, nz = shape
-    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
-    return (index_interval(x0, x1, nx) * ty + index_interval(y0, y1, ny)) * tz + index_interval(z0, z1, nz)
+    y_interval_count, z_interval_count = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    base_index = index_interval(x0, x1, nx) * y_interval_count + index_interval(y0, y1, ny)
+    return base_index * z_interval_count + index_interval(z0, z1, nz)
 
 
 @jit
@@ -56,7 +59,7 @@ def sum_box(sums: Ints, box: Box) -> int:
 
 
 def index_box(box: Box, shape: Shape) -> int:
-    """Compute the index of a box in the tables of `BoxTables` over a grid.
+    """Compute the index of a box in the tables of `BoxTables`, over all boxes of a grid.
 
     Parameters
     ----------

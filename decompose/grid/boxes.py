@@ -1,7 +1,9 @@
-"""Tables over every axis-aligned box of a grid: price, box around the needed cells, and number of pieces.
+"""Tables of every axis-aligned box of a grid: price, box around the needed cells, and number of pieces.
 
-There are millions of boxes. Each row, layer and box is the previous one plus a cell, row or layer, so each
-box takes only a few dozen additions.
+A box is priced in its six axis poses: in each of them, one of its sides lies on the bed.
+
+There are millions of boxes. The sums over a box are those over the previous box plus those over one layer of
+cells, and layers are added up from rows in the same way, so each box takes only a few dozen additions.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from decompose.printers import TargetPrinter
 
 @dataclass(frozen=True, slots=True)
 class BoxTables:
-    """Tables over every axis-aligned box of a grid.
+    """Tables of every axis-aligned box of a grid.
 
     The index of a box combines the indices of its intervals along x, y and z (`box_index`).
 
@@ -40,11 +42,11 @@ class BoxTables:
     seconds
         (boxes,) print time in the best pose that fits; +inf if none fits, or if it was not computed.
     trimmed_box
-        (boxes,) index of the smallest box around its needed cells; -1 if it has none.
+        (boxes,) index of the smallest box around the needed cells of a box; -1 if there are none.
     piece_counts
-        (boxes,) number of connected pieces of the solid in it, as counted on the grid.
+        (boxes,) number of connected pieces of the solid in a box, as counted on the grid.
     cut_mm2
-        (boxes,) area of the cut faces of boxes that may be printed; (0,) if it is not needed.
+        (boxes,) area of the cut faces of boxes that may be printed; empty (0,) if areas are not needed.
     """
 
     shape: tuple[int, int, int]
@@ -54,7 +56,7 @@ class BoxTables:
     cut_mm2: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def find_longest_time_s(self, boxes: Iterable[Box]) -> float:
-        """Find the time in seconds of the slowest of some boxes, each trimmed to its needed cells."""
+        """Find the time in seconds of the slowest of several boxes, each trimmed to its needed cells."""
         return max(float(self.seconds[self.trimmed_box[index_box(box, self.shape)]]) for box in boxes)
 
 
@@ -67,7 +69,7 @@ def _fits_all(build_volumes: Floats, width_mm: float, depth_mm: float, height_mm
     build_volumes
         (build volumes, boxes, 3) float64 in mm, from `list_build_volumes`.
     width_mm, depth_mm, height_mm
-        Extents of the part.
+        Size of the part.
     """
     for v in range(len(build_volumes)):
         fits = False
@@ -82,42 +84,45 @@ def _fits_all(build_volumes: Floats, width_mm: float, depth_mm: float, height_mm
 
 
 @jit
-def _clear_ends(ends: Floats) -> None:
-    """Set ends to those of no cell: inf for the least values, -inf for the greatest ones.
+def _clear_bounds(bounds: Floats) -> None:
+    """Set bounds to those of an empty set of cells: inf for the least values, -inf for the greatest ones.
 
     Parameters
     ----------
-    ends
-        (12,) float64 of `_find_cell_ends`, set in place.
+    bounds
+        (12,) float64 as in `_find_cell_bounds`, set in place.
     """
     for k in range(3):
-        ends[k], ends[k + 3], ends[k + 6], ends[k + 9] = np.inf, -np.inf, np.inf, -np.inf
+        bounds[k], bounds[k + 3], bounds[k + 6], bounds[k + 9] = np.inf, -np.inf, np.inf, -np.inf
 
 
 @jit
-def _widen_ends(ends: Floats, added_ends: Floats) -> None:
-    """Widen ends to include other ends.
+def _widen_bounds(bounds: Floats, added_bounds: Floats) -> None:
+    """Widen bounds so that they include other bounds.
 
     Parameters
     ----------
-    ends, added_ends
-        (12,) float64 of `_find_cell_ends`; the first is updated in place.
+    bounds, added_bounds
+        (12,) float64 as in `_find_cell_bounds`; the first array is updated in place.
     """
     for k in range(3):
-        ends[k], ends[k + 3] = min(ends[k], added_ends[k]), max(ends[k + 3], added_ends[k + 3])
-        ends[k + 6], ends[k + 9] = min(ends[k + 6], added_ends[k + 6]), max(ends[k + 9], added_ends[k + 9])
+        bounds[k], bounds[k + 3] = min(bounds[k], added_bounds[k]), max(bounds[k + 3], added_bounds[k + 3])
+        bounds[k + 6], bounds[k + 9] = (
+            min(bounds[k + 6], added_bounds[k + 6]),
+            max(bounds[k + 9], added_bounds[k + 9]),
+        )
 
 
 @jit
-def _find_cell_ends(is_needed: Bools, extents: Floats) -> Floats:
-    """Find the ends of each cell: those of its solid, and those of the cell itself if it is needed.
+def _find_cell_bounds(is_needed: Bools, bounds_mm: Floats) -> Floats:
+    """Find the bounds of the solid in each cell, and those of the cell itself if it is needed.
 
     Parameters
     ----------
     is_needed
         (nx, ny, nz) bool of `Grid`.
-    extents
-        (nx, ny, nz, 6) float64 in mm of `Grid`.
+    bounds_mm
+        (nx, ny, nz, 6) float64 of `Grid`.
 
     Returns
     -------
@@ -126,17 +131,17 @@ def _find_cell_ends(is_needed: Bools, extents: Floats) -> Floats:
         of the cell in cells (6-8 and 9-11); 1e9 and -1e9 for a cell that is not needed.
     """
     nx, ny, nz = is_needed.shape
-    cell_bounds = np.zeros((nx, ny, nz, 6))
+    needed_bounds = np.zeros((nx, ny, nz, 6))
     for x in range(nx):
         for y in range(ny):
             for z in range(nz):
                 for k in range(6):
-                    cell_bounds[x, y, z, k] = 1e9 if k < 3 else -1e9
+                    needed_bounds[x, y, z, k] = 1e9 if k < 3 else -1e9
                 if is_needed[x, y, z]:
-                    cell_bounds[x, y, z, 0], cell_bounds[x, y, z, 3] = x, x + 1
-                    cell_bounds[x, y, z, 1], cell_bounds[x, y, z, 4] = y, y + 1
-                    cell_bounds[x, y, z, 2], cell_bounds[x, y, z, 5] = z, z + 1
-    return np.concatenate((extents, cell_bounds), axis=3)
+                    needed_bounds[x, y, z, 0], needed_bounds[x, y, z, 3] = x, x + 1
+                    needed_bounds[x, y, z, 1], needed_bounds[x, y, z, 4] = y, y + 1
+                    needed_bounds[x, y, z, 2], needed_bounds[x, y, z, 5] = z, z + 1
+    return np.concatenate((bounds_mm, needed_bounds), axis=3)
 
 
 @jit
@@ -146,7 +151,7 @@ def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas_mm2: Fl
     Parameters
     ----------
     cuts
-        Float64 summed-area tables in mm2 of `Grid.cuts`, for each axis over the two other axes.
+        Float64 summed-area tables of `Grid.cuts` in mm2, for each axis: sums along the two other axes.
     box
         Box in cells, half-open.
     areas_mm2
@@ -164,7 +169,7 @@ def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas_mm2: Fl
 
 @jit
 def _compute_min_price_s(
-    prices: Prices, build_volumes: Floats, sums: Floats, ends_mm: Floats, areas_mm2: Floats
+    prices: Prices, build_volumes: Floats, sums: Floats, bounds_mm: Floats, areas_mm2: Floats
 ) -> float:
     """Compute the price of a box in the best axis pose that fits all build volumes; +inf if none does.
 
@@ -176,17 +181,17 @@ def _compute_min_price_s(
         (build volumes, boxes, 3) float64 in mm, from `list_build_volumes`.
     sums
         (SUM_COUNT,) float64 sums over its cells, see `grid.clipping`.
-    ends_mm
-        (12,) float64; the first six are the extents of its solid in mm.
+    bounds_mm
+        (12,) float64; the first six are the bounds of its solid in mm.
     areas_mm2
-        (6,) float64 areas of its cut sides in mm2, of `_fill_cut_areas`.
+        (6,) float64 areas of its cut sides in mm2, from `_fill_cut_areas`.
     """
     cut_mm2 = areas_mm2.sum()
     best_s = np.inf
     for up in range(3):
-        width_mm = ends_mm[(up + 1) % 3 + 3] - ends_mm[(up + 1) % 3]
-        depth_mm = ends_mm[(up + 2) % 3 + 3] - ends_mm[(up + 2) % 3]
-        height_mm = ends_mm[up + 3] - ends_mm[up]
+        width_mm = bounds_mm[(up + 1) % 3 + 3] - bounds_mm[(up + 1) % 3]
+        depth_mm = bounds_mm[(up + 2) % 3 + 3] - bounds_mm[(up + 2) % 3]
+        height_mm = bounds_mm[up + 3] - bounds_mm[up]
         if not _fits_all(build_volumes, width_mm, depth_mm, height_mm):
             continue
         flat_mm2 = areas_mm2[2 * up] + areas_mm2[2 * up + 1]
@@ -198,9 +203,9 @@ def _compute_min_price_s(
             skin_mm2 = visible_skin_mm2 + flat_mm2 - prices["hidden_bed_share"] * areas_mm2[pose]
             if visible_skin_mm2 < MIN_VISIBLE_MM2:  # neither a top nor an underside is visible
                 skin_mm2 -= prices["hidden_top_share"] * areas_mm2[4 * up + 1 - pose]
-            column_mm3 = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
+            column_mm3 = sums[MOMENT + pose] - sums[OVERHANG + pose] * bounds_mm[up]
             if is_turned_over == 1:
-                column_mm3 = sums[OVERHANG + pose] * ends_mm[up + 3] - sums[MOMENT + pose]
+                column_mm3 = sums[OVERHANG + pose] * bounds_mm[up + 3] - sums[MOMENT + pose]
             features = (sums[VOLUME], lateral_mm2, max(0.0, skin_mm2), sums[SLOPE + up], column_mm3)
             best_s = min(best_s, compute_price_s(prices, features, (width_mm, depth_mm, height_mm)))
     return best_s
@@ -213,16 +218,16 @@ class Contents(NamedTuple):
     ----------
     sums
         (n, SUM_COUNT) float64, see `grid.clipping`.
-    ends
-        (n, 12) float64, see `_find_cell_ends`.
+    bounds
+        (n, 12) float64, see `_find_cell_bounds`.
     """
 
     sums: Floats
-    ends: Floats
+    bounds: Floats
 
 
 class Pricing(NamedTuple):
-    """Input of the prices of all boxes.
+    """Input for the prices of all boxes.
 
     Attributes
     ----------
@@ -249,33 +254,33 @@ class PriceTables(NamedTuple):
 
 @jit
 def _reset_contents(total: Contents) -> None:
-    """Reset contents to those of no cells."""
+    """Reset contents to those of empty cells."""
     total.sums[:] = 0.0
-    for i in range(len(total.ends)):
-        _clear_ends(total.ends[i])
+    for i in range(len(total.bounds)):
+        _clear_bounds(total.bounds[i])
 
 
 @jit
 def _add_contents(total: Contents, contents: Contents) -> None:
-    """Add contents to a total, cell by cell."""
-    for i in range(len(total.ends)):
+    """Add contents to a total, item by item."""
+    for i in range(len(total.bounds)):
         for k in range(total.sums.shape[1]):
             total.sums[i, k] += contents.sums[i, k]
-        _widen_ends(total.ends[i], contents.ends[i])
+        _widen_bounds(total.bounds[i], contents.bounds[i])
 
 
 @jit
 def _price_share(
-    is_needed: Bools, sums: Floats, ends: Floats, pricing: Pricing, tables: PriceTables, share: int
+    is_needed: Bools, sums: Floats, bounds: Floats, pricing: Pricing, tables: PriceTables, share: int
 ) -> None:
-    """Price a share of all boxes of a grid, by adding up rows of cells to layers, and layers to boxes.
+    """Price one share of the boxes of a grid, by adding up rows of cells into layers, and layers into boxes.
 
     Parameters
     ----------
     is_needed, sums
         (nx, ny, nz) bool and (nx, ny, nz, SUM_COUNT) float64 of `Grid`.
-    ends
-        (nx, ny, nz, 12) float64 of `_find_cell_ends`.
+    bounds
+        (nx, ny, nz, 12) float64 from `_find_cell_bounds`.
     pricing
         Build volumes, cut areas and prices.
     tables
@@ -288,14 +293,16 @@ def _price_share(
     layer = Contents(np.zeros((nz, sums.shape[3])), np.zeros((nz, 12)))
     for x0 in range(share, nx, SHARE_COUNT):
         for y in range(ny):
-            _reset_contents(Contents(row.sums[y], row.ends[y]))
+            _reset_contents(Contents(row.sums[y], row.bounds[y]))
         for x1 in range(x0 + 1, nx + 1):
             for y in range(ny):
-                _add_contents(Contents(row.sums[y], row.ends[y]), Contents(sums[x1 - 1, y], ends[x1 - 1, y]))
+                _add_contents(
+                    Contents(row.sums[y], row.bounds[y]), Contents(sums[x1 - 1, y], bounds[x1 - 1, y])
+                )
             for y0 in range(ny):
                 _reset_contents(layer)
                 for y1 in range(y0 + 1, ny + 1):
-                    _add_contents(layer, Contents(row.sums[y1 - 1], row.ends[y1 - 1]))
+                    _add_contents(layer, Contents(row.sums[y1 - 1], row.bounds[y1 - 1]))
                     _price_column(layer, (x0, y0, x1, y1), shape, pricing, tables)
 
 
@@ -303,7 +310,7 @@ def _price_share(
 def _price_column(
     layer: Contents, base: tuple[int, int, int, int], shape: Shape, pricing: Pricing, tables: PriceTables
 ) -> None:
-    """Price all boxes over a base.
+    """Price all boxes with the same base, a rectangle of cells in the x-y plane.
 
     Parameters
     ----------
@@ -320,24 +327,25 @@ def _price_column(
     """
     x0, y0, x1, y1 = base
     nz = shape[2]
-    s, e, areas_mm2 = np.zeros(layer.sums.shape[1]), np.zeros(12), np.zeros(6)
+    sums, bounds, areas_mm2 = np.zeros(layer.sums.shape[1]), np.zeros(12), np.zeros(6)
     for z0 in range(nz):
-        s[:] = 0.0
-        _clear_ends(e)
+        sums[:] = 0.0
+        _clear_bounds(bounds)
         for z1 in range(z0 + 1, nz + 1):
-            for k in range(len(s)):
-                s[k] += layer.sums[z1 - 1, k]
-            _widen_ends(e, layer.ends[z1 - 1])
-            if e[9] < 0.0:
+            for k in range(len(sums)):
+                sums[k] += layer.sums[z1 - 1, k]
+            _widen_bounds(bounds, layer.bounds[z1 - 1])
+            if bounds[9] < 0.0:
                 continue  # no needed cell
-            sides = (x0, y0, z0, x1, y1, z1)
-            box = compute_index(sides, shape)
-            trimmed_box = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
-            tables.trimmed_box[box] = compute_index(trimmed_box, shape)
-            if tables.trimmed_box[box] == box:
-                tables.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas_mm2)
-                tables.seconds[box] = _compute_min_price_s(
-                    pricing.prices, pricing.build_volumes, s, e, areas_mm2
+            box = (x0, y0, z0, x1, y1, z1)
+            index = compute_index(box, shape)
+            lower = (int(bounds[6]), int(bounds[7]), int(bounds[8]))
+            upper = (int(bounds[9]), int(bounds[10]), int(bounds[11]))
+            tables.trimmed_box[index] = compute_index(lower + upper, shape)
+            if tables.trimmed_box[index] == index:
+                tables.cut_mm2[index] = _fill_cut_areas(pricing.cuts, box, areas_mm2)
+                tables.seconds[index] = _compute_min_price_s(
+                    pricing.prices, pricing.build_volumes, sums, bounds, areas_mm2
                 )
 
 
@@ -347,12 +355,12 @@ def list_build_volumes(printers: Sequence[TargetPrinter]) -> Floats:
     Returns
     -------
     ndarray
-        (build volumes, boxes, 3) float64 in mm, padded with boxes that no part fits.
+        (build volumes, boxes, 3) float64 in mm, padded with boxes that are too small for any part.
     """
-    distinct_volumes = sorted({p.boxes for p in printers})
-    max_boxes = max(len(boxes) for boxes in distinct_volumes)
+    distinct_volumes = sorted({p.box_sizes_mm for p in printers})
+    max_box_count = max(len(boxes) for boxes in distinct_volumes)
     return np.array(
-        [list(boxes) + [(-1.0, -1.0, -1.0)] * (max_boxes - len(boxes)) for boxes in distinct_volumes]
+        [list(boxes) + [(-1.0, -1.0, -1.0)] * (max_box_count - len(boxes)) for boxes in distinct_volumes]
     )
 
 
@@ -364,9 +372,9 @@ def price_boxes(
     Parameters
     ----------
     grid
-        Grid that is built with the overhang and skin angles of the cost model.
+        Grid that was built with the overhang and skin angles of the cost model.
     printers
-        Printers; a box fits if it fits the build volume of each of them.
+        Printers; a box is allowed only if it fits the build volume of each of them.
     cost
         Cost model, which estimates print times.
     executor
@@ -380,13 +388,13 @@ def price_boxes(
         table[inner_index] = cut.cumsum(axis=a).cumsum(axis=b)
         cut_sums.append(table)
     cuts = (cut_sums[0], cut_sums[1], cut_sums[2])
-    total = math.prod(n * (n + 1) // 2 for n in grid.shape)
+    count = math.prod(n * (n + 1) // 2 for n in grid.shape)
     tables = PriceTables(
-        np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)
+        np.full(count, np.inf, np.float32), np.full(count, -1, np.int32), np.zeros(count, np.float32)
     )
     pricing = Pricing(list_build_volumes(printers), cuts, cost.build_prices())
-    ends = _find_cell_ends(grid.is_needed, grid.extents)
-    run_shares(executor, partial(_price_share, grid.is_needed, grid.sums, ends, pricing, tables))
-    piece_counts = np.ones(total, np.int16)
+    bounds = _find_cell_bounds(grid.is_needed, grid.bounds_mm)
+    run_shares(executor, partial(_price_share, grid.is_needed, grid.sums, bounds, pricing, tables))
+    piece_counts = np.ones(count, np.int16)
     count_pieces(grid.shape, grid.bodies, tables.trimmed_box, tables.seconds, piece_counts, executor)
     return BoxTables(grid.shape, tables.seconds, tables.trimmed_box, piece_counts, tables.cut_mm2)

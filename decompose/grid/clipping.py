@@ -1,4 +1,4 @@
-"""Kernels that clip each triangle to the cells that it crosses, and add its fragments to their sums."""
+"""Kernels that clip triangles to the cells of a grid, and add their fragments to the sums of the cells."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from decompose.geometry.rays import compute_unit_normals
 from decompose.jit import jit, jit_inline
 
 # Columns of `Grid.sums`, each a sum over a cell. The pose indices are those of `print_time.pose_prices`.
-VOLUME = 0
-LATERAL_AREA = 1  # 3 columns, one for each axis as up
-SKIN = 4  # 3 columns
-SLOPE = 7  # 3 columns: lateral area of the faces that have skin
-OVERHANG = 10  # 6 columns: projected area of faces that overhang in a pose
-MOMENT = 16  # 6 columns: the area of `OVERHANG` times its coordinate along the axis
+VOLUME = 0  # in mm3
+LATERAL_AREA = 1  # 3 columns in mm2, one for each axis that may point up
+SKIN = 4  # 3 columns: projected area in mm2 of the faces that have skin
+SLOPE = 7  # 3 columns: lateral area in mm2 of the faces that have skin
+OVERHANG = 10  # 6 columns: projected area in mm2 of the faces that overhang in a pose
+MOMENT = 16  # 6 columns in mm3: the area of `OVERHANG` times its coordinate along the axis
 SUM_COUNT = 22
 
 MIN_FRAGMENT_MM2 = 1e-12  # smaller fragments are ignored
@@ -32,17 +32,18 @@ class CellContents(NamedTuple):
     area_mm2
         (nx, ny, nz) area of the surface in mm2.
     flux
-        (nx, ny, nz, 4) sums of A n in mm2, and of A nx (x - x0) in mm3; x0 is the cell's near side.
+        (nx, ny, nz, 4) sums of area times unit normal in mm2 (columns 0-2), and of area times the x component
+        of the normal times the distance in x from the lower side of the cell, in mm3 (column 3).
     sums
         (nx, ny, nz, SUM_COUNT) of `Grid`, without the volume.
-    extents
+    bounds_mm
         (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf if there is none.
     """
 
     area_mm2: Floats
     flux: Floats
     sums: Floats
-    extents: Floats
+    bounds_mm: Floats
 
 
 @jit
@@ -54,9 +55,9 @@ def _allocate_contents(shape: tuple[int, int, int]) -> CellContents:
     shape
         Shape of the grid, in cells.
     """
-    extents = np.full((*shape, 6), np.inf)
-    extents[:, :, :, 3:] = -np.inf
-    return CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUM_COUNT)), extents)
+    bounds_mm = np.full((*shape, 6), np.inf)
+    bounds_mm[:, :, :, 3:] = -np.inf
+    return CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUM_COUNT)), bounds_mm)
 
 
 @jit
@@ -70,7 +71,7 @@ def _find_slabs(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
     polygon
         (k, 3) float64 corners in mm.
     axis
-        Axis across the planes.
+        Axis perpendicular to the planes.
     """
     lo, hi = np.inf, -np.inf
     for i in range(len(polygon)):
@@ -85,14 +86,14 @@ def _find_slabs(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
 def _clip_polygon(
     polygon: Floats, axis: int, at_mm: float, keeps_above: bool, clipped_polygon: Floats
 ) -> int:
-    """Clip a polygon (k, 3) by an axis plane (Sutherland and Hodgman 1974).
+    """Clip a polygon by a plane perpendicular to an axis (Sutherland and Hodgman 1974).
 
     Parameters
     ----------
     polygon
         (k, 3) float64 corners in mm.
     axis, at_mm
-        Axis across the plane, and its coordinate.
+        Axis perpendicular to the plane, and the coordinate of the plane.
     keeps_above
         Whether the side above the plane is kept.
     clipped_polygon
@@ -128,7 +129,7 @@ def _clip_to_slab(
     polygon
         (k, 3) float64 corners in mm.
     axis, slab_mm
-        Axis across the planes, and their coordinates.
+        Axis perpendicular to the planes, and the coordinates of the planes.
     half_polygon
         (12, 3) float64 buffer; it is overwritten.
     clipped_polygon
@@ -139,14 +140,14 @@ def _clip_to_slab(
     int
         Number of corners.
     """
-    near_mm, far_mm = slab_mm
-    corner_count = _clip_polygon(polygon, axis, near_mm, True, half_polygon)
-    return _clip_polygon(half_polygon[:corner_count], axis, far_mm, False, clipped_polygon)
+    lower_mm, upper_mm = slab_mm
+    corner_count = _clip_polygon(polygon, axis, lower_mm, True, half_polygon)
+    return _clip_polygon(half_polygon[:corner_count], axis, upper_mm, False, clipped_polygon)
 
 
 @jit
-def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
-    """Measure the area of a plane polygon in mm2, by a fan of triangles.
+def _measure_polygon(polygon: Floats, normal: Floats, moment_mm3: Floats) -> float:
+    """Measure the area of a plane polygon in mm2, and its moment, by a fan of triangles.
 
     Parameters
     ----------
@@ -154,11 +155,11 @@ def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
         (k, 3) float64 corners in mm.
     normal
         (3,) float64 unit normal.
-    centre
-        (3,) float64, filled in with the centroid times the area, in mm3.
+    moment_mm3
+        (3,) float64, filled in with the centroid times the area.
     """
     area_mm2 = 0.0
-    centre[:] = 0.0
+    moment_mm3[:] = 0.0
     for i in range(1, len(polygon) - 1):
         u = polygon[i] - polygon[0]
         v = polygon[i + 1] - polygon[0]
@@ -168,7 +169,7 @@ def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
             + (u[0] * v[1] - u[1] * v[0]) * normal[2]
         ) / 2.0
         area_mm2 += triangle_mm2
-        centre += triangle_mm2 * (polygon[0] + polygon[i] + polygon[i + 1]) / 3.0
+        moment_mm3 += triangle_mm2 * (polygon[0] + polygon[i] + polygon[i + 1]) / 3.0
     return area_mm2
 
 
@@ -178,7 +179,7 @@ def _add_fragment(
     cell: Ints,
     polygon: Floats,
     normal: Floats,
-    near_side_mm: float,
+    lower_side_mm: float,
     cosines: tuple[float, float],
 ) -> None:
     """Add a fragment of a triangle to the sums of its cell.
@@ -191,37 +192,38 @@ def _add_fragment(
         (3,) int64 index of the cell.
     polygon, normal
         (k, 3) float64 corners of the fragment in mm, and its (3,) float64 unit normal.
-    near_side_mm
-        x of the near side of the cell.
+    lower_side_mm
+        x coordinate of the lower side of the cell.
     cosines
         `skin_cos` and `overhang_cos`, as in `clip_into_cells`.
     """
-    area, flux, sums, extents = contents.area_mm2, contents.flux, contents.sums, contents.extents
+    area, flux, sums, bounds_mm = contents.area_mm2, contents.flux, contents.sums, contents.bounds_mm
     skin_cos, overhang_cos = cosines
     x, y, z = cell[0], cell[1], cell[2]
-    centre = np.zeros(3)
-    area_mm2 = _measure_polygon(polygon, normal, centre)
+    moment_mm3 = np.zeros(3)
+    area_mm2 = _measure_polygon(polygon, normal, moment_mm3)
     if not area_mm2 > MIN_FRAGMENT_MM2:
         return
-    centre /= area_mm2
+    centroid_mm = moment_mm3
+    centroid_mm /= area_mm2  # in place, which is faster
     area[x, y, z] += area_mm2
     for i in range(len(polygon)):
         for k in range(3):
-            extents[x, y, z, k] = min(extents[x, y, z, k], polygon[i, k])
-            extents[x, y, z, k + 3] = max(extents[x, y, z, k + 3], polygon[i, k])
-    flux[x, y, z, 3] += area_mm2 * normal[0] * (centre[0] - near_side_mm)
+            bounds_mm[x, y, z, k] = min(bounds_mm[x, y, z, k], polygon[i, k])
+            bounds_mm[x, y, z, k + 3] = max(bounds_mm[x, y, z, k + 3], polygon[i, k])
+    flux[x, y, z, 3] += area_mm2 * normal[0] * (centroid_mm[0] - lower_side_mm)
     for k in range(3):
-        c = normal[k]
-        flux[x, y, z, k] += area_mm2 * c
-        lateral_mm2 = area_mm2 * np.sqrt(max(0.0, 1.0 - c * c))
+        cosine = normal[k]
+        flux[x, y, z, k] += area_mm2 * cosine
+        lateral_mm2 = area_mm2 * np.sqrt(max(0.0, 1.0 - cosine * cosine))
         sums[x, y, z, LATERAL_AREA + k] += lateral_mm2
-        if abs(c) > skin_cos:
-            sums[x, y, z, SKIN + k] += area_mm2 * abs(c)
+        if abs(cosine) > skin_cos:
+            sums[x, y, z, SKIN + k] += area_mm2 * abs(cosine)
             sums[x, y, z, SLOPE + k] += lateral_mm2
-        if abs(c) > overhang_cos:
-            pose = 2 * k if c < 0.0 else 2 * k + 1
-            sums[x, y, z, OVERHANG + pose] += area_mm2 * abs(c)
-            sums[x, y, z, MOMENT + pose] += area_mm2 * abs(c) * centre[k]
+        if abs(cosine) > overhang_cos:
+            pose = 2 * k if cosine < 0.0 else 2 * k + 1
+            sums[x, y, z, OVERHANG + pose] += area_mm2 * abs(cosine)
+            sums[x, y, z, MOMENT + pose] += area_mm2 * abs(cosine) * centroid_mm[k]
 
 
 @jit
@@ -231,11 +233,11 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     Parameters
     ----------
     triangles
-        (m, 3, 3) float64 in mm, facing outward by the right-hand rule, inside the outermost planes.
+        (m, 3, 3) float64 in mm, between the outermost planes; the faces point outward by the right-hand rule.
     planes
-        (n + 1,) float64 ascending coordinates of the planes across each axis, in mm.
+        (n + 1,) float64 ascending coordinates of the planes perpendicular to each axis, in mm.
     skin_cos, overhang_cos
-        Component of a normal along an axis above which a face has skin, or counts as an overhang.
+        Component of a unit normal along an axis, above which a face has skin, or counts as an overhang.
     """
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
     contents = _allocate_contents(shape)
@@ -269,9 +271,14 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
                 is_entering = True
                 continue
             if corner_count >= 3:
-                near_side_mm = planes[0][cell[0]]
+                lower_side_mm = planes[0][cell[0]]
                 _add_fragment(
-                    contents, cell, polygons[3, :corner_count], normal, near_side_mm, (skin_cos, overhang_cos)
+                    contents,
+                    cell,
+                    polygons[3, :corner_count],
+                    normal,
+                    lower_side_mm,
+                    (skin_cos, overhang_cos),
                 )
             cell[axis] += 1
     return contents

@@ -1,9 +1,9 @@
 """Grid over a model: classes of its cells, and the sums in each cell on which print time depends.
 
 Each triangle is clipped once to the cells that it crosses. Everything else follows exactly from the
-divergence theorem: the flux of a constant field through the surface in a cell gives the cut area of its far
-side from that of its near side, and the first moment of that flux gives the volume. No boolean operations are
-needed.
+divergence theorem: the flux of a constant field through the surface in a cell is the difference between
+the cut areas of its lower and its upper side, and the first moment of that flux gives the volume. No boolean
+operations are needed.
 """
 
 from __future__ import annotations
@@ -23,36 +23,38 @@ from decompose.grid.planes import find_flat_faces, place_planes
 GRANULARITIES = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
-MAX_BOXES = 10_000_000  # maximum number of boxes of a grid, which are all kept in memory
-MAX_CUTS = 300_000_000  # maximum number of cuts of all boxes: each solve computes a sum for each of them
+MAX_BOXES = 10_000_000  # maximum number of boxes of a grid: tables of all boxes are kept in memory
+# Maximum number of cuts of all boxes: for every time limit, the search computes a sum for each cut.
+MAX_CUTS = 300_000_000
 MAX_FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
 MIN_CELL_MM = 4.0  # minimum side of a cell
-CELL_DIVISION = 3  # number of fine cells along each side of a cell, by which its bodies are separated
+CELL_DIVISION = 3  # number of fine cells along each side of a cell, on which its bodies are told apart
 MAX_FINE_CELLS = 500_000  # maximum number of fine cells; the cells of a larger grid are divided less
 
 
 class Cell(IntEnum):
     """Class of a cell."""
 
-    EXTERNAL = 0
-    INTERNAL = 1
-    BOUNDARY = 2
+    EXTERNAL = 0  # without solid
+    INTERNAL = 1  # full of solid
+    BOUNDARY = 2  # with a part of the model's surface
 
 
 @dataclass(frozen=True, slots=True)
 class GridRules:
-    """Rules for the cells and the faces of a model.
+    """Rules that classify the cells of a grid, and the faces of its model.
 
     Attributes
     ----------
     min_wall_mm
-        Distance from the surface within which internal cells are needed.
+        Distance from the surface within which internal cells are needed: the minimum thickness of a wall.
     keeps_interior
         Whether every internal cell is needed.
     overhang_cos
-        Cosine of the angle between normal and downward direction above which a face counts as an overhang.
+        Cosine of the angle between the normal of a face and the downward direction, above which the face
+        counts as an overhang.
     skin_cos
-        Cosine of the angle between normal and vertical above which a face gets skin.
+        Cosine of the angle between the normal of a face and the vertical, above which the face gets skin.
     """
 
     min_wall_mm: float
@@ -68,25 +70,26 @@ class Grid:
     Attributes
     ----------
     planes
-        (n + 1,) ascending coordinates of the planes across each axis, in mm.
+        (n + 1,) ascending coordinates of the planes perpendicular to each axis, in mm.
     cells
         (nx, ny, nz) int8 `Cell` classes.
     is_needed
-        (nx, ny, nz) bool, true for cells that must be printed: those that contain surface, and those of the
-        wall behind it.
+        (nx, ny, nz) bool, true for cells that must be printed: those that contain the model's surface, and
+        those of the wall behind it.
     sums
         (nx, ny, nz, SUM_COUNT) float64, see the column constants of `clipping`.
     area_mm2
         (nx, ny, nz) float64 area of the model's surface in a cell, in mm2.
-    extents
+    bounds_mm
         (nx, ny, nz, 6) float64 least x, y, z and greatest x, y, z of the solid in a cell, in mm; +inf and
         -inf if it is empty.
-    surface_extents
+    surface_bounds_mm
         (nx, ny, nz, 6) the same for the model's surface alone.
     cuts
-        Float64 area of solid in mm2 on the planes across each axis, by cell: n + 1 planes along that axis.
+        For each axis, float64 area of solid in mm2 on the planes perpendicular to it, by cell: the shape is
+        that of the cells, with n + 1 planes instead of n cells along the axis.
     bodies
-        Bodies of the solid in each cell; only `build_grid` finds them.
+        Bodies (connected components) of the solid in each cell; only `build_grid` finds them.
     """
 
     planes: tuple[Floats, Floats, Floats]
@@ -94,8 +97,8 @@ class Grid:
     is_needed: Bools
     sums: Floats
     area_mm2: Floats
-    extents: Floats
-    surface_extents: Floats
+    bounds_mm: Floats
+    surface_bounds_mm: Floats
     cuts: tuple[Floats, Floats, Floats]
     bodies: CellBodies
 
@@ -114,18 +117,20 @@ class Grid:
 
 def count_cuts(shape: tuple[int, int, int]) -> int:
     """Count the cuts of all boxes of a grid with a shape in cells; the search computes a sum for each."""
-    spans = [n * (n + 1) // 2 for n in shape]
-    cuts = [n * (n * n - 1) // 6 for n in shape]
-    return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))
+    interval_counts = [n * (n + 1) // 2 for n in shape]
+    cut_counts = [n * (n * n - 1) // 6 for n in shape]
+    return sum(
+        math.prod([*interval_counts[:axis], cut_counts[axis], *interval_counts[axis + 1 :]])
+        for axis in range(3)
+    )
 
 
 def choose_cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
     """Choose the number of nearly cubic cells along each axis: about granularity**3 in total.
 
-    There are fewer if the cells would otherwise be too small.
-
-    A flat model would have many times as many boxes of cells as a cube, and a long model many times as many
-    cuts, so these numbers are limited too.
+    There are fewer cells if they would otherwise be too small, or if their boxes would have too many cuts.
+    The number of boxes is also limited, because a flat model has many times as many boxes as a cube with the
+    same number of cells.
 
     Parameters
     ----------
@@ -138,8 +143,8 @@ def choose_cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int
     max_boxes = min(MAX_BOXES, MAX_FLAT_BOXES_RATIO * (granularity * (granularity + 1) // 2) ** 3)
     while True:
         nx, ny, nz = (max(1, round(float(s) / edge_mm)) for s in size_mm)
-        boxes = nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2)
-        if boxes <= max_boxes and count_cuts((nx, ny, nz)) <= MAX_CUTS:
+        box_count = nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2)
+        if box_count <= max_boxes and count_cuts((nx, ny, nz)) <= MAX_CUTS:
             return nx, ny, nz
         edge_mm *= 1.03
 
@@ -155,13 +160,14 @@ def build_grid(
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm, a closed mesh that faces outward by the right-hand rule.
+        (m, 3, 3) in mm, a closed mesh whose faces point outward by the right-hand rule.
     granularity
         Cube root of the desired number of cells.
     rules
         Rules for cells and faces.
     target_plane
-        Axis and coordinate in mm to which the nearest inner plane of the grid is moved; None for no plane.
+        Axis, and coordinate in mm along it to which the nearest inner plane of the grid is moved; None to
+        move none.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     counts = choose_cell_counts(hi - lo, granularity)
@@ -176,7 +182,7 @@ def build_grid(
     divisions = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.is_needed.size) ** (1.0 / 3.0))))
     fine_planes = (divide_planes(px, divisions), divide_planes(py, divisions), divide_planes(pz, divisions))
     fine_grid = fill_grid(triangles, fine_planes, replace(rules, keeps_interior=True))
-    return replace(grid, bodies=_find_bodies(fine_grid.extents, fine_grid.cuts, divisions))
+    return replace(grid, bodies=_find_bodies(fine_grid.bounds_mm, fine_grid.cuts, divisions))
 
 
 def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: GridRules) -> Grid:
@@ -187,10 +193,10 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     triangles, rules
         As in `build_grid`; the mesh lies between the outermost planes.
     planes
-        (n + 1,) ascending coordinates of the planes across each axis, in mm.
+        (n + 1,) ascending coordinates of the planes perpendicular to each axis, in mm.
     """
-    area_mm2, flux, sums, extents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
-    surface_extents = extents.copy()  # `extents` will become those of the solid
+    area_mm2, flux, sums, bounds_mm = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
+    surface_bounds_mm = bounds_mm.copy()  # `bounds_mm` becomes the bounds of the solid below
     steps_mm = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):
@@ -204,34 +210,34 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps_mm[0][:, None, None])
     # The solid behind a cut face reaches the side of the cell; a cell without surface is full or empty.
     for axis in range(3):
-        is_near_side_cut = np.take(cuts[axis], range(area_mm2.shape[axis]), axis=axis) > 0.0
-        is_far_side_cut = np.take(cuts[axis], range(1, area_mm2.shape[axis] + 1), axis=axis) > 0.0
+        is_lower_side_cut = np.take(cuts[axis], range(area_mm2.shape[axis]), axis=axis) > 0.0
+        is_upper_side_cut = np.take(cuts[axis], range(1, area_mm2.shape[axis] + 1), axis=axis) > 0.0
         shape = [1, 1, 1]
         shape[axis] = -1
         low_mm, high_mm = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
-        extents[..., axis] = np.where(is_near_side_cut, low_mm, extents[..., axis])
-        extents[..., axis + 3] = np.where(is_far_side_cut, high_mm, extents[..., axis + 3])
+        bounds_mm[..., axis] = np.where(is_lower_side_cut, low_mm, bounds_mm[..., axis])
+        bounds_mm[..., axis + 3] = np.where(is_upper_side_cut, high_mm, bounds_mm[..., axis + 3])
     cells = np.full(area_mm2.shape, Cell.EXTERNAL, dtype=np.int8)
     cells[(area_mm2 == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
     cells[area_mm2 > 0.0] = Cell.BOUNDARY
     is_needed = cells != Cell.EXTERNAL
     if not rules.keeps_interior:
         is_needed = (cells == Cell.BOUNDARY) | _find_wall_cells(
-            cells, surface_extents, planes, rules.min_wall_mm
+            cells, surface_bounds_mm, planes, rules.min_wall_mm
         )
     cut_areas = (cuts[0], cuts[1], cuts[2])
-    return Grid(planes, cells, is_needed, sums, area_mm2, extents, surface_extents, cut_areas, NO_BODIES)
+    return Grid(planes, cells, is_needed, sums, area_mm2, bounds_mm, surface_bounds_mm, cut_areas, NO_BODIES)
 
 
-def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], divisions: int) -> CellBodies:
-    """Find the bodies of cells by `extents` and `cuts` of a finer grid, which divides the cells."""
-    nx, ny, nz = extents.shape[:3]
-    open_x, open_y, open_z = (cut[:nx, :ny, :nz] > 0.0 for cut in cuts)
-    return find_bodies(np.isfinite(extents[..., 0]), (open_x, open_y, open_z), divisions)
+def _find_bodies(bounds_mm: Floats, cuts: tuple[Floats, Floats, Floats], divisions: int) -> CellBodies:
+    """Find the bodies of cells from `bounds_mm` and `cuts` of a finer grid, which divides the cells."""
+    nx, ny, nz = bounds_mm.shape[:3]
+    crosses_x, crosses_y, crosses_z = (cut[:nx, :ny, :nz] > 0.0 for cut in cuts)
+    return find_bodies(np.isfinite(bounds_mm[..., 0]), (crosses_x, crosses_y, crosses_z), divisions)
 
 
 def divide_planes(planes: Floats, divisions: int) -> Floats:
-    """Divide each interval between planes into equal ones.
+    """Divide each interval between planes into equal intervals.
 
     Parameters
     ----------
@@ -243,23 +249,23 @@ def divide_planes(planes: Floats, divisions: int) -> Floats:
     Returns
     -------
     ndarray
-        (n divisions + 1,) ascending coordinates in mm.
+        (n * divisions + 1,) ascending coordinates in mm.
     """
-    shares = np.arange(divisions) / divisions
-    return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
+    fractions = np.arange(divisions) / divisions
+    return np.append((planes[:-1, None] + np.diff(planes)[:, None] * fractions).ravel(), planes[-1])
 
 
 def _find_wall_cells(
-    cells: npt.NDArray[np.int8], surface_extents: Floats, planes: tuple[Floats, ...], min_wall_mm: float
+    cells: npt.NDArray[np.int8], surface_bounds_mm: Floats, planes: tuple[Floats, ...], min_wall_mm: float
 ) -> Bools:
-    """Find the internal cells (nx, ny, nz) that may be nearer to the surface than the minimum wall.
+    """Find the internal cells (nx, ny, nz) that may be nearer to the surface than the thickness of the wall.
 
-    The distance is measured between the cell and the box around the surface in each boundary cell; it is
-    never more than the true distance.
+    The distance is measured from the cell to the box around the surface in each boundary cell, so it is never
+    more than the true distance.
     """
     boundary = np.argwhere(cells == Cell.BOUNDARY)
     is_wall = np.zeros(cells.shape, dtype=np.bool_)
-    boxes = surface_extents[tuple(boundary.T)]
+    boxes = surface_bounds_mm[tuple(boundary.T)]
     for x, y, z in np.argwhere(cells == Cell.INTERNAL):
         lo = np.array([planes[0][x], planes[1][y], planes[2][z]])
         hi = np.array([planes[0][x + 1], planes[1][y + 1], planes[2][z + 1]])

@@ -1,8 +1,8 @@
 """Needed cells of a grid, found on finer cells than those along which the model is cut.
 
-On the grid a whole cell counts as needed, even if only a small part of it is needed. This matters when planes
-are moved off the grid: a part next to the cavity may shrink until it contains only the surface and the wall
-behind it.
+On the grid, a whole cell counts as needed, even if only a small part of it is needed. Finer cells matter when
+planes are moved off the grid: a part next to a hollow may shrink until it contains only the surface and the
+wall behind it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_DIVISION = 4  # maximum number of fine cells along each side of a cell
 def refine_cells(
     grid: Grid, triangles: Floats, min_wall_mm: float, keeps_interior: bool, max_cells: int
 ) -> NeededCells:
-    """Divide the needed cells of a grid, and find the fine cells among them that are needed.
+    """Divide the needed cells of a grid into fine cells, and find the fine cells that are needed.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def refine_cells(
     keeps_interior
         Whether every internal cell is needed.
     max_cells
-        Maximum number of cells in total, unless the grid itself has more.
+        Maximum number of fine cells in total, unless the grid itself has more cells.
     """
     divisions = max(1, min(MAX_DIVISION, int((max_cells / grid.is_needed.size) ** (1.0 / 3.0))))
     px, py, pz = (divide_planes(planes, divisions) for planes in grid.planes)
@@ -44,7 +44,7 @@ def refine_cells(
     if not keeps_interior:
         boundary = fine_grid.cells == Cell.BOUNDARY
         is_needed = boundary | is_needed & _find_near_cells(
-            fine_grid.surface_extents[boundary], fine_grid.planes, min_wall_mm
+            fine_grid.surface_bounds_mm[boundary], fine_grid.planes, min_wall_mm
         )
     is_cell_needed = grid.is_needed
     for axis in range(3):
@@ -52,19 +52,21 @@ def refine_cells(
     return NeededCells(fine_grid.planes, is_needed & is_cell_needed)
 
 
-def _find_near_cells(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
-    """Find the cells (nx, ny, nz) within a distance of any of the boxes (b, 6), along the axes."""
-    ends = np.zeros([len(p) for p in planes], dtype=np.int64)
-    first = [np.searchsorted(p, extents[:, a] - distance_mm, side="right") - 1 for a, p in enumerate(planes)]
-    last = [np.searchsorted(p, extents[:, a + 3] + distance_mm, side="left") for a, p in enumerate(planes)]
+def _find_near_cells(bounds_mm: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
+    """Find the cells (nx, ny, nz) within a distance of any of the boxes (b, 6), measured along each axis."""
+    differences = np.zeros([len(p) for p in planes], dtype=np.int64)
+    first = [
+        np.searchsorted(p, bounds_mm[:, a] - distance_mm, side="right") - 1 for a, p in enumerate(planes)
+    ]
+    last = [np.searchsorted(p, bounds_mm[:, a + 3] + distance_mm, side="left") for a, p in enumerate(planes)]
     spans = [
         (np.clip(lo, 0, len(p) - 1), np.clip(hi, 0, len(p) - 1))
         for lo, hi, p in zip(first, last, planes, strict=True)
     ]
     for corner in np.ndindex(2, 2, 2):
         index = tuple(span[side] for span, side in zip(spans, corner, strict=True))
-        np.add.at(ends, index, 1 - 2 * (sum(corner) % 2))
-    counts = ends.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+        np.add.at(differences, index, 1 - 2 * (sum(corner) % 2))
+    counts = differences.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     return np.asarray(counts[:-1, :-1, :-1] > 0)
 
 
@@ -78,7 +80,7 @@ class NeededCells:
     Attributes
     ----------
     planes
-        (n + 1,) ascending coordinates of the planes across each axis, in mm.
+        (n + 1,) ascending coordinates of the planes perpendicular to each axis, in mm.
     is_needed
         (nx, ny, nz) bool, true for cells to be covered.
     """
@@ -110,7 +112,8 @@ def _covers_all(x_shares: Floats, y_shares: Floats, z_shares: Floats, is_needed:
     Parameters
     ----------
     x_shares, y_shares, z_shares
-        (n, nx), (n, ny) and (n, nz) float64 share of each cell's length in each box, along the axes.
+        (n, nx), (n, ny) and (n, nz) float64 share of each cell's length that each box covers, along each
+        axis.
     is_needed
         (nx, ny, nz) bool, true for cells to be covered.
     """

@@ -1,7 +1,8 @@
-"""Number of connected pieces of the solid in every box of a grid, counted from its bodies in each cell.
+"""Number of connected pieces of the solid in every box of a grid.
 
-The bodies of a cell are separated on finer cells, and each finer cell counts as connected. So a count is
-never higher than that of the true solid, and is usually equal to it.
+The pieces are counted from the bodies of each cell: the connected components of the solid in it. They are
+told apart on finer cells, and the solid in a finer cell counts as connected. So a count is never higher than
+that of the true solid, and is usually equal to it.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ class CellBodies(NamedTuple):
         (cells + 1,) int64 number of the first body of each cell; the bodies of a cell have consecutive
         numbers.
     first_contact
-        (3, cells + 1) int64 index of the first contact across the near side of each cell, for each axis.
+        (3, cells + 1) int64 index of the first contact across the lower side of each cell, for each axis.
     contacts
-        (3, m, 2) int64 bodies of each contact: that of the cell, and that of the cell before it along the
-        axis.
+        (3, m, 2) int64 bodies of each contact: the one in the cell, and the one in the previous cell along
+        the axis.
     """
 
     first_body: Ints
@@ -46,15 +47,15 @@ class CellBodies(NamedTuple):
 NO_BODIES = CellBodies(np.zeros(0, np.int64), np.zeros((3, 0), np.int64), np.zeros((3, 0, 2), np.int64))
 
 
-def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], divisions: int) -> CellBodies:
+def find_bodies(is_full: Bools, crosses_lower_side: tuple[Bools, Bools, Bools], divisions: int) -> CellBodies:
     """Find the bodies of cells by means of finer cells.
 
     Parameters
     ----------
     is_full
-        (divisions nx, divisions ny, divisions nz) bool, true for a fine cell with solid.
-    is_open
-        Arrays of this shape for each axis, true if solid crosses the near side of a fine cell.
+        (divisions * nx, divisions * ny, divisions * nz) bool, true for a fine cell with solid.
+    crosses_lower_side
+        Array of this shape for each axis, true if solid crosses the lower side of a fine cell.
     divisions
         Number of fine cells along each side of a cell; with 1, each cell with solid is one body.
     """
@@ -62,14 +63,14 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], divisions: 
     fine_cells = np.arange(is_full.size).reshape(is_full.shape)
     x, y, z = (np.arange(n) // divisions for n in is_full.shape)
     cell = ((x[:, None, None] * ny + y[None, :, None]) * nz + z).ravel()
-    pairs = []
-    for axis, has_contact in enumerate(is_open):
-        far_cells = np.take(fine_cells, range(1, is_full.shape[axis]), axis=axis)
-        near_cells = np.take(fine_cells, range(is_full.shape[axis] - 1), axis=axis)
-        crosses_side = np.take(has_contact, range(1, is_full.shape[axis]), axis=axis)
-        pairs.append(np.stack([far_cells[crosses_side], near_cells[crosses_side]], axis=1))
+    cell_pairs_by_axis = []
+    for axis, crosses in enumerate(crosses_lower_side):
+        upper_cells = np.take(fine_cells, range(1, is_full.shape[axis]), axis=axis)
+        lower_cells = np.take(fine_cells, range(is_full.shape[axis] - 1), axis=axis)
+        is_contact = np.take(crosses, range(1, is_full.shape[axis]), axis=axis)
+        cell_pairs_by_axis.append(np.stack([upper_cells[is_contact], lower_cells[is_contact]], axis=1))
     inner_pairs = np.concatenate(
-        [body_pairs[cell[body_pairs[:, 0]] == cell[body_pairs[:, 1]]] for body_pairs in pairs]
+        [cell_pairs[cell[cell_pairs[:, 0]] == cell[cell_pairs[:, 1]]] for cell_pairs in cell_pairs_by_axis]
     )
     label = label_components(is_full.size, inner_pairs[:, 0], inner_pairs[:, 1])
     full_cells = np.flatnonzero(is_full)
@@ -81,10 +82,10 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], divisions: 
     counts = np.bincount(cell[full_cells][first_fine], minlength=nx * ny * nz)
     cells = np.arange(nx * ny * nz + 1)
     contacts, first_contact = [], []
-    for body_pairs in pairs:
-        outer_pairs = body_pairs[
-            (cell[body_pairs[:, 0]] != cell[body_pairs[:, 1]])
-            & (body_of_fine_cell[body_pairs] >= 0).all(axis=1)
+    for cell_pairs in cell_pairs_by_axis:
+        outer_pairs = cell_pairs[
+            (cell[cell_pairs[:, 0]] != cell[cell_pairs[:, 1]])
+            & (body_of_fine_cell[cell_pairs] >= 0).all(axis=1)
         ]
         # The contacts are sorted by their first body, and thus by its cell.
         body_contacts = np.unique(body_of_fine_cell[outer_pairs], axis=0)
@@ -98,16 +99,17 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], divisions: 
 
 
 class _Order(NamedTuple):
-    """Axis order in which the boxes are visited: each box extends the previous one along the last axis.
+    """Order of the axes in which boxes are visited: each box extends the previous one along the last axis.
 
     Attributes
     ----------
     axes
         Axes from the outermost loop to the innermost.
     sizes
-        Cells of the grid along each of these axes.
+        Number of cells of the grid along each of these axes.
     cell_strides, box_strides
-        Steps between cells in an array (nx, ny, nz), and between intervals in the tables of boxes.
+        For each of these axes, the distance between the indices of two neighbouring cells in a flat array,
+        and between those of two intervals in the tables of boxes.
     """
 
     axes: tuple[int, int, int]
@@ -144,7 +146,7 @@ def _find_highest_top(
 
 @jit
 def _add_layer(
-    ends: tuple[int, int, int, int],
+    base: tuple[int, int, int, int],
     bottom: int,
     layer: int,
     order: _Order,
@@ -155,8 +157,8 @@ def _add_layer(
 
     Parameters
     ----------
-    ends
-        First and last cell of the box, half-open, along the first and the second axis.
+    base
+        First cell of the box, and the cell after the last one, along the first and the second axis.
     bottom, layer
         First layer of the box along the last axis, and the layer that is added.
     order
@@ -166,7 +168,7 @@ def _add_layer(
     parent
         (bodies,) int32 forest of all bodies, updated in place.
     """
-    a0, a1, b0, b1 = ends
+    a0, a1, b0, b1 = base
     first_body, first_contact, contacts = bodies
     change = 0
     for a in range(a0, a1):
@@ -197,7 +199,7 @@ def _count_share(
     piece_counts: npt.NDArray[np.int16],
     share: int,
 ) -> None:
-    """Count the pieces of a share of the boxes that may be printed.
+    """Count the pieces of the boxes in one share; boxes that cannot be printed are skipped.
 
     Parameters
     ----------
@@ -222,14 +224,14 @@ def _count_share(
                     row = index_interval(a0, a1, na) * order.box_strides[0]
                     row += index_interval(b0, b1, nb) * order.box_strides[1]
                     for bottom in range(nc):
-                        k = 0
+                        piece_count = 0
                         for layer in range(
                             bottom, _find_highest_top((row, bottom), order, trimmed_box, seconds)
                         ):
-                            k += _add_layer((a0, a1, b0, b1), bottom, layer, order, bodies, parent)
+                            piece_count += _add_layer((a0, a1, b0, b1), bottom, layer, order, bodies, parent)
                             box = row + index_interval(bottom, layer + 1, nc) * order.box_strides[2]
                             if trimmed_box[box] == box and seconds[box] < np.inf:
-                                piece_counts[box] = max(1, k)
+                                piece_counts[box] = max(1, piece_count)
 
 
 def count_pieces(
@@ -242,13 +244,13 @@ def count_pieces(
 ) -> None:
     """Count the pieces of every box that may be printed.
 
-    The method is union-find by layers: each box extends the one below it by one layer of cells across the
+    The method is union-find by layers: each box extends the previous one by one layer of cells along the
     longest axis.
 
     Parameters
     ----------
     shape
-        Cells of the grid along each axis.
+        Number of cells of the grid along each axis.
     bodies
         Bodies of all cells.
     trimmed_box, seconds
@@ -259,9 +261,9 @@ def count_pieces(
         Threads for half of the work; None to do it serially.
     """
     _, ny, nz = shape
-    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    y_interval_count, z_interval_count = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     a, b, c = sorted(range(3), key=lambda axis: shape[axis])
-    cell_strides, box_strides = (ny * nz, nz, 1), (ty * tz, tz, 1)
+    cell_strides, box_strides = (ny * nz, nz, 1), (y_interval_count * z_interval_count, z_interval_count, 1)
     order = _Order(
         (a, b, c),
         (shape[a], shape[b], shape[c]),

@@ -9,40 +9,42 @@ import numpy as np
 from decompose.arrays import Floats
 
 PLANE_CLEARANCE_MM = 2.0
-"""Distance of planes from flat faces, if possible, so that cuts leave no slivers."""
-MIN_SLIVER_MM2 = 25.0  # minimum area of flat faces on one plane beside which a cut would leave a sliver
-SMALL_CLEARANCE_MM = 0.1  # distance from smaller flat faces, so that they are not taken for parts of cuts
-COORDINATE_DECIMALS = 6  # decimal places in mm; flat faces that agree in them lie on one plane
+"""Minimum distance of planes from flat faces, where possible, so that cuts leave no slivers."""
+MIN_SLIVER_MM2 = 25.0  # minimum area of the flat faces on one plane from which cuts keep the full distance
+SMALL_CLEARANCE_MM = 0.1  # minimum distance from smaller flat faces, so that they are not taken for cut faces
+# Decimal places of coordinates in mm; flat faces that agree to these places lie on one plane.
+COORDINATE_DECIMALS = 6
 
 
 class FlatFaces(NamedTuple):
-    """Flat faces of a mesh perpendicular to an axis, by their planes.
+    """Planes of the flat faces of a mesh that are perpendicular to an axis.
 
     Attributes
     ----------
     coordinates_mm
-        (k,) ascending coordinates along the axis.
+        (k,) ascending coordinates of these planes along the axis.
     clearances_mm
-        (k,) distances that a plane should keep from them.
+        (k,) distances that a cut plane should keep from each of them.
     """
 
     coordinates_mm: Floats
     clearances_mm: Floats
 
     def measure_gaps_mm(self, positions_mm: Floats | float, max_clearance_mm: float = np.inf) -> Floats:
-        """Measure the distance (...) of positions (...) from the nearest flat face, beyond its clearance.
+        """Measure the distance of each position from the nearest flat face, minus the clearance of that face.
 
         Parameters
         ----------
         positions_mm
-            Positions of planes along the axis.
+            Positions of planes along the axis, an array of any shape.
         max_clearance_mm
             Upper limit of the clearances.
 
         Returns
         -------
         ndarray
-            Negative where a plane is not clear of all flat faces; inf if there are none.
+            Distances in the shape of the positions: negative where a plane is too close to a flat face; inf
+            if there are no flat faces.
         """
         distances_mm = np.abs(np.asarray(positions_mm)[..., None] - self.coordinates_mm)
         gaps_mm = distances_mm - np.minimum(self.clearances_mm, max_clearance_mm)
@@ -53,10 +55,10 @@ NO_FLAT_FACES = FlatFaces(np.zeros(0), np.zeros(0))
 
 
 def find_flat_faces(triangles: Floats, axis: int) -> FlatFaces:
-    """Find the faces of a mesh perpendicular to an axis.
+    """Find the flat faces of a mesh that are perpendicular to an axis.
 
     Models with rounded edges have hundreds of planes with tiny faces. A sliver beside one of them would be
-    too small to matter.
+    too small to matter, so cuts may come close to them.
 
     Parameters
     ----------
@@ -81,7 +83,7 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flat_faces: FlatFaces =
     """Place planes: the first and the last one outside the model, the others clear of flat faces.
 
     A plane that would not be clear of a flat face is moved to the nearest clear position. If there is none
-    within 0.4 of a cell, the plane is moved to the position furthest from all flat faces.
+    within 0.4 cells, the plane is moved to the position furthest from all flat faces.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Division of work between this thread and a thread of an executor."""
+"""Division of work between the current thread and a thread of an executor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
     Parameters
     ----------
     executor
-        Threads for the second share; None to run all shares in this thread.
+        Threads for the second share; None to run all shares in the current thread.
     work
         Function that is called with the number of a share.
     """

@@ -25,12 +25,12 @@ def assign_printers(poses: Sequence[Pose], printers: Sequence[TargetPrinter]) ->
     poses
         Poses of the parts.
     printers
-        Free printers, each for one part at most.
+        Free printers, each of which gets at most one part.
 
     Returns
     -------
     list or None
-        A printer for each pose; None if not all parts fit.
+        The printer of each part; None if not all parts fit.
     """
     seconds = [
         [pose.price_s * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
@@ -41,7 +41,7 @@ def assign_printers(poses: Sequence[Pose], printers: Sequence[TargetPrinter]) ->
 
 
 def solve_bottleneck_assignment(seconds: Floats) -> list[int] | None:
-    """Assign parts to printers with the lowest maximum time and, for this maximum, with the lowest sum.
+    """Assign parts to printers with the lowest maximum time and, among such assignments, the lowest sum.
 
     Bisection finds the lowest maximum time for which a matching exists.
 

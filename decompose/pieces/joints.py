@@ -18,17 +18,18 @@ from decompose.geometry import Solid, choose_plane_axes, label_components
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 
-# Minimum thickness of a piece next to a cut: a thinner one gets lost or bent, or is glued at an angle.
+# Minimum thickness of a piece next to a cut: a thinner piece gets lost or bent, or is glued at an angle.
 SLIVER_MM = 8.0
 TWO_WALLS_MM = 0.8  # two walls of a 0.4 mm nozzle: a thinner piece has no interior
 MIN_FLAKE_CUT_SHARE = 0.25  # minimum share of cut faces in the surface of a flake
 # Maximum difference between the area of triangles and that of their union, as a share.
 AREA_TOLERANCE_SHARE = 1e-9
-PLANE_DECIMALS = 6  # decimal places to which the normals and the offsets of two pieces' common plane agree
+# Decimal places to which two pieces agree on the normal and the offset of their common plane.
+PLANE_DECIMALS = 6
 
 
 class CutSolid(Protocol):
-    """A `Piece` or a `results.Part`: a solid, and the planes (k, 4) at which it was cut, in one frame."""
+    """Solid, and the planes at which it was cut, in one frame: a `Piece` or a `results.Part`."""
 
     @property
     def solid(self) -> Solid:
@@ -36,12 +37,12 @@ class CutSolid(Protocol):
 
     @property
     def planes(self) -> Floats:
-        """Planes (k, 4) at which it was cut."""
+        """Planes (k, 4) at which the solid was cut."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFace:
-    """A flat face that two pieces share.
+    """Flat face that two pieces share.
 
     Attributes
     ----------
@@ -73,18 +74,19 @@ class JointFace:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A contact of two pieces.
+    """Contact between two pieces, which is glued.
 
     Attributes
     ----------
     a, b
         Numbers of the pieces, a < b.
     area_mm2
-        Area of the faces that they share, which is glued.
+        Area of the faces that the pieces share.
     width_mm
-        Diameter of the largest circle that fits into one of these faces: the short side of a long thin joint.
+        Diameter of the largest circle that fits into one of these faces; for a long thin joint, its short
+        side.
     faces
-        Faces that they share, in the frame of the pieces.
+        Faces that the pieces share, in their frame.
     """
 
     a: int
@@ -100,12 +102,12 @@ class Joint:
     def holds(self, min_glue_mm2: float) -> bool:
         """Check whether the joint has the minimum area, and is two walls wide if the minimum is not 0.
 
-        Parts could fold at a narrower joint, however long it is.
+        A narrower joint may act as a hinge, however long it is.
         """
         return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
 
     def describe_weakness(self, min_glue_mm2: float) -> str:
-        """Describe why the joint does not hold, as the end of a sentence."""
+        """Describe why the joint does not hold, as the end of a sentence about a piece."""
         if self.area_mm2 < min_glue_mm2:
             return f"is held by {self.area_mm2:.1f} mm2 of glue, less than {min_glue_mm2:g} mm2"
         return f"is held by a joint {self.width_mm:.1f} mm wide, less than {TWO_WALLS_MM:g} mm"
@@ -134,10 +136,10 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
     joint_faces: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
     for plane_key, plane_sides in sides.items():
         for i, (a, side) in enumerate(plane_sides):
-            for b, other in plane_sides[i + 1 :]:
-                if a == b or not side.region.intersects(other.region):
+            for b, other_side in plane_sides[i + 1 :]:
+                if a == b or not side.region.intersects(other_side.region):
                     continue
-                shared_region = side.region.intersection(other.region)
+                shared_region = side.region.intersection(other_side.region)
                 if shared_region.area > 0.0:
                     normal, offset_mm = side.plane[:3], float(side.plane[3])
                     joint_faces[min(a, b), max(a, b)].append(
@@ -160,18 +162,18 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
 def find_faults(
     pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, joints: Sequence[Joint] | None = None
 ) -> list[Fault]:
-    """Find all slivers, and one loose piece for each weakly held group.
+    """Find all slivers, and one loose piece in each group of pieces that is held weakly.
 
-    Slivers are thinner than `SLIVER_MM` next to a cut, or are flakes thinner than two walls. Loose pieces are
-    connected to their body only by joints that do not hold (`Joint.holds`). A piece that touches no other
-    piece is a separate body.
+    Slivers are thinner than `SLIVER_MM` next to a cut, or are flakes thinner than two walls. A body is a set
+    of pieces that touch each other, directly or through other pieces. Loose pieces are connected to the rest
+    of their body only by joints that do not hold (`Joint.holds`).
 
     Parameters
     ----------
     pieces
         Pieces in one frame, cut at planes.
     min_glue_mm2
-        Minimum area of a joint whose glue counts as holding.
+        Minimum area of a joint that counts as holding.
     joints
         Joints from `find_joints`, if they are known already.
     """
@@ -183,7 +185,10 @@ def find_faults(
 def _find_loose_pieces(
     volumes_mm3: Sequence[float], joints: Sequence[Joint], min_glue_mm2: float
 ) -> list[Fault]:
-    """Find the smallest piece with a weak joint in each group that only weak joints connect to its body."""
+    """Find the smallest piece with a weak joint in each group that only weak joints connect to its body.
+
+    The group with the largest volume in a body is not loose.
+    """
     body = _label_groups(len(volumes_mm3), joints)
     components = _label_groups(len(volumes_mm3), [j for j in joints if j.holds(min_glue_mm2)])
     group_volumes_mm3 = np.bincount(components, weights=volumes_mm3)
@@ -228,7 +233,7 @@ def _label_groups(count: int, joints: Sequence[Joint]) -> Ints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
-    """Plane (4,), not rounded, and the faces of a solid on it as one geometry."""
+    """Plane (4,), not rounded, and the region that the faces of a solid cover on it."""
 
     plane: Floats
     region: shapely.Geometry
@@ -251,7 +256,7 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
             continue
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
         plane_key = np.round(sign * plane, PLANE_DECIMALS) + 0.0
-        # Rounded, because shapely divides by coordinates, and the inverse of a denormal number is infinite.
+        # Coordinates are rounded because shapely divides by them, and the inverse of a denormal is infinite.
         corners = np.round((vertices @ choose_plane_axes(plane_key[:3]).T)[flat_faces], PLANE_DECIMALS)
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = _unite_triangles(rings[shapely.area(rings) > 0.0])

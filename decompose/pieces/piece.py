@@ -1,4 +1,4 @@
-"""Pieces into which an engine cuts the model, and the cut faces of their surfaces."""
+"""Pieces into which an engine cuts the model, and the faces that the cuts leave on them."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ PLANE_TOLERANCE_MM = 1e-7  # maximum distance of a vertex from its cut plane, du
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A connected piece without a pose.
+    """Connected piece of a model, without a pose.
 
     Attributes
     ----------
     solid
         Solid in the frame of the cut, in mm.
     planes
-        (k, 4) planes ``n @ x == d`` at which it was cut: rows nx, ny, nz, d with a unit normal n.
+        (k, 4) planes ``n @ x == d`` at which the solid was cut: rows nx, ny, nz, d with a unit normal n.
     boxes_mm
-        (b, 2, 3) corners of the axis-aligned boxes from which it was cut; empty if it was cut in another way.
-        Solid outside all boxes was left out.
+        (b, 2, 3) corners of the axis-aligned boxes out of which the piece was cut; empty if it was cut in
+        another way. Solid outside all boxes was left out.
     printer
-        Printer that it is cut for; None if it has to fit all printers.
+        Printer for which the piece is cut; None if it has to fit all printers.
     time_ratio
-        Ratio of the sliced time to the price, 1 if it is not known.
+        Ratio of the sliced time (the time that the slicer computes) to the price; 1 if it is not known.
     """
 
     solid: Solid
@@ -43,7 +43,7 @@ class Piece:
 
     @property
     def time_factor(self) -> float:
-        """Ratio of the time on its printer to the price."""
+        """Ratio of the expected print time on the printer to the price."""
         return self.time_ratio * (1.0 if self.printer is None else self.printer.time_factor)
 
 
@@ -53,7 +53,7 @@ def sort_pieces(pieces: Iterable[Piece]) -> list[Piece]:
 
 
 def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:
-    """Cut out the connected pieces of a solid in an axis-aligned box, exactly in double precision.
+    """Cut out the connected pieces of a solid in an axis-aligned box, in double precision.
 
     Parameters
     ----------
@@ -68,14 +68,14 @@ def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Pi
 
 
 def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
-    """Cut out the connected pieces of a solid in a box of cells; outermost planes of the grid cut no face.
+    """Cut out the connected pieces of a solid in a box of cells.
 
     Parameters
     ----------
     solid
         Solid to cut; it is not changed.
     grid
-        Grid over the solid.
+        Grid over the solid; its outermost planes lie outside the solid.
     box
         Box in cells of the grid, half-open.
     """

@@ -13,9 +13,9 @@ from decompose.geometry import Solid
 from decompose.pieces.joints import TWO_WALLS_MM, CutSolid, Joint, JointFace
 from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 
-MIN_THIN_WIDTH_MM = 3.0  # minimum width of a strip of a cut face behind which a part is too thin
-MIN_REPORTED_LENGTH_MM = 5.0  # minimum length of thin rims that is reported
-LINE_TOLERANCE_MM = 1e-3  # tolerance of lines, because rounding moves the corners of outlines
+MIN_THIN_WIDTH_MM = 3.0  # minimum width of a strip behind which a part is thin; narrower strips do not count
+MIN_REPORTED_LENGTH_MM = 5.0  # minimum total length of thin rims that is reported
+LINE_TOLERANCE_MM = 1e-3  # tolerance when lines are compared, because rounding moves the corners of outlines
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +25,10 @@ class Seam:
     Attributes
     ----------
     length_mm
-        Length on the model's own surface; the rim of a hollow does not count.
+        Length on the surface of the model; the rim of a hollow does not count.
     thin_length_mm
-        Length along which one of the parts is thinner than two walls behind a strip of the joint that is
-        wider than `MIN_THIN_WIDTH_MM`: such a rim breaks off, or is not printed.
+        Length along which one of the parts has a thin rim: behind a strip of the joint that is wider than
+        `MIN_THIN_WIDTH_MM`, the part is thinner than two walls. Such a rim breaks off, or is not printed.
     """
 
     length_mm: float = 0.0
@@ -36,7 +36,7 @@ class Seam:
 
 
 def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Sequence[Seam]) -> str:
-    """Describe thin rims in a sentence; return '' if they are shorter than `MIN_REPORTED_LENGTH_MM`.
+    """Describe thin rims in a sentence; return an empty string if they are too short to report.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Seq
         return ""
     joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_length_mm)
     return (
-        f"the rim is thinner than two walls on {total_mm:.0f} mm of the seams, most between "
+        f"the rim is thinner than two walls on {total_mm:.0f} mm of the seams, most of it between "
         f"{names[joint.a]} and {names[joint.b]} ({seam.thin_length_mm:.0f} mm): it may break off"
     )
 
@@ -61,7 +61,7 @@ def measure_seams(pieces: Sequence[CutSolid], joints: Iterable[Joint]) -> list[S
     Parameters
     ----------
     pieces
-        All pieces in one frame. A face of the model in the plane of a cut counts as a cut face.
+        All pieces in one frame. A face of the model that lies in a cut plane counts as a cut face.
     joints
         Joints from `find_joints`, in the same frame.
     """
@@ -70,7 +70,7 @@ def measure_seams(pieces: Sequence[CutSolid], joints: Iterable[Joint]) -> list[S
 
 
 class _Rims:
-    """Rims of cut faces, which are found once for each piece and plane."""
+    """Rims of cut faces; each rim is found once for each piece and plane."""
 
     def __init__(self, pieces: Sequence[CutSolid]) -> None:
         self._solids = [piece.solid for piece in pieces]
@@ -133,7 +133,7 @@ def _build_region(rings: Sequence[Floats]) -> shapely.Geometry:
 
 
 def _build_valid_region(ring: Floats) -> shapely.Geometry:
-    """Build the valid region of a ring, without the parts of it that collapse to lines."""
+    """Build the valid region inside a ring, without the parts of it that collapse to lines."""
     return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
 
 
@@ -151,14 +151,14 @@ def _list_edges(faces: Ints) -> tuple[Ints, Ints]:
 
 
 class _Extents:
-    """Least and greatest coordinate of all pieces along normals, which are found once for each normal."""
+    """Least and greatest coordinate of all pieces along normals; they are found once for each normal."""
 
     def __init__(self, arrays: Sequence[tuple[Floats, Ints]]) -> None:
         self._arrays = arrays
         self._extents: dict[bytes, tuple[float, float]] = {}
 
     def drop_outermost_planes(self, planes: Floats) -> Floats:
-        """Drop the planes (k, 4) that have all pieces on one side and thus cut nothing."""
+        """Drop the planes (k, 4) that cut nothing, because all pieces lie on one side of them."""
         is_cut: Bools = np.array([self._is_cut(plane) for plane in planes], dtype=np.bool_)
         return planes[is_cut]
 

@@ -35,7 +35,9 @@ def count_blocks(size_mm: Floats, printers: Sequence[TargetPrinter]) -> tuple[in
     axis_counts = []
     for printer in printers:
         block_counts = [
-            np.ceil((size_mm - FIT_TOLERANCE_MM) / box) for b in printer.boxes for box in permutations(b)
+            np.ceil((size_mm - FIT_TOLERANCE_MM) / box)
+            for b in printer.box_sizes_mm
+            for box in permutations(b)
         ]
         axis_counts.append(
             min(block_counts, key=lambda counts: (math.prod(counts.tolist()), counts.tolist()))

@@ -99,12 +99,12 @@ class Problem:
     @cached_property
     def distinct_printers(self) -> tuple[TargetPrinter, ...]:
         """One printer for each distinct build volume."""
-        return tuple({printer.boxes: printer for printer in self.printers}.values())
+        return tuple({printer.box_sizes_mm: printer for printer in self.printers}.values())
 
     @property
     def is_uniform(self) -> bool:
         """True if all printers have the same build volume and the same speed."""
-        return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
+        return len({(printer.box_sizes_mm, printer.time_factor) for printer in self.printers}) == 1
 
     @property
     def min_time_factor(self) -> float:
@@ -114,7 +114,9 @@ class Problem:
     @property
     def max_part_sides_mm(self) -> list[float]:
         """Maximum sizes along x, y and z of a part that fits every printer."""
-        return [min(max(box[axis] for box in p.boxes) for p in self.distinct_printers) for axis in range(3)]
+        return [
+            min(max(box[axis] for box in p.box_sizes_mm) for p in self.distinct_printers) for axis in range(3)
+        ]
 
     def rotate(self, rotation: Floats) -> Problem:
         """Rotate the model by a rotation (3, 3); return the same problem for the identity."""
@@ -277,7 +279,9 @@ class Problem:
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """Find the best pose of each piece, in parallel if there is an executor; poses are cached."""
-        volumes = [tuple(printer.boxes for printer in self.list_piece_printers(piece)) for piece in pieces]
+        volumes = [
+            tuple(printer.box_sizes_mm for printer in self.list_piece_printers(piece)) for piece in pieces
+        ]
         unposed_pieces = {
             (piece.solid, piece_volumes): piece
             for piece, piece_volumes in zip(pieces, volumes, strict=True)
@@ -337,7 +341,7 @@ def validate_problem(
     if not printers:
         raise NoFit("no printer: name at least one")
     for printer in printers:
-        if not printer.boxes:
+        if not printer.box_sizes_mm:
             raise NoFit(f"{printer.name} has no room for a part; choose a narrower brim or a larger volume")
     if not (math.isfinite(options.min_wall_mm) and options.min_wall_mm >= 0.0):
         raise DecomposeError(f"--min-wall {options.min_wall_mm}: give a number of mm, 0 or more")
@@ -348,7 +352,7 @@ def validate_problem(
 
 def _refuse_too_long_model(model: Model, printers: tuple[TargetPrinter, ...]) -> None:
     """Refuse a model that is longer than the diagonals of all printers' build volumes together."""
-    max_length_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
+    max_length_mm = sum(max(math.hypot(*box) for box in p.box_sizes_mm) for p in printers)
     if float(model.extents_mm.max()) <= max_length_mm:
         return
     spans = np.array([piece.bounds_mm for piece in model.solid.list_pieces()])

@@ -1,4 +1,4 @@
-"""Baseline methods from the literature, with which the other engines are compared."""
+"""Engines that follow baseline methods from the literature, for comparison with the other engines."""
 
 from __future__ import annotations
 

@@ -1,15 +1,16 @@
-"""The engine `cube-skeleton`: a hollow model cut by the sides of a cube inside (Li et al. 2021).
+"""The engine `cube-skeleton`: a hollowed model cut by the sides of a cube in its cavity (Li et al. 2021).
 
-The model is hollowed down to the minimum wall. The planes of the largest cube in its cavity cut the shell
-into up to 26 regions. Small loose pieces of a region are joined to their smallest neighbours, and pieces are
-merged while they fit. If the interior is kept, the cube is printed too, with further cubes outwards from its
-faces: the skeleton.
+The model is hollowed until a wall of the minimum thickness remains. The planes of the largest cube in its
+cavity cut this shell into up to 26 regions. If a region consists of several pieces, all but the largest one
+are islands, and each island is joined to its smallest neighbour. Then neighbouring pieces are merged while
+they fit the printers. If the interior is kept, the skeleton is printed too: the cube, and further cubes on
+its faces.
 
-`--faithful` takes a cube of whole cells, and merges each piece at most once, in order of volume, whatever the
-number of printers. Otherwise the cube is also refined against the mesh, and the engine uses the cube whose
-pieces have the shorter makespan. Regions that are too large for a printer are cut on a grid, and the
-neighbours that print fastest are merged until there is a printer for each piece. If nothing can be hollowed,
-the largest cube deep inside is a separate piece.
+With `--faithful`, the cube consists of whole cells, and each piece is merged at most once, in order of
+volume, whatever the number of printers. Otherwise the engine also tries a cube that is refined against the
+mesh, and uses the one whose pieces have the shorter makespan. Regions that are too large for a printer are
+cut on a grid, and the neighbours that print fastest are merged until there is a printer for each piece. If
+nothing can be hollowed, the largest cube deep inside the model is a separate piece.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.engines.baselines.hollow import (
-    Block,
     Shell,
     find_largest_cube,
     hollow_model,
@@ -32,7 +32,7 @@ from decompose.engines.baselines.hollow import (
 )
 from decompose.errors import NoFit
 from decompose.geometry import Solid, round_triangles
-from decompose.grid import Cell, Grid, GridRules, build_grid, fill_grid
+from decompose.grid import Box, Cell, Grid, GridRules, build_grid, fill_grid
 from decompose.options import Interior
 from decompose.pieces import Piece, find_joints, list_box_planes
 from decompose.print_time import price_axis_poses_s
@@ -54,7 +54,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        There is no cube inside, a piece fits no printer, or there are more pieces than printers.
+        There is no cube inside, a piece does not fit the printers, or there are more pieces than printers.
     """
     model, options, faithful = problem.model, problem.options, problem.options.faithful
     vertices, faces = model.solid.arrays()
@@ -84,8 +84,8 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     return Partition(best_pieces, model, np.eye(3))
 
 
-def _cut_shell(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
-    """Cut a shell by the sides of a cube, merge the pieces, and add those of the skeleton."""
+def _cut_shell(problem: Problem, grid: Grid, shell: Shell, cube: Box | None) -> tuple[Piece, ...]:
+    """Cut a shell by the sides of a cube, merge the pieces, and add the pieces of the skeleton."""
     skeleton: list[Piece] = []
     if cube is not None and shell.cavity.any() and problem.options.interior is Interior.KEEP:
         skeleton = _cut_skeleton([cube, *list_cubes_around(cube, shell.cavity)], grid, problem)
@@ -95,7 +95,7 @@ def _cut_shell(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -
     return (*_merge_regions(pieces, len(problem.printers) - len(skeleton), problem), *skeleton)
 
 
-def _cut_skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
+def _cut_skeleton(cubes: list[Box], grid: Grid, problem: Problem) -> list[Piece]:
     """Cut the cubes of the skeleton into pieces that fit the printers."""
     pieces = []
     for cube in cubes:
@@ -104,7 +104,7 @@ def _cut_skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piec
     return pieces
 
 
-def _split_regions(piece: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
+def _split_regions(piece: Piece, cube: Box | None, grid: Grid) -> list[Piece]:
     """Split a piece by the planes of a cube's sides; a region may consist of several pieces."""
     parts = [piece]
     if cube is None:
@@ -117,7 +117,7 @@ def _split_regions(piece: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
 
 
 def _split_piece(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
-    """Split a piece at a plane across an axis; return the sides that are not empty."""
+    """Split a piece at a plane perpendicular to an axis; return the sides that are not empty."""
     planes = np.vstack([piece.planes, [*np.eye(3)[axis], at_mm]])
     sides = piece.solid.split(axis, at_mm)
     return [Piece(side, planes, piece.boxes_mm) for side in sides if side.volume_mm3 > 0.0]
@@ -138,7 +138,7 @@ def _cut_to_fit(piece: Piece, problem: Problem) -> list[Piece]:
 
 @dataclass(slots=True, eq=False)
 class _Group:
-    """Merged pieces: their numbers, their common solid, and the sum of their prices in seconds."""
+    """Group of merged pieces: their numbers, their common solid, and the sum of their prices in seconds."""
 
     members: list[int]
     solid: Solid
@@ -163,9 +163,8 @@ class _PieceMerger:
         self.problem = problem
         self.groups: dict[int, _Group] = {}
         for i, piece in enumerate(pieces):
-            solid = piece.solid
-            seconds = float(price_axis_poses_s(*solid.arrays(), problem.cost).min())
-            self.groups[i] = _Group([i], solid, seconds)
+            seconds = float(price_axis_poses_s(*piece.solid.arrays(), problem.cost).min())
+            self.groups[i] = _Group([i], piece.solid, seconds)
         self.touching_groups: dict[int, set[int]] = defaultdict(set)
         for joint in find_joints(pieces):
             if joint.area_mm2 >= MIN_JOINT_MM2:
@@ -180,8 +179,8 @@ class _PieceMerger:
     def merge_groups(self, a: int, b: int) -> bool:
         """Merge the second group into the first, and return whether that was possible.
 
-        It is impossible if rounding leaves a gap at the cut between them, or if they also meet along an edge,
-        because an STL file of both would not be closed.
+        A merge is impossible if rounding leaves a gap at the cut between the groups, or if they also meet
+        along an edge, because an STL file of both would not be closed.
         """
         first, second = self.groups[a], self.groups[b]
         solid = Solid.union([first.solid, second.solid])
@@ -199,21 +198,21 @@ class _PieceMerger:
         return True
 
     def find_smallest_group(self, numbers: set[int]) -> int | None:
-        """Find the group with the smallest volume among these numbers; None if there are none."""
+        """Find the group with the smallest volume among these numbers; None if there are no numbers."""
         return min(numbers, key=lambda i: (self.groups[i].volume_mm3, i), default=None)
 
     def join_islands(self, islands: list[int]) -> None:
-        """Join each island, the smallest first, to the smallest neighbour that it can merge with."""
+        """Join each island, the smallest first, to the smallest neighbour with which it can be merged."""
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
-            is_settled = False
-            while not is_settled:
+            is_finished = False
+            while not is_finished:
                 neighbour = self.find_smallest_group(
                     {i for i in self.touching_groups[island] if self.can_merge(i, island)}
                 )
-                is_settled = neighbour is None or self.merge_groups(neighbour, island)
+                is_finished = neighbour is None or self.merge_groups(neighbour, island)
 
     def pair_neighbours(self) -> None:
-        """Pair each piece, the largest first, with its smallest unpaired neighbour if both fit together."""
+        """Merge each piece, the largest first, with its smallest unpaired neighbour if both together fit."""
         unpaired = set(self.groups)
         for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
             neighbour = self.find_smallest_group(self.touching_groups[number] & unpaired)
@@ -223,9 +222,10 @@ class _PieceMerger:
                 unpaired -= {number, neighbour}
 
     def merge_to_count(self, printer_count: int) -> None:
-        """Merge the neighbours that print fastest until there are no more groups than printers.
+        """Merge the neighbours that print fastest until there is a printer for each group.
 
-        If too many groups remain, the groups with the smallest common bounding box are merged instead.
+        If too many groups remain, the merge is repeated with the groups that have the smallest common
+        bounding box.
         """
         groups, neighbours = dict(self.groups), {i: set(others) for i, others in self.touching_groups.items()}
         self._merge_cheapest_neighbours(printer_count, lambda a, b: a.seconds + b.seconds)
@@ -238,7 +238,7 @@ class _PieceMerger:
     def _merge_cheapest_neighbours(
         self, printer_count: int, compute_key: Callable[[_Group, _Group], float]
     ) -> None:
-        """Merge the neighbours with the lowest key until there are no more groups than printers."""
+        """Merge the neighbours with the lowest key until there is a printer for each group."""
         while len(self.groups) > printer_count:
             pairs = [
                 (a, b) for a in self.groups for b in self.touching_groups[a] if a < b and self.can_merge(a, b)

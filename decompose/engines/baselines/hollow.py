@@ -1,4 +1,4 @@
-"""Hollow model on a grid, and its largest cube, which may be refined against the mesh."""
+"""Hollowing of a model on a grid, and the largest cube in its cavity, which may be refined on the mesh."""
 
 from __future__ import annotations
 
@@ -9,29 +9,27 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.geometry import Solid
-from decompose.grid import PLANE_CLEARANCE_MM, Cell, FlatFaces, Grid, find_flat_faces
+from decompose.grid import PLANE_CLEARANCE_MM, Box, Cell, FlatFaces, Grid, find_flat_faces
 from decompose.pieces import list_box_planes
-
-Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
 
 MAX_GROWTH_CELLS = 2.0  # maximum growth of a cube on each side, as a multiple of a cell's longest side
 ACCURACY_MM = 0.2  # accuracy of the cube's size
-MARGIN_MM = 0.01  # margin above the minimum wall, because distances are rounded
+MARGIN_MM = 0.01  # margin above the minimum thickness of the wall, because distances are rounded
 ROUND_COUNT = 2  # number of rounds of growth in every direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shell:
-    """A hollowed model.
+    """Hollowed model.
 
     Attributes
     ----------
     solid
-        The solid without its cavity.
+        Solid of the model without the cavity.
     cavity
         (nx, ny, nz) bool, true for the cells that were removed.
     planes
-        (k, 4) planes of the cavity's walls, rows nx, ny, nz, d in mm.
+        (k, 4) planes of the sides of the cavity: rows nx, ny, nz, and d in mm.
     boxes_mm
         (b, 2, 3) corners of boxes that cover the shell; empty if nothing was removed.
     """
@@ -42,15 +40,15 @@ class Shell:
     boxes_mm: Floats
 
 
-def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
-    """Remove the cells that are at least the minimum wall away from the surface, and the cells of a cube.
+def hollow_model(solid: Solid, grid: Grid, cube: Box | None = None) -> Shell:
+    """Remove the cells of a cube, and those further from the surface than the minimum thickness of a wall.
 
     Parameters
     ----------
     solid
         Solid of the model.
     grid
-        Grid over it, with the cells that the minimum wall needs.
+        Grid over the solid; its needed cells include those of the wall.
     cube
         Cells of a cube, which are always removed; None for no cube.
     """
@@ -68,9 +66,7 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
 
 
 def remove_diagonal_cells(cells: Bools, kept_cells: Bools | None = None) -> Bools:
-    """Remove cells that meet others only along an edge.
-
-    The surface of a cavity would touch itself there.
+    """Remove cells that meet others only along an edge, where the surface of a cavity would touch itself.
 
     Parameters
     ----------
@@ -103,10 +99,13 @@ def remove_diagonal_cells(cells: Bools, kept_cells: Bools | None = None) -> Bool
             return cells
 
 
-def cover_with_boxes(cells: Bools) -> list[Block]:
-    """Cover cells (nx, ny, nz) with disjoint boxes; each grows along z, then y, then x as far as it can."""
+def cover_with_boxes(cells: Bools) -> list[Box]:
+    """Cover cells (nx, ny, nz) with disjoint boxes.
+
+    Each box begins at a cell, and grows along z, then y, then x as far as possible.
+    """
     is_free = cells.copy()
-    boxes: list[Block] = []
+    boxes: list[Box] = []
     for x, y, z in np.argwhere(cells).tolist():
         if not is_free[x, y, z]:
             continue
@@ -122,8 +121,8 @@ def cover_with_boxes(cells: Bools) -> list[Block]:
     return boxes
 
 
-def find_largest_cube(cells: Bools) -> Block | None:
-    """Find the largest cube of cells (nx, ny, nz); of several, the one nearest to the middle of the cells.
+def find_largest_cube(cells: Bools) -> Box | None:
+    """Find the largest cube of cells (nx, ny, nz); of several, the cube nearest to the middle of the cells.
 
     Returns
     -------
@@ -133,12 +132,12 @@ def find_largest_cube(cells: Bools) -> Block | None:
     if not cells.any():
         return None
     # Size of the largest cube that ends at each cell.
-    edge = np.zeros([n + 1 for n in cells.shape], dtype=np.int64)
+    cube_sizes = np.zeros([n + 1 for n in cells.shape], dtype=np.int64)
     for x, y, z in np.argwhere(cells).tolist():
-        previous_sizes = edge[x : x + 2, y : y + 2, z : z + 2].ravel()[:7]
-        edge[x + 1, y + 1, z + 1] = 1 + previous_sizes.min()
-    ends = np.argwhere(edge == edge.max())
-    size = int(edge.max())
+        previous_sizes = cube_sizes[x : x + 2, y : y + 2, z : z + 2].ravel()[:7]
+        cube_sizes[x + 1, y + 1, z + 1] = 1 + previous_sizes.min()
+    ends = np.argwhere(cube_sizes == cube_sizes.max())
+    size = int(cube_sizes.max())
     middle = np.argwhere(cells).mean(axis=0) + 0.5
     distances = np.round(np.linalg.norm(ends - size / 2.0 - middle, axis=1), 6)
     x, y, z = ends[int(np.argmin(distances))].tolist()
@@ -146,22 +145,22 @@ def find_largest_cube(cells: Bools) -> Block | None:
 
 
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
-    """Grow the largest cube within a cuboid until it reaches the minimum wall.
+    """Grow the largest cube within a cuboid until only the minimum thickness of the wall remains.
 
-    The cube grows about its middle and towards each corner, by bisection against the mesh itself, in
-    `ROUND_COUNT` rounds and by at most `MAX_GROWTH_CELLS` cells. Afterwards hardly any larger cube around it
-    keeps the wall.
+    The cube grows about its middle and towards each corner, in `ROUND_COUNT` rounds and by at most
+    `MAX_GROWTH_CELLS` cells. Bisection finds the growth at which the distance from the mesh is the thickness
+    of the wall. Afterwards, hardly any larger cube that contains this one leaves enough wall.
 
     Parameters
     ----------
     solid
         Solid of the model.
     cube_mm
-        (2, 3) corners of the cuboid, which keeps the wall.
+        (2, 3) corners of the cuboid, which leaves enough wall.
     cell_mm
         Longest side of a cell.
     wall_mm
-        Minimum wall.
+        Minimum thickness of the wall.
 
     Returns
     -------
@@ -195,7 +194,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
 def _grow_cube(
     cube: Floats, direction: Floats, max_mm: float, keeps_wall: Callable[[Floats], bool]
 ) -> Floats:
-    """Grow a cube (2, 3) as far as it keeps the wall, by bisection.
+    """Grow a cube (2, 3) by bisection until only the minimum thickness of the wall remains.
 
     Parameters
     ----------
@@ -204,7 +203,7 @@ def _grow_cube(
     max_mm
         Maximum growth.
     keeps_wall
-        Function that returns whether a cube keeps the wall.
+        Function that returns whether a cube leaves enough wall.
     """
 
     def grow(distance_mm: float) -> Floats:
@@ -219,24 +218,24 @@ def _grow_cube(
 
 def move_planes_to_cube(
     solid: Solid, grid: Grid, cube_mm: Floats
-) -> tuple[tuple[Floats, Floats, Floats], Block]:
+) -> tuple[tuple[Floats, Floats, Floats], Box]:
     """Move the nearest planes of a grid to the sides of a cube.
 
-    A side next to a flat face of the solid, where a plane would cut slivers off, is moved inwards.
+    A side is moved inwards if it is next to a flat face of the solid, where a plane would cut off slivers.
 
     Parameters
     ----------
     solid
         Solid of the model.
     grid
-        Grid over it.
+        Grid over the solid.
     cube_mm
         (2, 3) corners of the cube.
 
     Returns
     -------
     tuple
-        Planes of the grid across x, y and z in mm, and the cube in cells.
+        Coordinates in mm of the planes perpendicular to x, y and z, and the cube in cells.
     """
     vertices, faces = solid.arrays()
     inwards_mm = min(2.0 * PLANE_CLEARANCE_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
@@ -257,18 +256,19 @@ def move_planes_to_cube(
 
 
 def _find_clear_position_mm(flat_faces: FlatFaces, at_mm: float, reach_mm: float) -> float:
-    """Find the nearest position within reach that is clear of flat faces, or else the clearest one."""
-    places_mm = np.linspace(at_mm, at_mm + reach_mm, 41)
-    gaps_mm = flat_faces.measure_gaps_mm(places_mm)
-    clear_places = np.flatnonzero(gaps_mm >= 0.0)
-    return float(places_mm[clear_places[0] if len(clear_places) else int(gaps_mm.argmax())])
+    """Find the nearest position within reach that is clear of flat faces, or the one furthest from them."""
+    positions_mm = np.linspace(at_mm, at_mm + reach_mm, 41)
+    gaps_mm = flat_faces.measure_gaps_mm(positions_mm)
+    clear_indices = np.flatnonzero(gaps_mm >= 0.0)
+    return float(positions_mm[clear_indices[0] if len(clear_indices) else int(gaps_mm.argmax())])
 
 
-def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
-    """List cubes outwards from the middle of each face of a cube: the largest that fit, up to its size.
+def list_cubes_around(cube: Box, cells: Bools) -> list[Box]:
+    """List the cubes that lie outside against the faces of a cube, in the middle of each face.
 
-    If a cell is not a cube, neither is a listed block: it has the same number of cells fewer than the given
-    cube along each axis.
+    Each is the largest cube that fits, at most as large as the given cube. If the cells are not cubes,
+    neither are the listed boxes: along every axis, a box has the same number of cells fewer than the given
+    cube.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
         (nx, ny, nz) bool, true for cells that the cubes may occupy.
     """
     edges = [cube[axis + 3] - cube[axis] for axis in range(3)]
-    cubes: list[Block] = []
+    cubes: list[Box] = []
     for axis in range(3):
         for is_upper_side in (False, True):
             for margin in range(min(edges)):

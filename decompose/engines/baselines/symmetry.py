@@ -1,11 +1,13 @@
 """The engine `symmetry`: symmetry-based decomposition (SBD) by recursive cuts (Hatton et al. 2023).
 
-First a tree of cuts with a depth of three is built, and its leaves are chosen to minimise the price of the
-costliest part. Then one part after another is cut further as long as printers remain. `--faithful` follows
-the authors' program: planes are taken from one draw of normals, the price of a part is its volume, the least
-symmetric part is cut first, cuts with too small a half are refused, and build volumes are ignored. Otherwise
-planes are refined and used only if they are good, the price of a part is its print time, the costliest part
-is cut first, and parts that do not fit a build volume are cut.
+First a tree of cuts with a depth of three is built, and its leaves are chosen so that the highest price of a
+part is as low as possible. Then one part after another is cut further as long as printers remain.
+
+With `--faithful`, the engine follows the authors' program: planes come from one sample of random normals, the
+price of a part is its volume, the least symmetric part is cut first, cuts with too small a half are refused,
+and build volumes are ignored. Otherwise planes are refined and used only if the part is nearly symmetric
+about them, the price of a part is its print time, the costliest part is cut first, and parts that do not fit
+a build volume are cut.
 """
 
 from __future__ import annotations
@@ -32,30 +34,31 @@ from decompose.problem.fitting import (
 )
 
 TREE_DEPTH = 3  # depth of the tree of cuts
-MAX_DRAWN_PLANES = 5  # maximum number of planes that are used from a draw for a part
+MAX_DRAWN_PLANES = 5  # maximum number of random planes that are tried for a part
 MAX_REFINED_PLANES = 3  # maximum number of refined planes of a part
 REFINEMENT_SAMPLES = 25  # number of normals in a round of the refinement
-MIN_HALF_SHARE = 1.0 / 1.5  # minimum volume of a half in the authors' program, as a share of the mean part's
-# Offsets of a plane from the boundary of a block, as shares of the block.
+# Minimum volume of a half in the authors' program, as a share of a part's mean volume.
+MIN_HALF_SHARE = 1.0 / 1.5
+# Offsets of a plane from the boundary between two blocks, as shares of the length of a block.
 OFFSET_SHARES: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])
-MIN_VOLUME_SHARE = 0.05  # minimum volume of a part, as a share of the mean part's
+MIN_VOLUME_SHARE = 0.05  # minimum volume of a part, as a share of a part's mean volume
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """A piece, its price (volume in mm3, or seconds), and the minimum number of printers that it needs."""
+    """Piece, its price (volume in mm3, or time in s), and the minimum number of printers that it needs."""
 
     piece: Piece
     price: float
     needed_printer_count: int = 1
 
 
-Leaves = tuple[float, tuple[_Part, ...]]  # the highest price of some parts, and the parts
+Leaves = tuple[float, tuple[_Part, ...]]  # the highest price among parts, and the parts
 NO_LEAVES: Leaves = (math.inf, ())
 
 
 class _Method(ABC):
-    """Base of the published and the corrected method: the steps in which they differ."""
+    """Base class of the published and the corrected method, with the steps in which they differ."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -72,7 +75,7 @@ class _Method(ABC):
 
     @abstractmethod
     def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
-        """Cut the parts further as long as printers remain."""
+        """Cut parts further as long as printers remain."""
 
     def price_model(self) -> _Part:
         """Price the whole model as a part."""
@@ -85,7 +88,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        A part fits no printer, or the parts consist of more pieces than there are printers.
+        A part does not fit the printers, or the parts consist of more pieces than there are printers.
     """
     method = _PublishedMethod(problem) if problem.options.faithful else _CorrectedMethod(problem)
     printer_count = len(problem.printers)
@@ -127,7 +130,7 @@ def _find_best_leaves(method: _Method, part: _Part, printer_count: int, depth: i
 
 
 def _join_leaves(first_leaves: list[Leaves], second_leaves: list[Leaves], printer_count: int) -> Leaves:
-    """Join the leaves of two sides into the best ones for a number of printers."""
+    """Join the leaves of both sides of a cut into the best leaves for a number of printers."""
     shares = [(first_leaves[k], second_leaves[printer_count - k]) for k in range(printer_count + 1)]
     a, b = min(shares, key=lambda pair: (max(pair[0][0], pair[1][0]), len(pair[0][1]) + len(pair[1][1])))
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
@@ -157,7 +160,7 @@ class _PublishedMethod(_Method):
         return draw_mirrors(part.piece.solid.arrays()[0], self.rng, max_count)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        """Yield the halves of cuts at random planes, the most symmetric first, unless a half is too small."""
+        """Yield the halves of each cut at a random plane, the most symmetric first; skip too small halves."""
         for mirror in self.draw_planes(part, MAX_DRAWN_PLANES):
             halves = self.cut_in_half(part, mirror)
             if halves:
@@ -172,7 +175,7 @@ class _PublishedMethod(_Method):
         return halves if are_large else []
 
     def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
-        """Cut the least symmetric parts in half as long as printers remain."""
+        """Cut the parts in half, the least symmetric part first, as long as printers remain."""
         has_cut = True
         while has_cut and len(parts) < len(self.problem.printers):
             has_cut = False
@@ -191,20 +194,20 @@ class _CorrectedMethod(_Method):
     """The method as the authors intended it, in which all parts fit the printers."""
 
     def price_part(self, piece: Piece) -> _Part:
-        """Price a piece by its print time per printer that it needs."""
+        """Price a piece by its print time, divided by the number of printers that it needs."""
         needed_printer_count = count_parts(piece.solid, self.problem.distinct_printers)
         seconds = float(price_axis_poses_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / needed_printer_count, needed_printer_count)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        """Yield the parts of cuts at good planes of symmetry, then at a plane across the longest side."""
+        """Yield the parts of each cut: at planes of symmetry, then at a plane across the longest side."""
         solid = part.piece.solid
         vertices = solid.arrays()[0]
         for mirror in find_good_mirrors(vertices, self.rng, MAX_REFINED_PLANES, REFINEMENT_SAMPLES):
             yield from self.split_at_plane(part.piece, mirror.normal, mirror.offset_mm)
-        normal, places_mm = self.find_planes_across_longest_side(solid)
+        normal, positions_mm = self.find_planes_across_longest_side(solid)
         part_count, best_children = max(2, part.needed_printer_count), None
-        for at_mm in places_mm:
+        for at_mm in positions_mm:
             for children in self.split_at_plane(part.piece, normal, at_mm):
                 if best_children is None or _sum_needed_printers(children) < _sum_needed_printers(
                     best_children
@@ -226,7 +229,8 @@ class _CorrectedMethod(_Method):
     def find_planes_across_longest_side(self, solid: Solid) -> tuple[Floats, list[float]]:
         """Find planes across the longest side, or across the side that exceeds the build volume most.
 
-        The first plane divides the side into whole lengths of the build volume; the others lie near it.
+        The first plane is at a boundary between blocks: equal lengths of the side that fit the build volume.
+        If the whole side fits, the plane is in the middle. The other planes lie near the first one.
 
         Returns
         -------
@@ -244,7 +248,10 @@ class _CorrectedMethod(_Method):
         return np.eye(3)[axis], (low_mm[axis] + shares * (high_mm - low_mm)[axis]).tolist()
 
     def cut_parts_further(self, parts: list[_Part]) -> list[_Part]:
-        """Cut the costliest part as long as printers remain and no part becomes costlier."""
+        """Cut the costliest part as long as printers remain and its pieces are cheaper.
+
+        A part that is too large for one printer is cut first, whatever its price.
+        """
         while True:
             costliest_part = max(parts, key=lambda part: (part.needed_printer_count > 1, part.price))
             other_parts = [part for part in parts if part is not costliest_part]

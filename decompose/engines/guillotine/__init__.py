@@ -1,4 +1,4 @@
-"""The engine `guillotine`: recursive cuts across the axes for the least makespan."""
+"""The engine `guillotine`: recursive cuts perpendicular to the axes, for the least makespan."""
 
 from __future__ import annotations
 

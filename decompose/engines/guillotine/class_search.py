@@ -1,9 +1,10 @@
-"""Engine `guillotine`: for uniform printers, and for printers with unequal build volumes and speeds.
+"""The engine `guillotine`, for uniform printers and for printers with different build volumes and speeds.
 
-First the model is cut as for equal printers: each part fits the build volume that all printers have in
-common, and the fastest printer prints the part that takes longest. Then it is cut for classes of printers
-(`printer_classes`), by an exact search over all guillotine partitions and all ways to distribute their parts.
-The better of the two partitions is the result, so classes that are too coarse do not make it worse.
+First the model is cut as for uniform printers: each part fits the build volume that all printers have in
+common, and the fastest printer prints the part that takes longest. If the printers differ, the model is then
+cut for classes of printers (`printer_classes`), by an exact search over all guillotine partitions and all
+ways to distribute their parts. The better of the two partitions is the result, so classes that are too coarse
+do not make it worse.
 """
 
 from __future__ import annotations
@@ -30,12 +31,13 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 PiecesByBox = Mapping[Box, Sequence[Piece]]
 
 MAX_SUMS = 4e8
-"""Maximum number of sums for each time limit in the search for classes; this many take a few seconds."""
+"""Maximum number of sums for each time limit in the search over classes, which takes a few seconds."""
 MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds with true prices, and of rejected partitions
-MAX_MAKESPAN_SHARE = 0.995  # maximum makespan of a search in the tables, as a share of the best one so far
-TOLERANCE = 0.003  # accuracy of the minimum makespan, as a share of it
+MAX_MAKESPAN_SHARE = 0.995  # maximum makespan that is searched for, as a share of the best makespan so far
+TOLERANCE = 0.003  # accuracy of the least makespan, as a share of it
 MAX_ADDED_PRINTERS = 32  # maximum number of printers added to a class that has too few
-RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
+# Another round follows if the true makespan is more than this multiple of the expected one.
+RETRY_RATIO = 1.01
 
 
 def cut_by_guillotine(problem: Problem) -> Partition:
@@ -44,25 +46,25 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        There are more pieces than printers; the error has the number of printers that would be enough.
+        There are more pieces than printers; the error gives the number of printers that would be enough.
     """
     if problem.is_uniform:
         return cut_for_uniform_printers(problem)
-    grid, boxes, min_s = build_tables(problem)
+    grid, tables, min_s = build_tables(problem)
     candidates: list[PiecesByBox] = []
     failure: NoFit | None = None
     try:
-        candidates.append(_assign_printers(problem, ExactSearch(problem, grid, boxes, min_s).run()))
+        candidates.append(_assign_printers(problem, ExactSearch(problem, grid, tables, min_s).run()))
     except NoFit as error:
         failure = error
     problem.on_stage("search")
     min_s *= problem.min_time_factor
-    class_search = _ClassSearch(problem, grid, boxes, min_s)
+    class_search = _ClassSearch(problem, grid, tables, min_s)
     makespan_s = min((_compute_makespan_s(problem, c) for c in candidates), default=math.inf)
     candidates += class_search.run(makespan_s)
     if not candidates:
         assert failure is not None
-        raise _make_shortage_error(problem, grid, boxes) or failure
+        raise _make_shortage_error(problem, grid, tables) or failure
     problem.on_stage("classes")
     best_candidate = min(candidates, key=lambda c: _compute_makespan_s(problem, c))
     pieces = tuple(shift_planes(problem, grid, best_candidate))
@@ -104,7 +106,7 @@ def _compute_makespan_s(problem: Problem, pieces_by_box: PiecesByBox) -> float:
 class _ClassSearch(ExactSearch):
     """Exact search for classes of printers, with true prices as in `ExactSearch`.
 
-    It starts from the shared tables, after an `ExactSearch` has corrected their prices.
+    It starts from the tables of the shared build volume, after an `ExactSearch` has corrected their prices.
     """
 
     def __init__(self, problem: Problem, grid: Grid, shared_tables: BoxTables, min_s: float) -> None:
@@ -148,7 +150,7 @@ class _ClassSearch(ExactSearch):
         return candidates
 
     def _may_succeed(self, max_s: float, tolerance_s: float) -> bool:
-        """Check whether a partition could end in time if every printer were the best printer for each box."""
+        """Check whether a partition could meet `max_s` if the best printer for each box printed that box."""
         best_tables = replace(
             self.tables, seconds=np.min([table.seconds for table in self.class_tables], axis=0)
         )
@@ -185,7 +187,7 @@ class _ClassSearch(ExactSearch):
         return np.array(columns).T
 
     def _record_prices(self, pieces_by_box: PiecesByBox) -> None:
-        """Record the true prices of pieces in the tables of all classes with their printer's build volume."""
+        """Record true prices of pieces in the tables of all classes with their printer's build volume."""
         for box, pieces in pieces_by_box.items():
             index = index_box(box, self.tables.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
@@ -194,7 +196,7 @@ class _ClassSearch(ExactSearch):
                     other_class for other_class in self.classes if piece.printer in other_class.printers
                 )
                 for other_class, table in zip(self.classes, self.class_tables, strict=True):
-                    if other_class.boxes == printer_class.boxes:
+                    if other_class.box_sizes_mm == printer_class.box_sizes_mm:
                         table.seconds[index] = max(
                             float(table.seconds[index]), seconds * other_class.time_factor
                         )
@@ -210,17 +212,17 @@ class _ClassSearch(ExactSearch):
         problem = self.problem
         times_s = self._look_up_seconds(list(pieces_by_box))
         assigned_printers = solve_bottleneck_assignment(times_s)
-        if assigned_printers is None:  # the first search may use boxes that this one has excluded
+        if assigned_printers is None:  # the first search may use boxes that this search has excluded
             makespan_s = _compute_makespan_s(problem, pieces_by_box)
         else:
             makespan_s = float(times_s[range(len(assigned_printers)), assigned_printers].max())
         if problem.needs_proof(pieces):
             min_time_factor = np.float32(problem.min_time_factor)
-            tables = [problem.price_boxes(grid, [printer]) for printer in problem.distinct_printers]
+            printer_tables = [problem.price_boxes(grid, [printer]) for printer in problem.distinct_printers]
             best_tables = replace(
-                tables[0],
-                seconds=min_time_factor * np.min([boxes.seconds for boxes in tables], axis=0),
-                piece_counts=np.max([boxes.piece_counts for boxes in tables], axis=0),
+                printer_tables[0],
+                seconds=min_time_factor * np.min([tables.seconds for tables in printer_tables], axis=0),
+                piece_counts=np.max([tables.piece_counts for tables in printer_tables], axis=0),
             )
             problem.effort.record(Work.BOX_PROVEN, len(best_tables.seconds))
             bound = bound_makespan(best_tables, grid.is_needed, len(problem.printers), makespan_s)
@@ -229,9 +231,9 @@ class _ClassSearch(ExactSearch):
 
 
 def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables) -> NoFit | None:
-    """Build the error with the number of printers of each class that would be enough; None if unknown.
+    """Build the error with the number of printers of each class that would be enough; None if it is unknown.
 
-    More printers of the first class, of one other class, or of both are tried.
+    More printers of the first class, of one other class, or of both are considered.
     """
     max_sums = MAX_SUMS / len(shared_tables.seconds)
     classes = classify_printers([replace(printer, time_factor=1.0) for printer in problem.printers], max_sums)
@@ -253,7 +255,7 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
     if total == 0:
         return None
     requests = [
-        f"{count} more with room for {format_size(np.max(printer_class.boxes, axis=0))} mm"
+        f"{count} more with room for {format_size(np.max(printer_class.box_sizes_mm, axis=0))} mm"
         for count, printer_class in zip(shortage, classes, strict=True)
         if count
     ]
@@ -264,7 +266,10 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
 
 
 def _grow_counts(available_counts: Sequence[int], grown_class: int, max_sums: float) -> list[int]:
-    """Raise the count of one class as far as the search allows; return the counts without the first class."""
+    """Raise the number of printers of one class as far as the search allows.
+
+    The returned numbers are those of all classes but the first.
+    """
     counts = list(available_counts[1:])
     for _ in range(MAX_ADDED_PRINTERS):
         larger_counts = list(counts)
@@ -278,14 +283,14 @@ def _grow_counts(available_counts: Sequence[int], grown_class: int, max_sums: fl
 def make_class_tables(
     problem: Problem, grid: Grid, shared_tables: BoxTables, classes: Sequence[PrinterClass]
 ) -> list[BoxTables]:
-    """Build the tables of each class of printers, whose times include its speed.
+    """Build the tables of each class of printers; their times include the speed of the class.
 
-    `trimmed_box` and `piece_counts` are the same in all of them.
+    `trimmed_box` and `piece_counts` are the same in all tables.
 
     Parameters
     ----------
     problem
-        Problem of the printers.
+        Problem with the printers.
     grid
         Grid over the model.
     shared_tables
@@ -295,17 +300,19 @@ def make_class_tables(
     """
     tables: dict[object, BoxTables] = {}
     for printer_class in classes:
-        if printer_class.boxes in tables:
+        if printer_class.box_sizes_mm in tables:
             continue
-        is_smallest = all(p.fits(*box) for box in printer_class.boxes for p in problem.distinct_printers)
-        tables[printer_class.boxes] = (
+        is_smallest = all(
+            p.fits(*box) for box in printer_class.box_sizes_mm for p in problem.distinct_printers
+        )
+        tables[printer_class.box_sizes_mm] = (
             shared_tables if is_smallest else problem.price_boxes(grid, [printer_class.smallest_printer])
         )
     piece_counts = np.max([shared_tables.piece_counts, *(t.piece_counts for t in tables.values())], axis=0)
     return [
         replace(
             shared_tables,
-            seconds=tables[printer_class.boxes].seconds * np.float32(printer_class.time_factor),
+            seconds=tables[printer_class.box_sizes_mm].seconds * np.float32(printer_class.time_factor),
             piece_counts=piece_counts,
         )
         for printer_class in classes

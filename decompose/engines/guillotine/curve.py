@@ -1,9 +1,9 @@
-"""Curve of makespan over the number of printers, and the number of printers that suits a goal.
+"""Curve of the makespan over the number of printers, and the number of printers that suits a goal.
 
-One search serves all numbers of printers: the smallest number of parts that can end within a time T shows for
-every number of printers whether it is enough, so each solve narrows the bounds for many numbers. The same
-holds for classes of printers: a solve gives the fewest printers of the first class for any number of the
-others.
+One search serves all numbers of printers. A search for a time limit finds the fewest parts that meet it, and
+so shows for every number of printers whether it is enough. Thus each search narrows the bounds of many
+numbers. The same holds for classes of printers: a search finds the fewest printers of the first class for any
+numbers of printers of the other classes.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.grid import BoxTables
 
 TOLERANCE = 0.005  # accuracy of a makespan, as a share of it
-# Number of parallel solves; it is fixed, so that the result does not depend on the machine.
-PARALLEL_SOLVE_COUNT = 2
+# Number of parallel searches; it is fixed, so that the result does not depend on the machine.
+PARALLEL_SEARCH_COUNT = 2
 CLEARING_S = 120.0
-"""Estimate of a person's time to take a part off a bed and to clear the bed."""
+"""Estimate of the time that a person needs to take a part off the bed, and to clean the bed."""
 ASSEMBLY_S = 216.0
-"""A person's time to clean and glue a part: 3.6 min in the literature on such models."""
+"""Time that a person needs to clean and glue a part: 3.6 min in the literature on such models."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class CurvePoint:
 
 
 class _MakespanBounds:
-    """Bounds on the makespan of each fleet; `fleets` as in `compute_makespan_curve`."""
+    """Bounds on the makespan of each fleet (see `compute_makespan_curve`)."""
 
     def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
         max_counts = fleets.max(axis=0)
@@ -50,13 +50,19 @@ class _MakespanBounds:
         self.lower_bounds_s = np.zeros(len(fleets))
 
     def solve_for_limit(self, limit_s: float) -> tuple[float, Bools, float]:
-        """Solve for a limit; return it, whether each fleet (n,) meets it, and when the last part ends."""
+        """Find the fleets that meet a time limit.
+
+        Returns
+        -------
+        tuple
+            The limit, whether each fleet (n,) meets it, and the time in s at which the last part ends.
+        """
         solver = Partitioner(self._first_tables, self._other_classes)
         solver.solve(limit_s)
         states, fewest_printers = solver.list_class_counts()
         fewest_by_state = {
-            tuple(state): int(fewest_parts)
-            for state, fewest_parts in zip(states.tolist(), fewest_printers, strict=True)
+            tuple(state): int(fewest_count)
+            for state, fewest_count in zip(states.tolist(), fewest_printers, strict=True)
         }
         is_feasible = np.array(
             [
@@ -68,12 +74,12 @@ class _MakespanBounds:
         return limit_s, is_feasible, end_s
 
     def narrow_bounds(self, limit_s: float, is_feasible: Bools, end_s: float) -> None:
-        """Narrow the bounds of every fleet by the result of a solve."""
+        """Narrow the bounds of every fleet by a result of `solve_for_limit`."""
         self.upper_bounds_s[is_feasible] = np.minimum(self.upper_bounds_s[is_feasible], end_s)
         self.lower_bounds_s[~is_feasible] = np.maximum(self.lower_bounds_s[~is_feasible], limit_s)
 
     def choose_limits_s(self) -> list[float]:
-        """Choose the next limits to solve for, in the widest gaps; return none if all gaps are narrow."""
+        """Choose the next limits to solve for, in the widest gaps; choose none if all gaps are narrow."""
         is_reached = np.isfinite(self.upper_bounds_s)
         gaps: dict[tuple[float, float], float] = {}
         for low_s, high_s in zip(
@@ -81,25 +87,27 @@ class _MakespanBounds:
         ):
             if high_s - low_s > TOLERANCE * high_s:
                 gaps[low_s, high_s] = (high_s - low_s) / high_s
-        widest_gaps = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:PARALLEL_SOLVE_COUNT]
+        widest_gaps = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:PARALLEL_SEARCH_COUNT]
         return [(low_s + high_s) / 2.0 for low_s, high_s in widest_gaps]
 
 
 def compute_makespan_curve(
     tables: Sequence[BoxTables], fleets: Ints, executor: Executor | None = None
 ) -> tuple[CurvePoint, ...]:
-    """Compute the least makespan of guillotine partitions for some fleets.
+    """Compute the least makespan of guillotine partitions for each of several fleets of printers.
 
     Each makespan is accurate to `TOLERANCE`. Fleets that are too small for any partition are omitted.
 
     Parameters
     ----------
     tables
-        Tables of each class of printers, with its speed in their times; the largest class is the first.
+        Tables of each class of printers, whose times include the speed of the class; the largest class is
+        the first.
     fleets
-        (n, classes) int64 number of printers of each class; no two rows have the same sum.
+        (n, classes) int64 number of printers of each class, one row for each fleet; no two rows have the
+        same sum.
     executor
-        Threads for parallel solves; None to solve one after the other.
+        Threads for parallel searches; None to search for one limit after the other.
     """
     finite_times_s = [table.seconds[np.isfinite(table.seconds)] for table in tables]
     if not any(len(times_s) for times_s in finite_times_s):
@@ -125,7 +133,7 @@ def find_least_total_time(
     points
         Points from `compute_makespan_curve`, at least one.
     clearing_s, assembly_s
-        A person's time in seconds for each part: to clear its bed, and to glue it.
+        Time in seconds that a person needs for each part: to take it off the bed, and to glue it.
     """
     return min(
         points, key=lambda p: (p.makespan_s + p.printer_count * (clearing_s + assembly_s), p.printer_count)
@@ -135,7 +143,9 @@ def find_least_total_time(
 def find_fewest_printers_in_time(
     points: Sequence[CurvePoint], time_limit_s: float, handling_s: float = 0.0
 ) -> CurvePoint:
-    """Find the point with the fewest printers that finish within a time, or else the one that finishes first.
+    """Find the point with the fewest printers that finish within a time limit.
+
+    If no number of printers does, the point that finishes first is returned.
 
     Parameters
     ----------
@@ -144,7 +154,8 @@ def find_fewest_printers_in_time(
     time_limit_s
         Seconds from the first print command until the last part is printed and all parts are handled.
     handling_s
-        A person's time in seconds for each part, after the last one is printed; a single part needs none.
+        Time in seconds that a person needs for each part after the last part is printed; a single part needs
+        none.
     """
 
     def compute_end_s(point: CurvePoint) -> float:

@@ -1,7 +1,8 @@
-"""The engine `guillotine`: a grid, the price of each of its boxes, the exact partition, and its true price.
+"""Exact search of the engine `guillotine` for uniform printers.
 
-Afterwards, boxes are cut again and planes are moved off the grid, to reduce the loss that guillotine cuts and
-the grid cause.
+All boxes of a grid are priced, and the best guillotine partition into boxes is found exactly. Then the true
+prices of its boxes are computed, and the search is repeated with them. Afterwards, the partition is improved
+with cuts that are not guillotine cuts, and its planes are moved off the grid.
 """
 
 from __future__ import annotations
@@ -24,19 +25,20 @@ from decompose.grid import VOLUME, Box, BoxTables, Grid, index_box
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
-MAX_ROUNDS = 8  # maximum number of rounds; each finds true prices of the chosen boxes, and chooses again
-MAX_REJECTIONS = 40  # maximum number of choices rejected because of a sliver or a weak joint
-RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
-TOLERANCE_S = 1.0  # minimum tolerance of the least makespan according to the tables
-TOLERANCE = 5e-4  # the same, as a share of the makespan; the errors of the tables' prices are larger
-SEARCH_SHARE = 0.75  # share of the unreserved budget for the exact search; the rest is for windows
-# Growth of the makespan's limit, as a share, when the budget is spent without a result.
-LATE_GROWTH_SHARE = 0.02
-# Limits of looser partitions, between the minimum makespan with all printers (0) and with one fewer (1).
+MAX_ROUNDS = 8  # maximum number of rounds; each one chooses boxes, and computes their true prices
+MAX_REJECTIONS = 40  # maximum number of partitions rejected because of a sliver or a weak joint
+# Another round follows if the true makespan is more than this multiple of the expected one.
+RETRY_RATIO = 1.01
+TOLERANCE_S = 1.0  # highest accuracy of the least makespan according to the tables
+TOLERANCE = 5e-4  # accuracy as a share of the makespan; the errors of the tables' prices are larger
+# Share of the unreserved budget for the exact search; the rest is for the neighbourhood search.
+SEARCH_SHARE = 0.75
+LATE_TOLERANCE = 0.02  # accuracy as a share of the makespan, once the budget is spent without a result
+# Time limits of looser partitions, between the least makespan with all printers (0) and with one fewer (1).
 LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
-MAX_LIMIT_RATIO = 1.06  # maximum ratio of a limit to the minimum makespan if one printer fewer is not enough
+MAX_LIMIT_RATIO = 1.06  # maximum ratio of a limit to the least makespan if one printer fewer is not enough
 MAX_KEPT_FACES = 300_000  # maximum number of faces of the pieces that are kept for later rounds
-CLOSE_RATIO = 1.03  # a result is improved only if it is below this multiple of the makespan to beat
+CLOSE_RATIO = 1.03  # a result is improved only if its makespan is below this multiple of the one to beat
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
@@ -45,7 +47,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        There are more pieces than printers; the error has the number that would be enough.
+        There are more pieces than printers; the error gives the number of printers that would be enough.
     """
     grid, tables, bound_s = build_tables(problem)
     get_needed_cells = problem.start_work(partial(refine_needed_cells, problem, grid))
@@ -73,7 +75,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
 
 
 def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
-    """Build a problem's grid, price its boxes, and bound the makespan in s by surface and volume."""
+    """Build a problem's grid, price its boxes, and compute a lower bound on the makespan in s."""
     grid = problem.build_grid(problem.model)
     problem.on_stage("grid")
     tables = problem.price_boxes(grid)
@@ -84,26 +86,26 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
 
 
 class ExactSearch:
-    """Exact search, with true prices for the boxes that it chooses.
+    """Exact search, with true prices and numbers of pieces for the boxes that it chooses.
 
-    The tables count the solid in a cell as one piece, and price a box in its axis poses, even if it is not
-    stable in them. The true counts and prices of the chosen boxes are written into the tables where they are
-    higher, and the search is repeated. A box with a piece that cannot be glued well is excluded. Counts and
-    prices only grow, so the makespan only grows.
+    The tables may count too few pieces in a box, and price it in its axis poses, even if it is not stable in
+    them. The true numbers of pieces and the true prices of the chosen boxes are written into the tables where
+    they are higher, and the search is repeated. A box with a piece that cannot be glued well is excluded.
+    Prices and numbers of pieces only grow, so the makespan only grows.
     """
 
     def __init__(self, problem: Problem, grid: Grid, tables: BoxTables, bound_s: float) -> None:
         self.problem, self.grid, self.tables = problem, grid, tables
-        self.min_s = bound_s
-        # Whether the next minimum is probably near `min_s`, because prices only grow.
+        self.min_s = bound_s  # lower bound on the makespan in the tables
+        # Whether the next least makespan is probably near `min_s`, because prices only grow.
         self.is_near_min = False
         self.solver = Partitioner(tables, executor=problem.executor)
         self.pieces_by_box: dict[Box, list[Piece]] = {}
         self.true_times_s: dict[Box, float] = {}
-        self.rejections: list[str] = []  # the fault of each rejected choice
+        self.rejections: list[str] = []  # a fault of each rejected partition
 
     def run(self) -> dict[Box, list[Piece]]:
-        """Search for the partition with the least true makespan; return its boxes, and their pieces."""
+        """Search for the partition with the least true makespan; return its boxes, and the pieces in each."""
         best_boxes: list[Box] = []
         best_s = math.inf
         round_count, effort = 0, self.problem.effort
@@ -114,7 +116,7 @@ class ExactSearch:
                 effort.is_cut_short = True  # from here on any partition is accepted
                 if best_boxes:
                     break
-            tolerance_s = max(TOLERANCE_S, (LATE_GROWTH_SHARE if is_late else TOLERANCE) * self.min_s)
+            tolerance_s = max(TOLERANCE_S, (LATE_TOLERANCE if is_late else TOLERANCE) * self.min_s)
             makespan_s = self._solve(len(self.problem.printers), tolerance_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best_boxes:
@@ -140,13 +142,13 @@ class ExactSearch:
     def list_looser_partitions(self, best_partition: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
         """Yield partitions with less work than the best one; their slowest box may take a little longer.
 
-        The partition with the least makespan on the grid need not have it once its planes are shifted,
-        because shifts balance the times of its parts, so the total work matters. Each partition has the
-        fewest boxes within a limit, and the least work among the partitions with that number of boxes.
+        The best partition on the grid may not be the best one after its planes are shifted: shifts balance
+        the times of the parts, so the total work matters then. Each of these partitions has the fewest boxes
+        within a time limit, and the least work among the partitions with that number of boxes.
         """
         if len(best_partition) < 2:
             return
-        # The tables of this search stay as they are.
+        # Copies, so that the tables of this search do not change.
         seconds, piece_counts = self.tables.seconds.copy(), self.tables.piece_counts.copy()
         search = ExactSearch(
             self.problem,
@@ -161,7 +163,7 @@ class ExactSearch:
         )
         printer_count = len(self.problem.printers)
         tolerance_s = max(TOLERANCE_S, TOLERANCE * self.min_s)
-        min_s, fewer_s = (
+        min_s, fewer_printers_s = (
             search._solve(printer_count, tolerance_s),
             search._solve(printer_count - 1, tolerance_s),
         )
@@ -170,14 +172,17 @@ class ExactSearch:
         known_partitions = {frozenset(best_partition)}
         for share in LOOSER_LIMIT_SHARES:
             boxes = search._find_partition_within_limit(
-                min_s + share * ((fewer_s or MAX_LIMIT_RATIO * min_s) - min_s)
+                min_s + share * ((fewer_printers_s or MAX_LIMIT_RATIO * min_s) - min_s)
             )
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
                 yield {box: self.cut_box(box) for box in boxes}
 
     def _find_partition_within_limit(self, limit_s: float) -> list[Box]:
-        """Find a partition whose true times meet a limit, with about the least work; [] if there is none."""
+        """Find a partition with about the least work whose true times are at most a limit, or a little more.
+
+        The list is empty if there is no such partition.
+        """
         best_boxes: list[Box] = []
         for _ in range(MAX_ROUNDS):
             if self.problem.effort.is_spent():
@@ -207,7 +212,7 @@ class ExactSearch:
         return min_s
 
     def _improve_partition(self, partition: list[Box]) -> list[Box]:
-        """Find the best partition near this one at true prices, not limited to guillotine cuts."""
+        """Improve a partition at true prices by neighbourhood search, not limited to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
             if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
@@ -224,7 +229,7 @@ class ExactSearch:
         return partition
 
     def cut_box(self, box: Box) -> list[Piece]:
-        """Cut out the pieces in a box, unless they are kept from an earlier round."""
+        """Cut out the pieces in a box; return the kept ones if they were cut in an earlier round."""
         if box not in self.pieces_by_box:
             self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.face_count)
             self.pieces_by_box[box] = cut_cells(self.problem.model.solid, self.grid, box)
@@ -233,16 +238,16 @@ class ExactSearch:
     def _drop_pieces(self, boxes: Sequence[Box]) -> None:
         """Drop the oldest pieces outside these boxes until at most `MAX_KEPT_FACES` faces are kept."""
         counts = {box: sum(p.solid.face_count for p in pieces) for box, pieces in self.pieces_by_box.items()}
-        excess = sum(counts.values()) - MAX_KEPT_FACES
+        excess_face_count = sum(counts.values()) - MAX_KEPT_FACES
         for box, count in counts.items():
-            if excess <= 0:
+            if excess_face_count <= 0:
                 break
             if box not in boxes:
-                excess -= count
+                excess_face_count -= count
                 del self.pieces_by_box[box]
 
     def _correct_piece_counts(self, boxes: list[Box]) -> bool:
-        """Record the true counts of pieces in the table; return whether a box has more pieces than before."""
+        """Record the true numbers of pieces in the table; return whether one is higher than before."""
         has_more = False
         for box in boxes:
             count, index = len(self.cut_box(box)), index_box(box, self.tables.shape)
@@ -251,7 +256,7 @@ class ExactSearch:
         return has_more
 
     def _exclude_faulty_boxes(self, boxes: list[Box]) -> bool:
-        """Exclude boxes with a piece that cannot be glued well; return whether there was one."""
+        """Exclude boxes with a piece that cannot be glued well; return whether there was such a box."""
         owners = [box for box in boxes for _ in self.cut_box(box)]
         pieces = [piece for box in boxes for piece in self.cut_box(box)]
         faults = find_faults(pieces, self.problem.options.min_glue_mm2)
@@ -265,7 +270,7 @@ class ExactSearch:
         self.tables.seconds[index] = math.inf
 
     def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
-        """Compute the true makespan of boxes in seconds, and raise their prices in the table to true ones."""
+        """Compute the true makespan of boxes in seconds, and raise prices in the table that are too low."""
         new_pieces = [
             (box, piece) for box in boxes if box not in self.true_times_s for piece in self.cut_box(box)
         ]
@@ -280,7 +285,7 @@ class ExactSearch:
         return max(self.true_times_s[box] for box in boxes)
 
     def _make_no_fit_error(self) -> NoFit:
-        """Build the error that says why there is no partition for these printers."""
+        """Build the error that explains why there is no partition for these printers."""
         problem, model = self.problem, self.problem.model
         if self.rejections:
             return NoFit(
@@ -293,9 +298,10 @@ class ExactSearch:
         if needed_printer_count >= UNREACHABLE_COUNT:
             min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(
-                f"{format_size(model.extents_mm)} mm is cut into blocks of at least {min_mm:.0f} mm, but the "
-                f"printers have room for {format_size(problem.max_part_sides_mm)} mm (without clips and "
-                f"brim): printers with room for {math.ceil(min_mm)} mm each way would be enough",
+                f"a model of {format_size(model.extents_mm)} mm is cut into blocks of at least "
+                f"{min_mm:.0f} mm, but the printers have room for "
+                f"{format_size(problem.max_part_sides_mm)} mm (without clips and brim): printers with room "
+                f"for {math.ceil(min_mm)} mm along each axis would be enough",
                 is_too_large=True,
             )
         return NoFit.from_shortage(model.extents_mm, needed_printer_count, len(problem.printers))

@@ -1,13 +1,13 @@
-"""Neighbourhood search: improves a partition around its slowest boxes, not limited to guillotine cuts.
+"""Neighbourhood search: improvement of a partition near its slowest boxes, not limited to guillotine cuts.
 
-A window is the slowest box with a few boxes near it. It is cut again into at most as many parts, so that the
-slowest of them ends sooner; all other boxes stay as they are. The union of its boxes need not be a box.
-Windows cover moves of one face, slabs that pass from one box to the next, and boxes that are merged and then
-split elsewhere.
+A window consists of the slowest box and a few boxes next to it. The window is cut again into at most as many
+parts, so that its slowest part ends sooner; all other boxes stay as they are. The union of the boxes of a
+window need not be a box. A new cut of a window may move one face, pass a slab from one box to the next, or
+merge boxes and split them elsewhere.
 
 The tables of a window are those of the grid, but only the cells of its own boxes have to be covered, and a
-box that overlaps another part is not allowed. The search over guillotine cuts of a window is exact. In
-addition, the window as a whole may be cut as a pinwheel (`pinwheel`).
+box that overlaps a part outside the window is not allowed. The search over guillotine cuts of a window is
+exact. In addition, the window as a whole may be cut as a pinwheel (`pinwheel`).
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from decompose.grid import Box, BoxTables, Shape, compute_index, find_interval_e
 from decompose.jit import jit
 from decompose.problem import Effort, Work
 
-MAX_WINDOWS = 200  # maximum number of windows solved in one search
+MAX_WINDOWS = 200  # maximum number of windows that one search cuts again
 MAX_BOXES_IN_WINDOW = 5  # maximum number of boxes in a window
-MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box in its windows, the fastest first
+MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box that its windows may contain, the fastest first
 MAX_WINDOWS_PER_BOX = 24  # maximum number of windows around one box, those with the least mean time first
 MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables
-MAX_TIME_RATIO = 0.999  # a window's new time must be below this share of its old one
-TOLERANCE = 0.002  # accuracy of the minimum makespan, as a share of it
+MAX_TIME_RATIO = 0.999  # the new time of a window's slowest part must be below this share of the old time
+TOLERANCE = 0.002  # accuracy of the least makespan of a window, as a share of it
 
 
 @jit
@@ -60,20 +60,20 @@ def _split_box(box: Box, shape: Shape) -> tuple[int, int]:
 
 
 @jit
-def _join_ends(
+def _join_bounds(
     trimmed_box: npt.NDArray[np.int32],
-    ends: npt.NDArray[np.int16],
+    bounds: npt.NDArray[np.int16],
     parts: tuple[int, int],
     box: int,
 ) -> bool:
-    """Join the ends of the two parts of a box; return False if neither has cells to be covered.
+    """Join the bounds of the two parts of a box; return False if neither has cells to be covered.
 
     Parameters
     ----------
     trimmed_box
         (boxes,) int32, -1 for a box without cells to be covered.
-    ends
-        (boxes, 6) int16 ends of the smallest box around the cells to be covered; the row `box` is filled in.
+    bounds
+        (boxes, 6) int16 smallest box around the cells to be covered in each box; the row `box` is filled in.
     parts
         Indices of the two parts.
     box
@@ -87,8 +87,8 @@ def _join_ends(
     elif trimmed_box[upper] < 0:
         upper = lower
     for k in range(3):
-        ends[box, k] = min(ends[lower, k], ends[upper, k])
-        ends[box, k + 3] = max(ends[lower, k + 3], ends[upper, k + 3])
+        bounds[box, k] = min(bounds[lower, k], bounds[upper, k])
+        bounds[box, k + 3] = max(bounds[lower, k + 3], bounds[upper, k + 3])
     return True
 
 
@@ -120,7 +120,7 @@ def _fill_tables(
     grid_seconds, grid_piece_counts = grid_tables
     seconds, trimmed_box, piece_counts = tables
     wx, wy, wz = shape = own_cells.shape
-    ends = np.zeros((len(seconds), 6), np.int16)
+    bounds = np.zeros((len(seconds), 6), np.int16)
     box = -1
     for ix in range(wx * (wx + 1) // 2):
         x0, x1 = find_interval_ends(ix, wx)
@@ -129,19 +129,26 @@ def _fill_tables(
             for dz in range(1, wz + 1):
                 for z0 in range(wz - dz + 1):
                     box += 1
-                    sides = (x0, y0, z0, x1, y1, z0 + dz)
+                    ends = (x0, y0, z0, x1, y1, z0 + dz)
                     if x1 - x0 == 1 and y1 - y0 == 1 and dz == 1:
                         if not own_cells[x0, y0, z0]:
                             continue
                         for k in range(6):
-                            ends[box, k] = sides[k]
-                    elif not _join_ends(trimmed_box, ends, _split_box(sides, shape), box):
+                            bounds[box, k] = ends[k]
+                    elif not _join_bounds(trimmed_box, bounds, _split_box(ends, shape), box):
                         continue
                     trimmed_box[box] = compute_index(
-                        (ends[box, 0], ends[box, 1], ends[box, 2], ends[box, 3], ends[box, 4], ends[box, 5]),
+                        (
+                            bounds[box, 0],
+                            bounds[box, 1],
+                            bounds[box, 2],
+                            bounds[box, 3],
+                            bounds[box, 4],
+                            bounds[box, 5],
+                        ),
                         shape,
                     )
-                    if trimmed_box[box] == box and sum_box(other_sums, sides) == 0:
+                    if trimmed_box[box] == box and sum_box(other_sums, ends) == 0:
                         grid_index = compute_index(
                             (x + x0, y + y0, z + z0, x + x1, y + y1, z + z0 + dz), grid_shape
                         )
@@ -150,14 +157,14 @@ def _fill_tables(
 
 
 class Window:
-    """Window of a partition: some of its boxes, which are cut again while the others stay.
+    """Window of a partition: some boxes of the partition, which are cut again while the others stay.
 
     Parameters
     ----------
     tables
-        The tables of the grid.
+        Tables of the grid.
     boxes_to_cut, other_boxes
-        Boxes of the partition that are cut again, and all its other boxes.
+        Boxes of the partition that are cut again, and all other boxes of the partition.
     """
 
     def __init__(self, tables: BoxTables, boxes_to_cut: Iterable[Box], other_boxes: Iterable[Box]) -> None:
@@ -165,11 +172,11 @@ class Window:
         self._lo, hi = window_boxes[:, :3].min(axis=0), window_boxes[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
         self.shape = (nx, ny, nz)
-        is_covered = self._mark_cells(window_boxes)
+        is_own = self._mark_cells(window_boxes)
         x_offset, y_offset, z_offset = self._lo.tolist()
-        for cell in np.argwhere(is_covered):
+        for cell in np.argwhere(is_own):
             x, y, z = (self._lo + cell).tolist()
-            is_covered[tuple(cell)] = (
+            is_own[tuple(cell)] = (
                 tables.trimmed_box[index_box((x, y, z, x + 1, y + 1, z + 1), tables.shape)] >= 0
             )
         boxes_outside = np.array(list(other_boxes)).reshape(-1, 6)
@@ -178,13 +185,13 @@ class Window:
         ]
         is_occupied = self._mark_cells(boxes_outside).astype(np.int64)
         sums = np.pad(is_occupied, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
-        total = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
-        seconds = np.full(total, np.inf, np.float32)
-        trimmed_box = np.full(total, -1, np.int32)
-        piece_counts = np.ones(total, np.int16)
+        box_count = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
+        seconds = np.full(box_count, np.inf, np.float32)
+        trimmed_box = np.full(box_count, -1, np.int32)
+        piece_counts = np.ones(box_count, np.int16)
         grid_tables = (tables.seconds, tables.piece_counts)
         place = ((x_offset, y_offset, z_offset), tables.shape)
-        _fill_tables(is_covered, sums, place, grid_tables, (seconds, trimmed_box, piece_counts))
+        _fill_tables(is_own, sums, place, grid_tables, (seconds, trimmed_box, piece_counts))
         self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed_box, piece_counts))
         self._pinwheel: Pinwheel | None = None
 
@@ -195,7 +202,7 @@ class Window:
 
     @property
     def sum_count(self) -> int:
-        """Number of sums in all solves of the window."""
+        """Number of sums in all searches in the window."""
         return self._solver.sum_count
 
     def _mark_cells(self, boxes: Ints) -> Bools:
@@ -207,7 +214,10 @@ class Window:
         return is_inside
 
     def count_fewest_parts(self, limit_s: float) -> int:
-        """Count the fewest parts of at most `limit_s` each; `UNREACHABLE_COUNT` or more if impossible."""
+        """Count the parts of a partition with the fewest parts, each of which takes at most `limit_s`.
+
+        The number is `UNREACHABLE_COUNT` or higher if there is no such partition.
+        """
         fewest_by_cuts = self._solver.solve(limit_s, break_ties=True)
         count, *pinwheel = find_smallest_pinwheel(self._solver.counts, *self.shape)
         axis, is_mirrored, p1, p2, q1, q2 = pinwheel
@@ -225,16 +235,16 @@ class Window:
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in boxes]
 
     def solve(self, max_parts: int, time_limit_s: float, min_s: float) -> list[Box] | None:
-        """Cut the window into parts with about the least makespan; None if there is no cut.
+        """Cut the window into parts with about the least makespan; None if no partition meets the limits.
 
         Parameters
         ----------
         max_parts
             Maximum number of parts.
         time_limit_s
-            Limit that the time of each part must stay below.
+            Upper limit of the time of each part, which must be lower.
         min_s
-            Time below which the search does not look for a makespan.
+            Lower limit of the makespans that are tried.
         """
         high_s = float(np.nextafter(np.float32(time_limit_s), np.float32(0.0)))
         if self.count_fewest_parts(high_s) > max_parts:
@@ -256,20 +266,20 @@ def improve_locally(
     max_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
 ) -> list[Box]:
-    """Search near a partition for one whose times, the longest first, are lexicographically less.
+    """Search near a partition for one whose times, sorted in descending order, are lexicographically smaller.
 
     Parameters
     ----------
     tables
-        The tables of the grid.
+        Tables of the grid.
     partition
-        A partition: trimmed boxes that do not overlap and cover every needed cell.
+        Trimmed boxes that do not overlap and cover every needed cell.
     printer_count
-        Maximum number of pieces, at least that of the partition.
+        Maximum number of pieces, at least the number of pieces of the partition.
     max_windows
-        Maximum number of windows to solve.
+        Maximum number of windows to cut again.
     effort
-        Budget from which the work is taken.
+        Budget on which the work is counted.
     """
     effort = effort or Effort()
     parts = list(partition)
@@ -299,7 +309,7 @@ def improve_locally(
 
 
 def sort_times_s(tables: BoxTables, partition: Sequence[Box]) -> list[float]:
-    """Sort the times of a partition, the longest first; lexicographically lower is better.
+    """Sort the times of a partition in descending order; lexicographically lower is better.
 
     Parameters
     ----------
@@ -322,7 +332,7 @@ def _count_pieces(tables: BoxTables, partition: Iterator[Box] | Sequence[Box] | 
 
 
 def _list_window_boxes(tables: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Yield the boxes of each window: the slowest central box first, then the least mean time first."""
+    """Yield the boxes of each window, sorted by their central box, the slowest first, then by mean time."""
     ends = np.array(parts)
     seconds = np.array([_look_up_seconds(tables, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):

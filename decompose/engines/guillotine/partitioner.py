@@ -1,18 +1,19 @@
 """Exact solver of the engine `guillotine`: the partition by recursive cuts with the least makespan.
 
-For a time T, the minimum number of parts that cover all needed cells of a box is 0 if the box has no needed
-cell, 1 if it takes at most T and is one piece, and otherwise the minimum sum of both sides over all cuts
-across it. Bisection over T gives the least makespan for a number of printers. This is the hierarchical
+For a time limit T, the minimum number of parts that cover all needed cells of a box is 0 if the box has no
+needed cell. Otherwise it is the least of two numbers: the number of pieces of the uncut box, if the box takes
+at most T, and the least sum of the numbers of both sides over all cuts of the box. Bisection over T gives the
+least makespan for a number of printers. This is the hierarchical
 bipartition HIER-OPT of Saule, Bas and Catalyurek (2012), in three dimensions, with a cost that is not
 additive.
 
-Among partitions with equally few parts, the solver takes the one with the least sum of times, then the one
-with the least area of cuts. These three quantities are digits of one whole number
+Among partitions with equally few parts, the solver takes the one with the least sum of times and, among
+those, the one with the least area of cuts. These three quantities are digits of one whole number
 (`recursion.make_key`), and the sum of these numbers is minimised.
 
-Unequal printers are grouped in classes. At a time T, the number of printers of one class that a box needs
-depends on how many of each other class it may use. For a cut, this number is the minimum sum of both sides
-over all ways to divide the other printers between them.
+Printers that differ are grouped into classes. For a time limit T, the number of printers of the first class
+that a box needs depends on how many printers of each other class it may use. For a cut, it is the least sum
+of the numbers of both sides, over all ways to divide the printers of the other classes between the sides.
 """
 
 from __future__ import annotations
@@ -48,22 +49,22 @@ from decompose.grid import (
     run_shares,
 )
 
-WIDE_RATIO = 2.0  # ratio of a range's limits above which it is bisected at their geometric mean
-LIMIT_STEP_RATIO = 4.0  # ratio of a step that raises a limit to the step before, until there is a solution
-# Ties are broken only up to this number of values in all states, to save memory.
+WIDE_RATIO = 2.0  # ratio of the limits of a range above which it is bisected at their geometric mean
+LIMIT_STEP_RATIO = 4.0  # growth of the step by which a limit is raised until there is a solution
+# Maximum number of values in all states for which ties are broken, to save memory.
 MAX_TIE_VALUES = 120_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class OtherClass:
-    """Printers of a class other than the one whose number is minimised.
+    """Class of printers other than the first one, whose number is minimised.
 
     Attributes
     ----------
     tables
-        The tables for such a printer; `trimmed_box` and `piece_counts` are the same for all classes.
+        Tables for a printer of the class; `trimmed_box` and `piece_counts` are the same for all classes.
     count
-        Number of these printers.
+        Number of printers of the class.
     """
 
     tables: BoxTables
@@ -71,11 +72,12 @@ class OtherClass:
 
 
 class Partitioner:
-    """Exact solver over one table of boxes; it keeps its last solution.
+    """Exact solver for the tables of one grid; it keeps its last solution.
 
-    If there are other classes, a state is a number of usable printers of each of them. For each box and state
-    the solver finds the fewest printers of the first class, so the search is exact over all ways to
-    distribute the parts. The cost grows with the square of the number of states.
+    If there are several classes of printers, a state is a number of usable printers of each class but the
+    first. For each box and state the solver finds the fewest printers of the first class, so the search is
+    exact over all ways to distribute the parts. The cost grows with the square of the number of states. The
+    value of a box in a state is this fewest number, or the least key.
 
     Parameters
     ----------
@@ -93,13 +95,13 @@ class Partitioner:
         self.tables = tables
         self.other_classes = tuple(other_classes)
         self._executor = executor
-        self._states, self._sums = list_class_states([other.count for other in other_classes])
+        self._states, self._sums = list_class_states([other_class.count for other_class in other_classes])
         self._value: Table = np.zeros(0, np.int16)
-        self._breaks_ties = False  # whether ties are broken when boxes are chosen
+        self._breaks_ties = False  # whether ties are broken when the boxes are listed
         self._keys: dict[int, int] | None = None  # keys of the boxes that may be chosen, if ties are broken
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *tables.shape)
-        self.sum_count = 0  # number of sums in all solves so far
+        self.sum_count = 0  # number of sums in all searches so far
 
     def solve(self, limit_s: float, break_ties: bool = False) -> int:
         """Find the minimum number of printers of the first class with which no part exceeds a time limit.
@@ -119,7 +121,8 @@ class Partitioner:
             `UNREACHABLE_COUNT` if there is no such partition.
         """
         self._limit_s, self._keys = limit_s, None
-        has_all_keys = break_ties and bool(self.other_classes)  # because states are tied too
+        # With several classes, states are tied too, so all values are keys.
+        has_all_keys = break_ties and bool(self.other_classes)
         total = len(self._states) * len(self.tables.seconds)
         self._value = np.empty(total, np.int64) if has_all_keys else np.empty(total, np.int16)
         for length in range(1, self.tables.shape[0] + 1):
@@ -137,7 +140,7 @@ class Partitioner:
         self._solve_boxes(length, half * count // SHARE_COUNT, (half + 1) * count // SHARE_COUNT)
 
     def _solve_boxes(self, length: int, first: int, end: int) -> None:
-        """Solve the boxes of one length along x that begin at cells `first` to `end`, half-open."""
+        """Solve the boxes of one length along x that begin at the cells from `first` to before `end`."""
         nx, ny, nz = self.tables.shape
         size, layer = len(self.tables.seconds), ny * (ny + 1) // 2 * (nz * (nz + 1) // 2)
         start = index_interval(0, length, nx)
@@ -149,15 +152,15 @@ class Partitioner:
 
     @property
     def can_break_ties(self) -> bool:
-        """True if the memory is sufficient to choose among partitions with equally few parts."""
+        """True if there is enough memory to choose among partitions with equally few parts."""
         return not self.other_classes or len(self._states) * len(self.tables.seconds) <= MAX_TIE_VALUES
 
     def _fill_uncut_values(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
         """Fill in the values (boxes,) of the uncut boxes at these indices in a state."""
         seconds, piece_counts = self.tables.seconds[indices], self.tables.piece_counts[indices]
-        for other, count in zip(self.other_classes, self._states[state].tolist(), strict=True):
+        for other_class, count in zip(self.other_classes, self._states[state].tolist(), strict=True):
             if count:
-                class_s = other.tables.seconds[indices]
+                class_s = other_class.tables.seconds[indices]
                 piece_counts = np.where(
                     class_s <= self._limit_s, np.maximum(piece_counts - count, 0), piece_counts
                 )
@@ -180,7 +183,7 @@ class Partitioner:
     def counts(self) -> npt.NDArray[np.int16]:
         """Fewest parts (boxes,) of each box in the last solution, by the index of the box.
 
-        If there are other classes, the parts that their printers print are not counted.
+        Parts that printers of other classes print are not counted.
         """
         value = self._value[-len(self.tables.seconds) :]
         if value.dtype == np.int64:
@@ -193,8 +196,8 @@ class Partitioner:
         Returns
         -------
         tuple
-            (states, classes) usable printers of the other classes, and (states,) printers of the first one,
-            `UNREACHABLE_COUNT` or more if there is no solution.
+            (states, classes) usable printers of the other classes, and (states,) fewest printers of the first
+            class, `UNREACHABLE_COUNT` or more if there is no solution.
         """
         index = index_box(self._root, self.tables.shape)
         value = self._value[index :: len(self.tables.seconds)]
@@ -211,8 +214,8 @@ class Partitioner:
             )
         stack = [(root, len(self._states) - 1)]
         while stack:
-            box_of_cut, state = stack.pop()
-            box = self._trim_box(box_of_cut)
+            untrimmed_box, state = stack.pop()
+            box = self._trim_box(untrimmed_box)
             if box is None:
                 continue
             if self._find_value(box, state) == self._compute_uncut_value(box, state):
@@ -222,7 +225,7 @@ class Partitioner:
         return chosen_boxes
 
     def _find_value(self, box: Box, state: int) -> int:
-        """Find the value of a box in the last solution; an unknown one counts as higher than all others."""
+        """Find the value of a box in the last solution; an unknown value counts as unreachable."""
         index = index_box(box, self.tables.shape)
         if self._keys is not None:
             return self._keys.get(int(self.tables.trimmed_box[index]), UNREACHABLE_COUNT * PART_WEIGHT)
@@ -236,21 +239,21 @@ class Partitioner:
         return int(value[0])
 
     def _find_cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
-        """Find the first cut that attains the value of a box: its far and near side, with their states."""
+        """Find the first cut that attains the value of a box: its upper and lower side, with their states."""
         value = self._find_value(box, state)
         state_pairs = self._sums[self._sums[:, 0] == state, 1:].tolist()
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
-                lower, upper = list(box), list(box)
-                lower[axis + 3] = upper[axis] = plane
-                far, near = _make_box(upper), _make_box(lower)
+                lower_ends, upper_ends = list(box), list(box)
+                lower_ends[axis + 3] = upper_ends[axis] = plane
+                lower, upper = _make_box(lower_ends), _make_box(upper_ends)
                 for a, b in state_pairs:
-                    if self._find_value(near, a) + self._find_value(far, b) == value:
-                        return (far, b), (near, a)
-        raise LookupError(f"no solution for {box}: no cut has its value at this limit")
+                    if self._find_value(lower, a) + self._find_value(upper, b) == value:
+                        return (upper, b), (lower, a)
+        raise LookupError(f"no solution for {box}: no cut attains its value at this limit")
 
     def _trim_box(self, box: Box) -> Box | None:
-        """Trim a box to its needed cells; None if it has none."""
+        """Trim a box to its needed cells; None if it has no needed cell."""
         index = int(self.tables.trimmed_box[index_box(box, self.tables.shape)])
         return None if index < 0 else find_box(index, self.tables.shape)
 
@@ -263,7 +266,7 @@ class Partitioner:
         *,
         is_near_min: bool = False,
     ) -> float | None:
-        """Find the lowest limit for which the printers of the first class are enough; keep its solution.
+        """Find the lowest time limit for which the printers are enough; keep its solution.
 
         Parameters
         ----------
@@ -274,13 +277,13 @@ class Partitioner:
         tolerance_s
             Accuracy of the result.
         is_near_min
-            Whether the lowest limit is probably near `min_s`: limits above it are tried first, in growing
-            steps.
+            Whether the lowest limit is probably near `min_s`: then limits just above `min_s` are tried first,
+            in growing steps.
 
         Returns
         -------
         float or None
-            Limit in seconds; None if there is none up to `max_s`.
+            Limit in seconds; None if no limit up to `max_s` is enough.
         """
         high_s = min(max_s, self._find_slowest_box_s())
         low_s, step_s = max(0.0, min_s), tolerance_s
@@ -294,7 +297,7 @@ class Partitioner:
         if high_s < 0.0 or (not is_reached and self.solve(high_s) > printer_count):
             return None
         while high_s - low_s > tolerance_s:
-            # In a range over several orders of magnitude, the result is more likely to be in the lower part.
+            # In a range over several orders of magnitude, the result is more likely to be near the lower end.
             middle_s = (
                 math.sqrt(low_s * high_s) if high_s > WIDE_RATIO * low_s > 0.0 else (low_s + high_s) / 2.0
             )
@@ -307,7 +310,7 @@ class Partitioner:
 
     def _find_slowest_box_s(self) -> float:
         """Find the time of the slowest box that fits a printer of any class; -inf if no box fits."""
-        tables = (self.tables, *(other.tables for other in self.other_classes))
+        tables = (self.tables, *(other_class.tables for other_class in self.other_classes))
         finite_times_s = [table.seconds[np.isfinite(table.seconds)] for table in tables]
         return max((float(times_s.max()) for times_s in finite_times_s if len(times_s)), default=-math.inf)
 
@@ -321,7 +324,7 @@ class Partitioner:
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
-    """List the states (numbers of usable printers of each class) and all pairs of states with their sums.
+    """List the states (numbers of usable printers of each class), and all pairs of states with their sum.
 
     Parameters
     ----------
@@ -331,8 +334,8 @@ def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
     Returns
     -------
     tuple
-        (states, classes) int64 numbers; all printers are usable in the last state. (m, 3) int64 indices of
-        each sum of two states, and of the two states.
+        (states, classes) int64 numbers; all printers are usable in the last state. (m, 3) int64 for each pair
+        of states: the index of their sum, and the indices of the two states.
     """
     states = list(np.ndindex(*(count + 1 for count in counts)))
     index = {state: i for i, state in enumerate(states)}
@@ -344,7 +347,7 @@ def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
     return np.array(states, dtype=np.int64).reshape(len(states), len(counts)), np.array(sums, dtype=np.int64)
 
 
-def _make_box(sides: list[int]) -> Box:
-    """Make a box from its six sides."""
-    x0, y0, z0, x1, y1, z1 = sides
+def _make_box(ends: list[int]) -> Box:
+    """Make a box from the list of its six ends."""
+    x0, y0, z0, x1, y1, z1 = ends
     return x0, y0, z0, x1, y1, z1

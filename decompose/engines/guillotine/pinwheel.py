@@ -9,14 +9,15 @@ from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.grid import Box, index_interval
 from decompose.jit import jit
 
-Pinwheel = tuple[int, int, int, int, int, int]  # extrusion axis, whether it is mirrored, p1, p2, q1, q2
+# Extrusion axis, whether the pinwheel is mirrored, and positions p1, p2, q1 and q2 of the cuts.
+Pinwheel = tuple[int, int, int, int, int, int]
 
 
 @jit
 def find_smallest_pinwheel(
     counts: npt.NDArray[np.int16], wx: int, wy: int, wz: int
 ) -> tuple[int, int, int, int, int, int, int]:
-    """Find the pinwheel of the whole window with the fewest parts.
+    """Find the pinwheel that fills a window with the fewest parts.
 
     Parameters
     ----------
@@ -42,25 +43,24 @@ def find_smallest_pinwheel(
             for p2 in range(p1 + 1, p):
                 for q1 in range(1, q - 1):
                     for q2 in range(q1 + 1, q):
-                        low, high = index_interval(0, q1, q) * q_stride, index_interval(q2, q, q) * q_stride
-                        lower, upper = (
-                            index_interval(0, q2, q) * q_stride,
-                            index_interval(q1, q, q) * q_stride,
-                        )
+                        before_q1 = index_interval(0, q1, q) * q_stride
+                        before_q2 = index_interval(0, q2, q) * q_stride
+                        after_q1 = index_interval(q1, q, q) * q_stride
+                        after_q2 = index_interval(q2, q, q) * q_stride
                         middle = index_interval(p1, p2, p) * p_stride + index_interval(q1, q2, q) * q_stride
                         centre = np.int64(counts[full_index + middle])
-                        n = centre + counts[full_index + index_interval(0, p2, p) * p_stride + low]
-                        n += counts[full_index + index_interval(p2, p, p) * p_stride + lower]
-                        n += counts[full_index + index_interval(p1, p, p) * p_stride + high]
-                        n += counts[full_index + index_interval(0, p1, p) * p_stride + upper]
-                        if n < best[0]:
-                            best = (n, axis, 0, p1, p2, q1, q2)
-                        n = centre + counts[full_index + index_interval(p1, p, p) * p_stride + low]
-                        n += counts[full_index + index_interval(0, p1, p) * p_stride + lower]
-                        n += counts[full_index + index_interval(0, p2, p) * p_stride + high]
-                        n += counts[full_index + index_interval(p2, p, p) * p_stride + upper]
-                        if n < best[0]:
-                            best = (n, axis, 1, p1, p2, q1, q2)
+                        count = centre + counts[full_index + index_interval(0, p2, p) * p_stride + before_q1]
+                        count += counts[full_index + index_interval(p2, p, p) * p_stride + before_q2]
+                        count += counts[full_index + index_interval(p1, p, p) * p_stride + after_q2]
+                        count += counts[full_index + index_interval(0, p1, p) * p_stride + after_q1]
+                        if count < best[0]:
+                            best = (count, axis, 0, p1, p2, q1, q2)
+                        count = centre + counts[full_index + index_interval(p1, p, p) * p_stride + before_q1]
+                        count += counts[full_index + index_interval(0, p1, p) * p_stride + before_q2]
+                        count += counts[full_index + index_interval(0, p2, p) * p_stride + after_q2]
+                        count += counts[full_index + index_interval(p2, p, p) * p_stride + after_q1]
+                        if count < best[0]:
+                            best = (count, axis, 1, p1, p2, q1, q2)
     return best
 
 

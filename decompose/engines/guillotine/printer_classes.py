@@ -1,4 +1,4 @@
-"""Classes of printers: those in a class have about the same build volume and about the same speed.
+"""Classes of printers: the printers of a class have about the same build volume and about the same speed.
 
 Printers that differ only slightly form one class, with the build volume that all of them have and the speed
 of the slowest one, so a part that finishes in time on the class finishes in time on each of its printers.
@@ -13,9 +13,9 @@ from math import prod
 
 from decompose.printers import TargetPrinter
 
-BuildVolume = tuple[tuple[float, float, float], ...]
+BuildVolume = tuple[tuple[float, float, float], ...]  # sizes of boxes in mm, as in `TargetPrinter`
 
-# Maximum loss of throughput when two classes become one, as a share of that of all printers.
+# Maximum loss of throughput when two classes become one, as a share of the throughput of all printers.
 MAX_LOSS_SHARE = 0.003
 VOLUME_VALUE = 0.05  # value of a printer's larger build volume, as a share of the printer's throughput
 
@@ -26,20 +26,20 @@ class PrinterClass:
 
     Attributes
     ----------
-    boxes, time_factor
-        The build volume that all of them have, and the speed of the slowest; see `TargetPrinter`.
+    box_sizes_mm, time_factor
+        Boxes of the build volume that all of them have, and time factor of the slowest; see `TargetPrinter`.
     printers
         Printers of the class.
     """
 
-    boxes: BuildVolume
+    box_sizes_mm: BuildVolume
     time_factor: float
     printers: tuple[TargetPrinter, ...]
 
     @property
     def smallest_printer(self) -> TargetPrinter:
         """Printer whose build volume and speed all printers of the class have or exceed."""
-        return TargetPrinter("", self.boxes, self.time_factor)
+        return TargetPrinter("", self.box_sizes_mm, self.time_factor)
 
     @property
     def count(self) -> int:
@@ -48,23 +48,23 @@ class PrinterClass:
 
     @property
     def throughput(self) -> float:
-        """Work that all printers do per second, in seconds of a printer with time factor 1."""
+        """Work that all printers do per second, in seconds of work of a printer with time factor 1."""
         return self.count / self.time_factor
 
 
 def classify_printers(printers: Sequence[TargetPrinter], max_sums: float) -> list[PrinterClass]:
-    """Classify printers, the largest class first; one class if all are about equal.
+    """Divide printers into classes, the largest class first; a single class if all are about equal.
 
     Parameters
     ----------
     printers
         Printers, at least one.
     max_sums
-        Number of sums (`count_sums`) that the search may make for each cut; at least 1.
+        Maximum number of sums (`count_sums`) that the search may compute for each cut; at least 1.
     """
     printers_by_key: dict[tuple[BuildVolume, float], list[TargetPrinter]] = {}
     for printer in printers:
-        printers_by_key.setdefault((printer.boxes, printer.time_factor), []).append(printer)
+        printers_by_key.setdefault((printer.box_sizes_mm, printer.time_factor), []).append(printer)
     classes = [PrinterClass(*key, tuple(printers_by_key[key])) for key in sorted(printers_by_key)]
     max_loss = MAX_LOSS_SHARE * sum(member.throughput for member in classes)
     while len(classes) > 1:
@@ -75,11 +75,11 @@ def classify_printers(printers: Sequence[TargetPrinter], max_sums: float) -> lis
             break
         merged_class = _merge_classes(classes[a], classes[b])
         classes = [*(member for i, member in enumerate(classes) if i not in (a, b)), merged_class]
-    return sorted(classes, key=lambda member: (-member.count, member.boxes, member.time_factor))
+    return sorted(classes, key=lambda member: (-member.count, member.box_sizes_mm, member.time_factor))
 
 
 def count_sums(counts: Sequence[int]) -> int:
-    """Count the ways to divide printers of all classes but the largest between the sides of a cut."""
+    """Count the ways to divide the printers of all classes but the largest between the sides of a cut."""
     return prod((count + 1) * (count + 2) // 2 for count in sorted(counts)[:-1])
 
 
@@ -87,7 +87,9 @@ def _compute_lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
     """Compute the throughput that two classes lose when they become one."""
     merged_class = _merge_classes(a, b)
     shrunk_throughput = sum(
-        printer_class.throughput for printer_class in (a, b) if printer_class.boxes != merged_class.boxes
+        printer_class.throughput
+        for printer_class in (a, b)
+        if printer_class.box_sizes_mm != merged_class.box_sizes_mm
     )
     return a.throughput + b.throughput - merged_class.throughput + VOLUME_VALUE * shrunk_throughput
 
@@ -95,7 +97,9 @@ def _compute_lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
 def _merge_classes(a: PrinterClass, b: PrinterClass) -> PrinterClass:
     """Merge two classes into one with the build volume that both have and the lower speed."""
     time_factor = max(a.time_factor, b.time_factor)
-    return PrinterClass(_find_shared_volume(a.boxes, b.boxes), time_factor, (*a.printers, *b.printers))
+    return PrinterClass(
+        _find_shared_volume(a.box_sizes_mm, b.box_sizes_mm), time_factor, (*a.printers, *b.printers)
+    )
 
 
 def _find_shared_volume(a: BuildVolume, b: BuildVolume) -> BuildVolume:
@@ -106,8 +110,8 @@ def _find_shared_volume(a: BuildVolume, b: BuildVolume) -> BuildVolume:
     contained_boxes = {
         box
         for box in shared_boxes
-        for other in shared_boxes
-        if box != other and all(map(float.__le__, box, other))
+        for larger_box in shared_boxes
+        if box != larger_box and all(map(float.__le__, box, larger_box))
     }
     return tuple(
         box for box in dict.fromkeys((*a, *b, *sorted(shared_boxes))) if box in shared_boxes - contained_boxes

@@ -9,10 +9,10 @@ from decompose.arrays import Ints
 from decompose.grid import Shape, index_interval
 from decompose.jit import jit
 
-UNREACHABLE_COUNT = 16_000  # more parts than any fleet has printers; twice this number fits into an int16
+UNREACHABLE_COUNT = 16_000  # more than the printers of any fleet; twice this number fits into an int16
 PART_WEIGHT = 1 << 46  # weight of a part in a key
 SECOND_WEIGHT = 1 << 20  # weight of a rounded second in a key; the lowest digit is the area of the cuts
-AREA_UNIT_MM2 = 64.0  # unit of the area of cuts
+AREA_UNIT_MM2 = 64.0  # unit of the area of cuts in a key
 MAX_KEY_TIME_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
 
 Table = npt.NDArray[np.int16] | Ints
@@ -20,7 +20,9 @@ Table = npt.NDArray[np.int16] | Ints
 
 @jit
 def _lower_values(value: Table, size: int, start: tuple[int, int, int], count: int, sums: Ints) -> None:
-    """Lower the values of `count` consecutive boxes to those of a cut into a near and a far side.
+    """Lower the values of consecutive boxes to those of a cut into a lower and an upper side.
+
+    A value that is not above that of the cut stays as it is.
 
     Parameters
     ----------
@@ -29,22 +31,22 @@ def _lower_values(value: Table, size: int, start: tuple[int, int, int], count: i
     size
         Number of boxes in each state.
     start
-        First index of the boxes, of their near sides and of their far sides, in each state.
+        First index of the boxes, of their lower sides and of their upper sides, in each state.
     count
         Number of boxes.
     sums
-        (m, 3) int64 indices of a state, of the state of its near side, and of that of its far side.
+        (m, 3) int64 indices of a state, of the state of the lower side, and of the state of the upper side.
     """
-    out_index, near_index, far_index = start
+    box_index, lower_index, upper_index = start
     for k in range(len(sums)):
-        begin = sums[k, 0] * size + out_index
+        begin = sums[k, 0] * size + box_index
         least = value[begin : begin + count]
-        begin = sums[k, 1] * size + near_index
-        near = value[begin : begin + count]
-        begin = sums[k, 2] * size + far_index
-        far = value[begin : begin + count]
-        for i in range(len(least)):  # in the table's type: the processor adds many of them at once
-            least[i] = min(value.dtype.type(near[i] + far[i]), least[i])
+        begin = sums[k, 1] * size + lower_index
+        lower = value[begin : begin + count]
+        begin = sums[k, 2] * size + upper_index
+        upper = value[begin : begin + count]
+        for i in range(len(least)):  # in the table's type, so that the processor adds many values at once
+            least[i] = min(value.dtype.type(lower[i] + upper[i]), least[i])
 
 
 @jit
@@ -52,9 +54,9 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
     """Lower the values of boxes of one length along x, in place, to the least sums of their partitions.
 
     All shorter boxes must have been processed first; boxes of the same length do not depend on each other.
-    Boxes of one length along an axis are adjacent in the tables, so boxes of one size are added for all their
-    positions at once. A box that is larger than its needed cells needs no special case: cuts split off the
-    empty regions, whose value is 0.
+    Boxes of one length along an axis are adjacent in the tables, so the sums for boxes of one size are
+    computed for all positions at once. A box that is larger than its needed cells needs no special case: cuts
+    split off the empty regions, whose value is 0.
 
     Parameters
     ----------
@@ -70,11 +72,11 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
         Range of the cells at which the boxes begin along x, half-open.
     """
     nx, ny, nz = shape
-    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
-    layer = ty * tz
+    y_interval_count, z_interval_count = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    layer = y_interval_count * z_interval_count
     size = nx * (nx + 1) // 2 * layer
     state_count = len(value) // size
-    transposed_value = np.empty(state_count * ny * tz, value.dtype)
+    transposed_value = np.empty(state_count * ny * z_interval_count, value.dtype)
     for x0 in range(first, end):
         start = index_interval(x0, x0 + length, nx) * layer
         for x in range(x0 + 1, x0 + length):
@@ -82,32 +84,41 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
             _lower_values(value, size, (start, a, b), layer, sums)
         for dy in range(1, ny + 1):
             rows = ny - dy + 1
-            block = rows * tz
-            row = start + index_interval(0, dy, ny) * tz
+            block = rows * z_interval_count
+            row = start + index_interval(0, dy, ny) * z_interval_count
             for cut in range(1, dy):
-                a, b = start + index_interval(0, cut, ny) * tz, start + index_interval(cut, dy, ny) * tz
+                a, b = (
+                    start + index_interval(0, cut, ny) * z_interval_count,
+                    start + index_interval(cut, dy, ny) * z_interval_count,
+                )
                 _lower_values(value, size, (row, a, b), block, sums)
             for state in range(state_count):
                 source, target = state * size + row, state * block
                 _transpose_table(
-                    value[source : source + block], transposed_value[target : target + block], rows, tz
+                    value[source : source + block],
+                    transposed_value[target : target + block],
+                    rows,
+                    z_interval_count,
                 )
             _lower_along_z(transposed_value, sums, nz, rows)
             for state in range(state_count):
                 source, target = state * block, state * size + row
                 _transpose_table(
-                    transposed_value[source : source + block], value[target : target + block], tz, rows
+                    transposed_value[source : source + block],
+                    value[target : target + block],
+                    z_interval_count,
+                    rows,
                 )
 
 
 @jit
 def _lower_along_z(value: Table, sums: Ints, nz: int, rows: int) -> None:
-    """Lower the values of boxes of one length along x and y, in place, to those of cuts across z.
+    """Lower the values of boxes of one length along x and y, in place, to those of cuts perpendicular to z.
 
     Parameters
     ----------
     value
-        (states * boxes,) int16 counts or int64 keys, state after state; in a transposed table, in which boxes
+        (states * boxes,) int16 counts or int64 keys, state after state, in a transposed table in which boxes
         of one length along z are adjacent.
     sums
         As in `lower_box_values`.

@@ -1,7 +1,8 @@
 """Choice among partitions with equally few parts: by the least work, then by the least area of cuts.
 
-Only a few boxes occur in a partition into the fewest parts. They are listed from the whole box downwards, by
-the cuts whose sides add up to the fewest parts, and their keys (`recursion.make_key`) are summed upwards.
+Only a few boxes occur in a partition into the fewest parts. They are listed from the whole box down to its
+smallest parts, along the cuts whose sides add up to the fewest parts. Then their keys (`recursion.make_key`)
+are added up in the opposite order.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from decompose.jit import jit
 
 @jit
 def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
-    """Fill in the near and the far side of every cut across a box, and return the number of cuts.
+    """Fill in the lower and the upper side of every cut of a box, and return the number of cuts.
 
     Parameters
     ----------
@@ -26,12 +27,16 @@ def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
     shape
         Shape of the grid, in cells.
     sides
-        (cuts, 2) int64, filled in with the indices of both sides; it may have more rows.
+        (k, 2) int64, filled in with the indices of both sides of each cut; k is at least the number of cuts.
     """
     _, ny, nz = shape
-    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
-    strides = (ty * tz, tz, 1)
-    intervals = (box // (ty * tz), box // tz % ty, box % tz)
+    y_interval_count, z_interval_count = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    strides = (y_interval_count * z_interval_count, z_interval_count, 1)
+    intervals = (
+        box // (y_interval_count * z_interval_count),
+        box // z_interval_count % y_interval_count,
+        box % z_interval_count,
+    )
     count = 0
     for axis in range(3):
         low, high = find_interval_ends(intervals[axis], shape[axis])
@@ -58,12 +63,12 @@ def _list_tied_boxes(
     shape
         Shape of the grid, in cells.
     root
-        Index of the trimmed box.
+        Index of the box that is partitioned; it must be trimmed.
 
     Returns
     -------
     ndarray
-        (k,) int64 indices in ascending order: the sides of a box come before it.
+        (k,) int64 indices in ascending order, so that the sides of a box come before the box.
     """
     sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
     stack, indices = [root], {root}
@@ -72,9 +77,9 @@ def _list_tied_boxes(
         if counts[box] < 2:
             continue
         for cut in range(_fill_sides(box, shape, sides)):
-            near, far = sides[cut]
-            if counts[near] + counts[far] == counts[box]:
-                for side in (int(trimmed_box[near]), int(trimmed_box[far])):
+            lower, upper = sides[cut]
+            if counts[lower] + counts[upper] == counts[box]:
+                for side in (int(trimmed_box[lower]), int(trimmed_box[upper])):
                     if side not in indices:
                         indices.add(side)
                         stack.append(side)
@@ -121,10 +126,10 @@ def _compute_least_keys(
         if counts[box] < 2:
             continue
         for cut in range(_fill_sides(box, shape, sides)):
-            near, far = sides[cut]
-            if counts[near] + counts[far] == counts[box]:
-                key = keys[np.searchsorted(tied_boxes, trimmed_box[near])]
-                keys[i] = min(keys[i], key + keys[np.searchsorted(tied_boxes, trimmed_box[far])])
+            lower, upper = sides[cut]
+            if counts[lower] + counts[upper] == counts[box]:
+                key = keys[np.searchsorted(tied_boxes, trimmed_box[lower])]
+                keys[i] = min(keys[i], key + keys[np.searchsorted(tied_boxes, trimmed_box[upper])])
     return keys
 
 
@@ -136,7 +141,7 @@ def find_tied_keys(
     Parameters
     ----------
     tables
-        The tables of the grid.
+        Tables of the grid.
     counts
         (boxes,) fewest parts of each box.
     limit_s

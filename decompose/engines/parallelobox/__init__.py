@@ -1,4 +1,4 @@
-"""The engine `parallelobox`: blocks grown from seeds, as in the paper of that name."""
+"""The engine `parallelobox`: blocks that grow from seeds, as in the paper of that name."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Orientation step of the paper: the frame in which the grid is built over a model.
 
-If the model has a plane of symmetry, the plane is normal to an axis of the frame. The frame is rotated
-further to the model's oriented bounding box if that reduces the overhangs. The paper also moves the
-centroid to the origin, which has no effect here, because the grid reaches from one end of the model to the
-other.
+If the model has a plane of symmetry, the plane is perpendicular to an axis of the frame. The frame is rotated
+further, so that its axes are those of the model's oriented bounding box, if this reduces the overhangs. The
+paper also moves the centroid to the origin, which has no effect here, because the grid reaches from one end
+of the model to the other.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from decompose.geometry import (
 from decompose.grid import find_flat_faces
 from decompose.print_time import POSE_ROTATIONS
 
-MAX_REMAINING_OVERHANG_SHARE = 0.95  # a model is rotated only if at most this share of its overhang remains
+MAX_REMAINING_OVERHANG_SHARE = 0.95  # a model is rotated only if less than this share of its overhang remains
 MAX_BED_FACE_HEIGHT_MM = 1e-3  # maximum height of a face that lies on the bed
 
 
 @dataclass(frozen=True, slots=True)
 class AlignedModel:
-    """A model in the frame in which it is cut.
+    """Model in the frame in which it is cut.
 
     Attributes
     ----------
     model
-        The model in that frame.
+        Model in that frame.
     rotation
-        (3, 3) rotation into it: ``v_aligned = rotation @ v_model``.
+        (3, 3) rotation into the frame: ``v_aligned = rotation @ v_model``.
     mirror
-        The axis and the coordinate in mm of its plane of symmetry; None if it has none.
+        Axis perpendicular to the plane of symmetry, and coordinate of the plane in mm; None if there is none.
     """
 
     model: Model
@@ -50,29 +50,29 @@ class AlignedModel:
 
 
 def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
-    """Rotate a model so that its plane of symmetry is normal to an axis and its overhangs are small.
+    """Rotate a model so that its plane of symmetry is perpendicular to an axis, and its overhangs are small.
 
-    A plane of symmetry next to a face is not used, because it would cut slivers off, and the face would count
-    as a cut.
+    A plane of symmetry close to a flat face is not used, because it would cut off slivers, and the face would
+    count as a cut face.
 
     Parameters
     ----------
     model
-        The model.
+        Model to rotate.
     seed
-        Seed of the random planes among which a plane of symmetry is sought.
+        Seed of the random planes among which the plane of symmetry is searched.
     overhang_cos
         Cosine of the angle between normal and downward direction above which a face counts as an overhang.
     """
     vertices, faces = model.solid.arrays()
     mirror = find_mirror(vertices, np.random.default_rng(seed))
     rotation, axis = (np.eye(3), -1) if mirror is None else find_rotation_to_axis(mirror.normal)
-    turn = _find_box_frame(vertices @ rotation.T, axis)
+    box_rotation = _find_box_frame(vertices @ rotation.T, axis)
     corners = (vertices @ rotation.T)[faces]
     if measure_overhang_mm2(
-        corners @ turn.T, overhang_cos
+        corners @ box_rotation.T, overhang_cos
     ) < MAX_REMAINING_OVERHANG_SHARE * measure_overhang_mm2(corners, overhang_cos):
-        rotation = turn @ rotation
+        rotation = box_rotation @ rotation
     if (rotation != np.eye(3)).any():
         model = replace(model, solid=model.solid.rotate(rotation))
     if mirror is None:
@@ -90,7 +90,7 @@ def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm, facing outward.
+        (m, 3, 3) in mm; the faces point outward.
     overhang_cos
         Cosine of the angle between normal and downward direction above which a face counts as an overhang.
     """
@@ -109,33 +109,33 @@ def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
 def _find_box_frame(vertices: Floats, axis: int) -> Floats:
     """Find the rotation (3, 3) into the frame of the smallest box around vertices (n, 3).
 
-    For an axis from 0 to 2, only rotations about it are considered, which keep a plane of symmetry in place;
-    -1 allows all.
+    For an axis from 0 to 2, only rotations about this axis are considered, which keep a plane of symmetry in
+    place; the axis -1 allows all rotations.
     """
     if axis < 0:
-        to_box: Any = oriented_bounds  # trimesh is untyped
-        return _find_smallest_rotation(to_box(vertices, ordered=False)[0][:3, :3])
+        find_oriented_bounds: Any = oriented_bounds  # trimesh is untyped
+        return _find_smallest_rotation(find_oriented_bounds(vertices, ordered=False)[0][:3, :3])
     x, y = (axis + 1) % 3, (axis + 2) % 3
     outline = find_convex_outline(np.ascontiguousarray(vertices[:, [x, y]]))
     angle_rad = find_smallest_rectangle_angle_rad(outline)
     angle_rad = (angle_rad + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
-    turn = np.eye(3)
-    turn[x, x] = turn[y, y] = math.cos(angle_rad)
-    turn[x, y], turn[y, x] = math.sin(angle_rad), -math.sin(angle_rad)
-    return turn
+    box_rotation = np.eye(3)
+    box_rotation[x, x] = box_rotation[y, y] = math.cos(angle_rad)
+    box_rotation[x, y], box_rotation[y, x] = math.sin(angle_rad), -math.sin(angle_rad)
+    return box_rotation
 
 
 def _find_smallest_rotation(rotation: Floats) -> Floats:
-    """Find the smallest rotation (3, 3) with the same axes as a rotation, in any order and direction."""
+    """Find the smallest rotation (3, 3) with the axes of a given rotation, in any order and direction."""
     costs = np.abs(rotation)
     rows = [-1, -1, -1]
     for _ in range(3):
         row, axis = np.unravel_index(int(costs.argmax()), costs.shape)
         rows[axis] = int(row)
         costs[row], costs[:, axis] = -1.0, -1.0
-    turn: Floats = rotation[rows]
-    turn = turn * np.sign(np.diagonal(turn))[:, None]
-    if np.linalg.det(turn) < 0.0:
-        weakest = int(np.abs(np.diagonal(turn)).argmin())
-        turn[weakest] *= -1.0
-    return turn
+    box_rotation: Floats = rotation[rows]
+    box_rotation = box_rotation * np.sign(np.diagonal(box_rotation))[:, None]
+    if np.linalg.det(box_rotation) < 0.0:
+        weakest = int(np.abs(np.diagonal(box_rotation)).argmin())
+        box_rotation[weakest] *= -1.0
+    return box_rotation

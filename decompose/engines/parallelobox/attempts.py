@@ -1,6 +1,7 @@
-"""Metaheuristic: the best of many attempts, with decreasing numbers of seeds and several draws for each.
+"""Metaheuristic: the best of many attempts, with several random sets of seeds for each number of seeds.
 
-With fewer seeds, more printers remain for the void fill, so an attempt succeeds more often.
+The numbers of seeds decrease. With fewer seeds, more printers remain for filling voids, so an attempt
+succeeds more often.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class BlockPartition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeedSource:
-    """Points that are clustered for seeds, and the cells that may be seeds.
+    """Points that are clustered to find seeds, and the cells that may be seeds.
 
     Attributes
     ----------
@@ -61,41 +62,43 @@ class SeedSource:
         cells are clustered instead.
     grid
         Grid over the model.
-    is_barred
+    is_excluded
         (nx, ny, nz) bool, true for cells that may not be seeds.
     """
 
     points_mm: Floats
     grid: Grid
-    is_barred: Bools
+    is_excluded: Bools
 
 
 def draw_seed_sets(
     source: SeedSource,
     printer_count: int,
-    draws_per_count: int,
+    sets_per_count: int,
     random_seed: int,
     map_function: MapFunction = map,
 ) -> list[Seeds]:
-    """Draw the seeds from which blocks grow: from `printer_count` down to 1 seed, several draws of each.
+    """Draw random sets of seeds from which blocks grow: several sets for each number of seeds.
+
+    The numbers of seeds decrease from `printer_count` to 1.
 
     Parameters
     ----------
     source
         Points to cluster, and cells that may be seeds.
-    printer_count, draws_per_count
-        Maximum number of seeds, and number of draws for each number of seeds.
+    printer_count, sets_per_count
+        Maximum number of seeds, and number of sets for each number of seeds.
     random_seed
         Seed of the random numbers.
     map_function
-        `map`, or that of an executor, for the draws.
+        Function that maps over the sets: `map`, or the `map` of an executor.
     """
-    draws = [(count, number) for count in range(printer_count, 0, -1) for number in range(draws_per_count)]
+    draws = [(count, number) for count in range(printer_count, 0, -1) for number in range(sets_per_count)]
 
     def draw_set(draw: tuple[int, int]) -> Seeds:
         return draw_seeds(source, draw[0], np.random.default_rng([random_seed, *draw]))
 
-    with threadpool_limits(1):  # with threads, k-means would sum in varying order
+    with threadpool_limits(1):  # with more threads, k-means would add numbers in a varying order
         return list(map_function(draw_set, draws))
 
 
@@ -106,7 +109,7 @@ def run_attempts(
     score: Score,
     map_function: MapFunction = map,
 ) -> list[BlockPartition]:
-    """Run attempts and return those that cover the model, the lowest P first, then the fewest parts.
+    """Run attempts; return those that cover the model, sorted by P, then by the number of parts.
 
     Parameters
     ----------
@@ -117,9 +120,9 @@ def run_attempts(
     printer_count
         Maximum number of parts.
     score
-        Whether low or high scores are better.
+        Interpretation of the score: `LOW` or `HIGH`.
     map_function
-        `map`, or that of an executor, for the attempts.
+        Function that maps over the attempts: `map`, or the `map` of an executor.
     """
 
     def make_attempt(seeds: Seeds) -> BlockPartition | None:
@@ -132,7 +135,7 @@ def run_attempts(
 def _run_attempt(
     seeds: Seeds, tables: GrowthTables, printer_count: int, score: Score
 ) -> BlockPartition | None:
-    """Run one attempt; None if it needs more parts than there are printers."""
+    """Run one attempt; return None if it needs more parts than there are printers."""
     blocks, owner = grow_blocks(seeds, tables, score)
     all_blocks = fill_voids(blocks, owner, tables, printer_count - _count_parts(blocks, tables))
     if all_blocks is None or _count_parts(all_blocks, tables) > printer_count:
@@ -144,7 +147,7 @@ def _run_attempt(
 
 
 def _count_parts(blocks: Ints, tables: GrowthTables) -> int:
-    """Count the pieces in blocks (n, 6), as counted on the grid."""
+    """Count the pieces in blocks (n, 6) according to the tables."""
     indices = [index_box((*block,), tables.shape) for block in blocks.tolist()]
     return int(tables.piece_counts[indices].sum())
 
@@ -163,7 +166,7 @@ def _find_centres(points: Floats, count: int, random_state: int) -> Floats:
 
 
 def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list[Box]:
-    """Draw the cells from which blocks grow: distinct boundary cells.
+    """Draw the seeds of one set: distinct boundary cells.
 
     Parameters
     ----------
@@ -172,10 +175,10 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     count
         Number of seeds; fewer are drawn if there are fewer boundary cells.
     rng
-        Random numbers.
+        Generator of random numbers.
     """
     points, grid = source.points_mm, source.grid
-    boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~source.is_barred)
+    boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~source.is_excluded)
     count = min(count, len(boundary))
     middles_mm = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]
     cell_centres_mm = np.stack([middles_mm[axis][boundary[:, axis]] for axis in range(3)], axis=1)

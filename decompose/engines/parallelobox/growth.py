@@ -1,10 +1,11 @@
 """Block growth: blocks of cells grow from seeds, one layer at a time, until none can grow.
 
-The cheapest block that can grow grows next, in the direction with the best score: the product of ``|P + O|``
-(printing price and overhang price of the grown block) and its proximity to other blocks. The paper calls
-higher scores better (section "Objective") although P and O are costs, so `Score` has both interpretations. A
-direction is forbidden if the grown block would leave the grid, not fit a printer, gain no needed cell, take a
-cell that has an owner, or consist of more pieces than before.
+Among the blocks that can grow, the cheapest one grows next, in the direction with the best score. The score
+is ``|P + O|`` times the proximity of the block to other blocks, where P and O are the printing price and the
+overhang price of the grown block. The paper calls higher scores better (section "Objective")
+although P and O are costs, so `Score` has both interpretations. A direction is forbidden if the grown block
+would leave the grid, not fit a printer, gain no needed cell, take a cell that has an owner, or consist of
+more pieces than before.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from decompose.options import Score
 
 Float32s = npt.NDArray[np.float32]
 
-FREE_CELL, BARRED_CELL = -1, -2
+FREE_CELL, EXCLUDED_CELL = -1, -2
 
 
 @jit
@@ -46,7 +47,7 @@ def find_grown_index(
     seconds: npt.NDArray[np.float32],
     piece_counts: npt.NDArray[np.int16],
 ) -> int:
-    """Find the index of the box that a block grows to; -1 if a constraint forbids it.
+    """Find the index of the box into which a block grows; -1 if a constraint forbids the growth.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def find_grown_index(
     direction
         0 to 5: -x, -y, -z, +x, +y, +z.
     owner
-        (nx, ny, nz) int64 number of the block that has a cell, `FREE_CELL` or `BARRED_CELL`.
+        (nx, ny, nz) int64 number of the block that owns each cell, `FREE_CELL` or `EXCLUDED_CELL`.
     is_needed
         (nx, ny, nz) bool, true for cells that must be covered.
     seconds, piece_counts
@@ -99,38 +100,44 @@ def claim_cells(block: Ints, number: int, owner: Ints) -> None:
     number
         Number of the block.
     owner
-        (nx, ny, nz) int64 number of the block that has a cell, updated in place.
+        (nx, ny, nz) int64 number of the block that owns each cell; updated in place.
     """
     owner[block[0] : block[3], block[1] : block[4], block[2] : block[5]] = number
 
 
 @jit
 def _compute_proximity(blocks: Ints, number: int, direction: int, grid_length: int) -> float:
-    """Compute S_prox: 0.5 if another block touches this one in front, 1 if none is within the grid's length.
+    """Compute the proximity of a block to the other blocks in its direction of growth, the paper's S_prox.
 
-    The gap is the L1 distance of the centres minus half the sizes, as in the paper. The paper's program
-    divides it by twice the grid's length and adds 0.5; otherwise a touching block would prevent all growth.
+    It is 0.5 if one of these blocks touches the block, and 1 if none is within the length of the grid. The
+    gap is the L1 distance of the centres minus half the sizes, as in the paper. The paper's program divides
+    the gap by twice the length of the grid, and adds 0.5; otherwise a touching block would prevent all
+    growth.
 
     Parameters
     ----------
     blocks
         (k, 6) int64 in cells, half-open.
     number, direction
-        The block, and the direction in which it grows, as in `find_grown_index`.
+        Number of the block, and direction in which it grows, as in `find_grown_index`.
     grid_length
         Length of the grid in cells: the sum of its sides.
     """
     axis = direction % 3
     nearest = 1.0
-    for other in range(len(blocks)):
+    for other_number in range(len(blocks)):
         offset = (
-            blocks[other, axis] + blocks[other, axis + 3] - blocks[number, axis] - blocks[number, axis + 3]
+            blocks[other_number, axis]
+            + blocks[other_number, axis + 3]
+            - blocks[number, axis]
+            - blocks[number, axis + 3]
         )
-        if other == number or (offset <= 0 if direction >= 3 else offset >= 0):
+        if other_number == number or (offset <= 0 if direction >= 3 else offset >= 0):
             continue
         gap = 0.0
         for k in range(3):
-            a0, a1, b0, b1 = blocks[number, k], blocks[number, k + 3], blocks[other, k], blocks[other, k + 3]
+            a0, a1 = blocks[number, k], blocks[number, k + 3]
+            b0, b1 = blocks[other_number, k], blocks[other_number, k + 3]
             gap += abs(a0 + a1 - b0 - b1) / 2.0 - (a1 - a0 + b1 - b0) / 2.0
         nearest = min(nearest, 0.5 + 0.5 * max(0.0, gap) / grid_length)
     return nearest
@@ -151,8 +158,8 @@ def _grow_all_blocks(
     blocks
         (k, 6) int64, in cells, half-open.
     owner
-        (nx, ny, nz) int64 number of the block that has a cell, `FREE_CELL` or `BARRED_CELL`; updated in
-        place.
+        (nx, ny, nz) int64 number of the block that owns each cell, `FREE_CELL` or `EXCLUDED_CELL`; updated
+        in place.
     is_needed
         (nx, ny, nz) bool, true for cells that must be covered.
     tables
@@ -164,9 +171,8 @@ def _grow_all_blocks(
     nx, ny, nz = owner.shape
     prices = np.zeros(len(blocks))
     for i in range(len(blocks)):
-        b = blocks[i]
-        claim_cells(b, i, owner)
-        prices[i] = printing[_find_block_index(b, owner.shape)]
+        claim_cells(blocks[i], i, owner)
+        prices[i] = printing[_find_block_index(blocks[i], owner.shape)]
     while len(blocks):
         cheapest = int(np.argmin(prices))
         if prices[cheapest] == np.inf:
@@ -199,16 +205,16 @@ def grow_blocks(seeds: list[Box], tables: GrowthTables, score: Score) -> tuple[I
     tables
         Cells of the grid, and prices that decide how blocks grow.
     score
-        Whether low or high scores are better.
+        Interpretation of the score: `LOW` or `HIGH`.
 
     Returns
     -------
     blocks, owner
-        (k, 6) int64 in cells, half-open; (nx, ny, nz) int64 number of the block of each cell, `FREE_CELL` or
-        `BARRED_CELL`.
+        (k, 6) int64 in cells, half-open; (nx, ny, nz) int64 number of the block that owns each cell,
+        `FREE_CELL` or `EXCLUDED_CELL`.
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
-    owner = np.where(tables.is_barred, BARRED_CELL, FREE_CELL).astype(np.int64)
+    owner = np.where(tables.is_excluded, EXCLUDED_CELL, FREE_CELL).astype(np.int64)
     prices = (tables.seconds, tables.piece_counts, tables.printing_prices, tables.overhang_prices)
     _grow_all_blocks(blocks, owner, tables.is_needed, prices, score is Score.HIGH)
     return blocks, owner
@@ -234,7 +240,7 @@ def _cover_voids(
     number
         Number of the first new block.
     max_parts
-        Maximum number of parts of the new blocks.
+        Maximum number of parts in the new blocks.
 
     Returns
     -------
@@ -268,11 +274,11 @@ def _cover_voids(
 
 
 def fill_voids(blocks: Ints, owner: Ints, tables: GrowthTables, max_parts: int) -> Ints | None:
-    """Cover the needed cells that have no owner with new blocks.
+    """Cover the needed cells that have no owner with new blocks, and return all blocks.
 
-    The first such cell becomes a block, which grows in every direction in turn as far as it can; then the
-    next cell follows. As in `grow_blocks`, no block may be too large for a printer; the paper's program does
-    not check that.
+    The first such cell becomes a block, which grows in every direction in turn as far as possible; then the
+    next such cell follows. As in `grow_blocks`, no block may be too large for a printer; the paper's program
+    does not check that.
 
     Parameters
     ----------
@@ -281,7 +287,7 @@ def fill_voids(blocks: Ints, owner: Ints, tables: GrowthTables, max_parts: int) 
     tables
         Cells of the grid, and prices that decide how blocks grow.
     max_parts
-        Maximum number of added parts.
+        Maximum number of parts in the new blocks.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from decompose.grid import OVERHANG, VOLUME, BoxTables, Grid, compute_index
 from decompose.jit import jit
 
 SPEED_MM_S = 20.0  # speed of shell and infill in the paper's settings
-OVERHANG_TOLERANCE_DEG = 1.0  # tolerance of the angle of overhangs in the paper's settings
+OVERHANG_TOLERANCE_DEG = 1.0  # tolerance for the angle of overhangs in the paper's settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,20 +23,20 @@ class GrowthTables:
     ----------
     is_needed
         (nx, ny, nz) bool, true for cells that must be covered.
-    is_barred
-        (nx, ny, nz) bool, true for cells that no block may take: those of the other half of a cut model.
+    is_excluded
+        (nx, ny, nz) bool, true for cells that no block may contain: those of the other half of a cut model.
     seconds
         (boxes,) float32 of `BoxTables`: +inf if a box does not fit.
     piece_counts
         (boxes,) int16 of `BoxTables`.
     printing_prices
-        (boxes,) float32 P, the price of printing a box that ends at needed cells on all sides.
+        (boxes,) float32 P, the price of printing a box; it is used for boxes with needed cells at all sides.
     overhang_prices
-        (boxes,) float32 O, the least overhang of a box in its six poses, which the score adds to P.
+        (boxes,) float32 O, the least overhang of a box in its six axis poses, which the score adds to P.
     """
 
     is_needed: Bools
-    is_barred: Bools
+    is_excluded: Bools
     seconds: npt.NDArray[np.float32]
     piece_counts: npt.NDArray[np.int16]
     printing_prices: npt.NDArray[np.float32]
@@ -54,7 +54,7 @@ class GrowthTables:
         Parameters
         ----------
         axis, plane
-            Axis across the plane, and index of the plane.
+            Axis perpendicular to the plane, and index of the plane.
         keeps_upper
             Whether the side above the plane is kept.
         """
@@ -62,40 +62,40 @@ class GrowthTables:
         side = slice(None, plane) if keeps_upper else slice(plane, None)
         is_other_half[tuple(side if a == axis else slice(None) for a in range(3))] = True
         return replace(
-            self, is_needed=self.is_needed & ~is_other_half, is_barred=self.is_barred | is_other_half
+            self, is_needed=self.is_needed & ~is_other_half, is_excluded=self.is_excluded | is_other_half
         )
 
 
-def make_time_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
+def make_time_tables(grid: Grid, box_tables: BoxTables) -> GrowthTables:
     """Build the tables in which P is the print time in the best pose, with supports, and O is 0.
 
     Parameters
     ----------
     grid
         Grid over the model.
-    boxes
-        Tables of its boxes.
+    box_tables
+        Tables of the boxes of the grid.
     """
-    zero_overhangs = np.zeros(len(boxes.seconds), np.float32)
+    zero_overhangs = np.zeros(len(box_tables.seconds), np.float32)
     return GrowthTables(
         grid.is_needed,
         np.zeros_like(grid.is_needed),
-        boxes.seconds,
-        boxes.piece_counts,
-        boxes.seconds,
+        box_tables.seconds,
+        box_tables.piece_counts,
+        box_tables.seconds,
         zero_overhangs,
     )
 
 
-def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
+def make_paper_tables(grid: Grid, box_tables: BoxTables) -> GrowthTables:
     """Build the tables in which P is speed times the sum of volume and area, and O the least overhang area.
 
     Parameters
     ----------
     grid
-        Grid over the model, built with the paper's tolerance of overhangs.
-    boxes
-        Tables of its boxes.
+        Grid over the model, built with the paper's tolerance for overhangs.
+    box_tables
+        Tables of the boxes of the grid.
     """
     columns = np.concatenate(
         [grid.sums[..., [VOLUME]], grid.area_mm2[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
@@ -109,10 +109,12 @@ def make_paper_tables(grid: Grid, boxes: BoxTables) -> GrowthTables:
         table[tuple(slice(None) if i == axis else slice(1, None) for i in range(3))] = cut.cumsum(a).cumsum(b)
         cut_sums.append(table)
     printing, overhang = _compute_paper_prices(
-        sums, cut_sums[0], cut_sums[1], cut_sums[2], len(boxes.seconds), SPEED_MM_S
+        sums, cut_sums[0], cut_sums[1], cut_sums[2], len(box_tables.seconds), SPEED_MM_S
     )
     no_cells = np.zeros_like(grid.is_needed)
-    return GrowthTables(grid.is_needed, no_cells, boxes.seconds, boxes.piece_counts, printing, overhang)
+    return GrowthTables(
+        grid.is_needed, no_cells, box_tables.seconds, box_tables.piece_counts, printing, overhang
+    )
 
 
 @jit
@@ -127,8 +129,8 @@ def _compute_paper_prices(
         (nx + 1, ny + 1, nz + 1, 8) float64 summed-area table of volume in mm3, surface in mm2, and overhangs
         in the six poses in mm2.
     cut_x, cut_y, cut_z
-        (nx + 1, ny + 1, nz + 1) float64 summed-area tables, along two axes each, of the cut areas in mm2 on
-        the planes across the third axis.
+        (nx + 1, ny + 1, nz + 1) float64 summed-area tables of the cut areas in mm2 on the planes
+        perpendicular to one axis: sums along the two other axes.
     box_count
         Number of boxes.
     speed_mm_s

@@ -1,12 +1,12 @@
-"""The engine `parallelobox`: blocks grown from seeds on a grid, as in the paper.
+"""The engine `parallelobox`: blocks that grow from seeds on a grid, as in the paper.
 
-It follows the sections of the paper: orientation and symmetry cut (`alignment`), then the seeds, growth and
-void fill of each half (`growth`), repeated over many attempts (`attempts`).
+The engine follows the sections of the paper: orientation and symmetry cut (`alignment`), then, for each half,
+seeds, growth and filling of voids (`growth`), repeated in many attempts (`attempts`).
 
-`--faithful` takes the best attempt by the paper's score. Otherwise blocks are also grown from the same seeds
-with prices in seconds and with both interpretations of the score, on a finer grid, and without the symmetry
-cut. The engine then takes the attempt, faithful or not, with the shortest makespan of its pieces in their
-printing poses.
+With `--faithful`, the result is the best attempt by the paper's prices. Otherwise blocks are also grown from
+the same seeds with prices in seconds and with both interpretations of the score, on a finer grid, and without
+the symmetry cut. The engine then takes the attempt, by the paper's prices or by times, whose pieces have the
+shortest makespan in their printing poses.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
 MAX_CUT_PARTITIONS = 12  # maximum number of partitions that are cut to count their pieces, the best first
-MAX_HALF_ATTEMPTS = 100  # maximum number of attempts on a half that are combined with those on the other half
+MAX_HALF_ATTEMPTS = 100  # maximum number of attempts on a half to combine with those on the other half
 
 
 def apply_paper_settings(options: Options) -> Options:
-    """Set options to those of the paper's table; its speeds and overhang tolerance are in `growth_tables`.
+    """Set options to those of the table in the paper.
 
-    The table does not define the sign of the score: the interpretation in the paper's text is the default.
+    The speeds and the overhang tolerance of the table are in `growth_tables`. The table does not define
+    whether high or low scores are better; by default, high scores are better, as in the text of the paper.
     """
     interpretation = Score.HIGH if options.parallelobox.score is Score.BOTH else options.parallelobox.score
     return replace(
@@ -54,8 +55,8 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        No attempt covers the model, or, unless faithful, each of the best has a part that cannot be glued
-        well.
+        No attempt covers the model, or, without `--faithful`, each of the examined attempts has a part that
+        cannot be glued well.
     """
     spaces = _build_search_spaces(problem)
     candidates: list[_Candidate] = []
@@ -76,7 +77,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
             f"a lower --min-glue"
         )
     figures = problem.compute_grid_figures(
-        best.space.grid, best.space.boxes, list(best.pieces_by_box), best.pieces
+        best.space.grid, best.space.box_tables, list(best.pieces_by_box), best.pieces
     )
     problem.on_stage("bound")
     aligned_model = best.space.aligned_model
@@ -85,23 +86,23 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SearchSpace:
-    """A frame, the grid in it, and the growth tables of the grid.
+    """Frame, the grid in it, and the growth tables of the grid.
 
     Attributes
     ----------
     aligned_model
         Model in its frame.
-    grid, boxes
-        Grid over it, and the prices of its boxes.
+    grid, box_tables
+        Grid over the model, and the tables of its boxes.
     table_sets
-        Tables by the paper's prices and, unless faithful, by times in seconds.
+        Growth tables with the paper's prices and, without `--faithful`, with times in seconds.
     pieces_by_box
         Pieces of each box that has been cut out.
     """
 
     aligned_model: AlignedModel
     grid: Grid
-    boxes: BoxTables
+    box_tables: BoxTables
     table_sets: tuple[GrowthTables, ...]
     pieces_by_box: dict[Box, list[Piece]] = field(default_factory=dict)
 
@@ -114,7 +115,7 @@ class _SearchSpace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """A cut partition, its makespan, and the reason why it cannot be glued well ('' if it can)."""
+    """Cut partition, its makespan, and the reason why it cannot be glued well (empty if it can)."""
 
     space: _SearchSpace
     pieces_by_box: dict[Box, list[Piece]]
@@ -132,30 +133,30 @@ class _Candidate:
 
 
 def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
-    """Build the spaces of the paper's grid and, unless faithful, of the problem's grid.
+    """Build the search spaces of the paper's grid and, without `--faithful`, of the problem's grid.
 
-    If a granularity is given and the engine is not faithful, only the problem's grid is used.
+    If a granularity is given, only the problem's grid is used, except with `--faithful`.
     """
     options = problem.options
-    overhang_cos = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
+    overhang_cos = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # as in the paper
     spaces = []
     if options.faithful or options.granularity == "auto":
         paper_problem = replace(problem, options=apply_paper_settings(options))
         aligned_model = align_model(problem.model, options.seed, overhang_cos)
         grid = paper_problem.build_grid(aligned_model.model, aligned_model.mirror)
-        boxes = problem.price_boxes(grid)
+        tables = problem.price_boxes(grid)
         paper_tables = make_paper_tables(
-            paper_problem.build_grid(aligned_model.model, aligned_model.mirror, overhang_cos), boxes
+            paper_problem.build_grid(aligned_model.model, aligned_model.mirror, overhang_cos), tables
         )
-        table_sets = (paper_tables,) if options.faithful else (paper_tables, make_time_tables(grid, boxes))
-        spaces.append(_SearchSpace(aligned_model, grid, boxes, table_sets))
+        table_sets = (paper_tables,) if options.faithful else (paper_tables, make_time_tables(grid, tables))
+        spaces.append(_SearchSpace(aligned_model, grid, tables, table_sets))
     if not options.faithful:
         aligned_model = align_model(problem.model, options.seed, problem.cost.overhang_cos)
         grid = problem.build_grid(aligned_model.model, aligned_model.mirror)
         if not any(_is_same_space(aligned_model, grid, space) for space in spaces):
-            boxes = problem.price_boxes(grid)
-            table_sets = (make_paper_tables(grid, boxes), make_time_tables(grid, boxes))
-            spaces.append(_SearchSpace(aligned_model, grid, boxes, table_sets))
+            tables = problem.price_boxes(grid)
+            table_sets = (make_paper_tables(grid, tables), make_time_tables(grid, tables))
+            spaces.append(_SearchSpace(aligned_model, grid, tables, table_sets))
     problem.on_stage("boxes")
     return spaces
 
@@ -166,7 +167,7 @@ def _is_same_space(aligned_model: AlignedModel, grid: Grid, space: _SearchSpace)
 
 
 def _find_candidates(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
-    """Find the best partitions in one space: the paper's choice and, unless faithful, the fastest one."""
+    """Find the best partitions in a space: the paper's choice and, without `--faithful`, the fastest one."""
     points = np.unique(space.aligned_model.model.solid.arrays()[0], axis=0)
     candidates: list[_Candidate] = []
     for halves in _list_halves(space, points, len(problem.printers)):
@@ -184,15 +185,18 @@ def _find_candidates(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
             [attempt for group in grown_half.values() for attempt in group] for grown_half in attempts_by_half
         ]
         candidates += _find_fastest_candidate(
-            _rank_partitions(attempts, lambda a: space.boxes.find_longest_time_s(a.blocks)), space, problem
+            _rank_partitions(attempts, lambda a: space.box_tables.find_longest_time_s(a.blocks)),
+            space,
+            problem,
         )
     return candidates
 
 
-Half = tuple[tuple[GrowthTables, ...], Floats, int]  # growth tables, points for seeds, and number of printers
+# Growth tables of a half, points to cluster for its seeds, and number of printers.
+Half = tuple[tuple[GrowthTables, ...], Floats, int]
 # Attempts on a half, by the number of the table set and the interpretation of the score.
 GrownHalf = dict[tuple[int, Score], list[BlockPartition]]
-# Prices of partitions in ascending order, the paper's P or times in s, and their boxes.
+# Prices of partitions (the paper's P, or times in s) in ascending order, and the boxes of each partition.
 RankedPartitions = list[tuple[float, list[Box]]]
 
 
@@ -209,28 +213,28 @@ def _list_halves(space: _SearchSpace, points: Floats, printer_count: int) -> Ite
                 for upper in (False, True)
             ]
             volumes_mm3 = [float(space.grid.sums[side[0].is_needed][:, VOLUME].sum()) for side in sides]
-            odd_printer = printer_count % 2
-            shares = [
-                printer_count // 2 + odd_printer * (volumes_mm3[0] >= volumes_mm3[1]),
-                printer_count // 2 + odd_printer * (volumes_mm3[0] < volumes_mm3[1]),
+            extra_printer_count = printer_count % 2
+            printer_counts = [
+                printer_count // 2 + extra_printer_count * (volumes_mm3[0] >= volumes_mm3[1]),
+                printer_count // 2 + extra_printer_count * (volumes_mm3[0] < volumes_mm3[1]),
             ]
             is_on_side = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
             yield [
-                (side, points[mask], share)
-                for side, mask, share in zip(sides, is_on_side, shares, strict=True)
+                (side, points[mask], count)
+                for side, mask, count in zip(sides, is_on_side, printer_counts, strict=True)
             ]
     yield [(space.table_sets, points, printer_count)]
 
 
 def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
-    """Grow blocks in one half, from the same seeds in all tables; empty if the budget is too small."""
+    """Grow blocks in one half, from the same seeds for all tables; empty if the budget is too small."""
     table_sets, points, printer_count = half
     options = problem.options
     clustered_count = len(points) * options.parallelobox.tries * printer_count * (printer_count + 1) // 2
     if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered_count):
         return {}
     run = map if problem.executor is None else problem.executor.map
-    source = SeedSource(points, space.grid, table_sets[0].is_barred)
+    source = SeedSource(points, space.grid, table_sets[0].is_excluded)
     seed_sets = draw_seed_sets(source, printer_count, options.parallelobox.tries, options.seed, run)
     problem.effort.record(Work.POINT_CLUSTERED, clustered_count)
     attempt_count = len(seed_sets) * len(table_sets) * len(options.parallelobox.score.interpretations)
@@ -261,7 +265,7 @@ def _rank_partitions(
 def _find_first_candidate(
     ranked_partitions: RankedPartitions, space: _SearchSpace, problem: Problem
 ) -> list[_Candidate]:
-    """Find the first partition that has no more pieces than there are printers, if any."""
+    """Find the first partition with no more pieces than there are printers; empty if there is none."""
     candidates = (
         _cut_candidate(boxes, space, problem) for _, boxes in ranked_partitions[:MAX_CUT_PARTITIONS]
     )
@@ -271,11 +275,14 @@ def _find_first_candidate(
 def _find_fastest_candidate(
     ranked_partitions: RankedPartitions, space: _SearchSpace, problem: Problem
 ) -> list[_Candidate]:
-    """Find the partition with the shortest makespan, if any; stop when no other one can be faster."""
+    """Find the partition with the shortest makespan; empty if there is none.
+
+    The search stops when no other partition can be faster.
+    """
     best: list[_Candidate] = []
     for expected_s, boxes in ranked_partitions[:MAX_CUT_PARTITIONS]:
-        is_settled = best and not best[0].fault and expected_s >= best[0].makespan_s
-        if is_settled or (best and problem.effort.is_spent()):
+        is_optimal = best and not best[0].fault and expected_s >= best[0].makespan_s
+        if is_optimal or (best and problem.effort.is_spent()):
             break
         candidate = _cut_candidate(boxes, space, problem)
         if candidate is not None and candidate.makespan_s < math.inf:
@@ -284,7 +291,7 @@ def _find_fastest_candidate(
 
 
 def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _Candidate | None:
-    """Cut and pose a partition; None if it has more pieces than there are printers."""
+    """Cut a partition, and find the poses of its pieces; None if there are more pieces than printers."""
     new_box_count = sum(box not in space.pieces_by_box for box in boxes)
     problem.effort.record(Work.FACE_CUT, new_box_count * space.aligned_model.model.solid.face_count)
     pieces_by_box = {box: space.cut_box(box) for box in boxes}

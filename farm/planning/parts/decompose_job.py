@@ -210,7 +210,7 @@ class ModelCutter:
         poses = ((x, y, z), (y, z, x), (z, x, y))
         fitting_printers = [p for p in self.printers if any(p.fits(*pose) for pose in poses)]
         options = replace(self.options, engine=Engine.GUILLOTINE)  # finds one part if one suffices
-        for printer in sorted(fitting_printers, key=lambda p: max(box[2] for box in p.boxes)):
+        for printer in sorted(fitting_printers, key=lambda p: max(box[2] for box in p.box_sizes_mm)):
             try:
                 return decompose_model(self.model, [printer], options, self.cost, self.executor)
             except NoFit:
@@ -240,7 +240,7 @@ class ModelCutter:
         ):
             return whole_model
         part_limit, min_parts = len(self.printers), 0
-        indices_by_kind = sorted(range(part_limit), key=lambda i: self.printers[i].boxes)
+        indices_by_kind = sorted(range(part_limit), key=lambda i: self.printers[i].box_sizes_mm)
         for round_count, part_count in iterate_part_counts(copy_count, printer_count, part_limit):
             if part_count < min_parts and part_count < part_limit:
                 continue

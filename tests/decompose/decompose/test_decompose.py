@@ -65,7 +65,7 @@ def test_one_printer_prints_a_small_model_whole(
 
 def test_interior_is_omitted_if_that_saves_time(fleet: list[TargetPrinter], cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (500, 400, 380)), (), 1.0)
-    printers = [TargetPrinter(f"p{i}", fleet[0].boxes) for i in range(40)]
+    printers = [TargetPrinter(f"p{i}", fleet[0].box_sizes_mm) for i in range(40)]
     volume_cost = replace(cost, volume_s_per_mm3=1.0)
     hollow_result = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, prove=False), volume_cost)
     solid_result = decompose_model(

@@ -70,9 +70,9 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
     if clipped_solid.is_empty:
         assert tables.trimmed_box[index] == -1
         return
-    extents = grid.extents[cells].reshape(-1, 6)
-    assert np.allclose(extents[:, :3].min(axis=0), clipped_solid.bounds_mm[0], atol=1e-9)
-    assert np.allclose(extents[:, 3:].max(axis=0), clipped_solid.bounds_mm[1], atol=1e-9)
+    bounds_mm = grid.bounds_mm[cells].reshape(-1, 6)
+    assert np.allclose(bounds_mm[:, :3].min(axis=0), clipped_solid.bounds_mm[0], atol=1e-9)
+    assert np.allclose(bounds_mm[:, 3:].max(axis=0), clipped_solid.bounds_mm[1], atol=1e-9)
     # The table contains the price of the solid in its best pose, which depends on all other terms.
     if tables.trimmed_box[index] == index:
         times_s = price_axis_poses_s(*clipped_solid.arrays(), default_cost)

@@ -1,4 +1,4 @@
-"""Shift of a partition's planes, until the slowest part is as fast as the others allow."""
+"""Shift of a partition's planes, so that the slowest part ends as soon as possible."""
 
 from __future__ import annotations
 

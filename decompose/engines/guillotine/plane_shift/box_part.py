@@ -1,4 +1,4 @@
-"""Pieces in a box of a partition, with their poses and their price."""
+"""Pieces in a box of a partition, with their poses and their print time."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class BoxPart:
     box_mm
         (2, 3) lower and upper corner of the box.
     pieces, poses
-        Connected pieces, and the pose of each one that fits its printer.
+        Connected pieces, and the pose of each piece that fits its printer.
     seconds
-        Time of the slowest piece on its printer; inf if one does not fit.
+        Time of the slowest piece on its printer; inf if a piece does not fit.
     """
 
     box_mm: Floats
@@ -50,14 +50,14 @@ class BoxPart:
         return replace(self, poses=fitting_poses, seconds=compute_slowest_piece_s(self.pieces, poses))
 
     def has_similar_pieces(self, other: BoxPart) -> bool:
-        """Check whether this part has as many pieces as the other, and none that is newly a sliver."""
+        """Check whether this part has as many pieces as the other one, and no new sliver."""
         return len(self.pieces) == len(other.pieces) and self.shortest_side_mm >= min(
             SLIVER_MM, other.shortest_side_mm
         )
 
 
 def compute_slowest_piece_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
-    """Compute the time in seconds of the slowest piece on its printer; inf if one has no pose.
+    """Compute the time in seconds of the slowest piece on its printer; inf if a piece has no pose.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def compute_slowest_piece_s(pieces: Sequence[Piece], poses: Sequence[Pose | None
 
 
 def sort_times_s(parts: Sequence[BoxPart]) -> list[float]:
-    """Sort the times of parts, the longest first; lexicographically lower is better."""
+    """Sort the times of parts in descending order; lexicographically lower is better."""
     return sorted((part.seconds for part in parts), reverse=True)
 
 
@@ -87,17 +87,18 @@ def find_spare_length_mm(size_mm: Floats, printers: Sequence[TargetPrinter]) -> 
     size_mm
         (3,) size of the part.
     printers
-        Printers, all of which the part has to fit.
+        Printers; the part has to fit each of them.
 
     Returns
     -------
     ndarray
-        (3,) lengths in mm; inf (unknown) if the part fits each build volume only when rotated off the axes.
+        (3,) lengths in mm; inf (unknown) if the part fits the build volumes only in a pose that is not
+        parallel to the axes.
     """
     spare_mm = np.full(3, math.inf)
     for printer in printers:
         spare_by_box_mm = (
-            np.array([extents for box in printer.boxes for extents in permutations(box)]) - size_mm
+            np.array([sides for box in printer.box_sizes_mm for sides in permutations(box)]) - size_mm
         )
         spare_by_box_mm = spare_by_box_mm[(spare_by_box_mm >= 0.0).all(axis=1)]
         if len(spare_by_box_mm):

@@ -18,7 +18,7 @@ PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
 
 
 class PartCutter:
-    """Cuts parts by number, with other boxes, from the solids near them.
+    """Cutter of the parts of a partition, whose boxes may change; each part is given by its number.
 
     Parameters
     ----------
@@ -33,18 +33,19 @@ class PartCutter:
     def __init__(self, problem: Problem, start_parts: Sequence[BoxPart], reach_mm: Floats) -> None:
         self._problem = problem
         self._start_parts = start_parts
+        # Solid in the reach of each part, which is faster to cut than the whole model.
         self._nearby_solids = [
             problem.model.solid.clip(part.box_mm[0] - reach_mm, part.box_mm[1] + reach_mm)
             for part in start_parts
         ]
 
     def record_effort(self, parts: Sequence[int]) -> None:
-        """Record the work of cutting parts, by number, and of pricing them in their poses."""
+        """Record the work of cutting parts, which are given by number, and of pricing them in their poses."""
         self._problem.effort.record(Work.PIECE_MEASURED, len(parts))
         self._problem.effort.record(Work.FACE_MEASURED, sum(self._nearby_solids[i].face_count for i in parts))
 
     def cut_part(self, i: int, box_mm: Floats) -> BoxPart:
-        """Cut a part with another box; its pieces keep their printers if there are as many."""
+        """Cut a part with another box; the pieces keep their printers if there are as many as before."""
         pieces = cut_box(self._nearby_solids[i], *box_mm)
         start_pieces = self._start_parts[i].pieces
         if len(pieces) == len(start_pieces):
@@ -87,18 +88,18 @@ class PartCutter:
     def cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
         """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
 
-        The list is empty if the part breaks into pieces.
+        The list is empty if the number of pieces changes, or if a piece becomes a sliver.
         """
         new_part = self.cut_part(i, box_mm)
         if not new_part.has_similar_pieces(part):
             return new_part, []
         poses: list[Pose | None] = []
-        for piece, old in zip(new_part.pieces, part.poses, strict=True):
-            pose = self._measure_piece(piece, old)
+        for piece, old_pose in zip(new_part.pieces, part.poses, strict=True):
+            pose = self._measure_piece(piece, old_pose)
             fits = all(printer.fits(*pose.size_mm) for printer in self._problem.list_piece_printers(piece))
             # Supports must not touch a cut face if they did not before, and the part must not be less stable.
             *stability, touched_mm2, _ = pose.rank
-            *old_stability, old_touched_mm2, _ = old.rank
+            *old_stability, old_touched_mm2, _ = old_pose.rank
             is_good = stability <= old_stability and (touched_mm2 == 0.0 or old_touched_mm2 > 0.0)
             poses.append(pose if fits and is_good else None)
         return new_part, poses
@@ -111,7 +112,7 @@ class PartCutter:
         return measure_pose(vertices, faces, is_cut, rotation, self._problem.cost, options.fit_first_layer)
 
     def measure_slopes(self, i: int, part: BoxPart, is_fixed: Bools) -> Floats:
-        """Measure the change (2, 3) of a part's time in s/mm as each of its faces moves up its axis.
+        """Measure the change (2, 3) of a part's time in s/mm as each of its faces moves along its axis.
 
         Parameters
         ----------
@@ -122,17 +123,19 @@ class PartCutter:
         is_fixed
             (2, 3) bool, true for faces that cannot move, whose slopes stay 0.
         """
-        slopes = np.zeros((2, 3))
+        slopes_s_per_mm = np.zeros((2, 3))
         for side, axis in np.ndindex(2, 3):
             if is_fixed[side, axis] or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:
                 continue
-            box = part.box_mm.copy()
-            box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
-            trimmed_part = self.cut_part(i, box)
+            box_mm = part.box_mm.copy()
+            box_mm[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
+            trimmed_part = self.cut_part(i, box_mm)
             if len(trimmed_part.pieces) == len(part.pieces):
                 poses = [
                     self._measure_piece(*pair) for pair in zip(trimmed_part.pieces, part.poses, strict=True)
                 ]
                 trimmed_s = compute_slowest_piece_s(trimmed_part.pieces, poses)
-                slopes[side, axis] = (trimmed_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
-        return slopes
+                slopes_s_per_mm[side, axis] = (trimmed_s - part.seconds) / (
+                    box_mm[side, axis] - part.box_mm[side, axis]
+                )
+        return slopes_s_per_mm

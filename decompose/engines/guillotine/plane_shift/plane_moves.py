@@ -21,15 +21,15 @@ from decompose.options import Interior
 from decompose.problem import Problem
 
 MAX_CELL_BOXES = 20_000_000  # maximum number of fine cells times boxes when a partition is checked
-MIN_GAIN_S_PER_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
+MIN_GAIN_S_PER_MM = 0.05  # minimum gain for each mm of a move, so that no face moves without a gain
 # Moves much shorter than this barely change the slopes: support volume, and so print time, changes in steps.
 NOISE_MM = 2.0
 
 
-def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
-    """Extend boxes over cells without solid, so that they face more neighbours.
+def extend_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
+    """Extend boxes over cells without solid, so that more faces of neighbours touch each other.
 
-    A face can only move into a box that covers all of it. Nothing is printed in the added cells.
+    A face can only move into a neighbour that covers the whole face. Nothing is printed in the added cells.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
     Returns
     -------
     list[Box]
-        The boxes in the same order; none is smaller than before.
+        Extended boxes in the same order.
     """
     boxes = np.array(partition)
     is_free = empty_cells.copy()
@@ -61,11 +61,11 @@ def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
                 <= low
             ).any():
                 continue
-            for box, other in ((i, j), (j, i)):
+            for box, neighbour in ((i, j), (j, i)):
                 for side in (*other_axes, *(a + 3 for a in other_axes)):
                     extend = min if side < 3 else max
                     larger_box = boxes[box].copy()
-                    larger_box[side] = extend(boxes[box, side], boxes[other, side])
+                    larger_box[side] = extend(boxes[box, side], boxes[neighbour, side])
                     gained_cell_count = np.prod(larger_box[3:] - larger_box[:3]) - np.prod(
                         boxes[box, 3:] - boxes[box, :3]
                     )
@@ -76,7 +76,7 @@ def fill_out_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
 
 
 def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
-    """Refine the needed cells as far as the check of a partition allows.
+    """Refine the needed cells, but only so far that partitions are still checked quickly.
 
     Parameters
     ----------
@@ -97,10 +97,10 @@ def _slice_cells(box: Ints) -> tuple[slice, ...]:
 
 
 def group_faces(boxes_mm: Floats) -> Ints:
-    """Group the faces of boxes that have to move together.
+    """Divide the faces of boxes into groups that have to move together.
 
     All faces of a group have the same axis and the same coordinate. A group is fixed if no two of its faces
-    touch each other, because no volume could pass between boxes then.
+    touch each other, because its move could not pass volume from one box to another.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
     Returns
     -------
     ndarray
-        (n, 2, 3) int64 number of the group of each face; -1 if it is fixed.
+        (n, 2, 3) int64 number of the group of each face; -1 if the group is fixed.
     """
     count = len(boxes_mm)
     groups = DisjointSets(count * 6)
@@ -141,7 +141,7 @@ def group_faces(boxes_mm: Floats) -> Ints:
 
 
 def _find_crossings(boxes_mm: Floats, overlap_mm: Floats) -> list[tuple[int, int, tuple[int, int]]]:
-    """Find pairs of boxes that meet only at an edge, and the two axes across that edge.
+    """Find pairs of boxes that meet only at an edge, and the two axes perpendicular to that edge.
 
     Parameters
     ----------
@@ -162,13 +162,13 @@ def _find_crossings(boxes_mm: Floats, overlap_mm: Floats) -> list[tuple[int, int
 
 
 def _number_face(box: int, side: int, axis: int) -> int:
-    """Number a face of a box: side 0 is the lower one."""
+    """Compute the number of a face of a box; side 0 is the lower side."""
     return int(box * 6 + side * 3 + axis)
 
 
-def _find_facing_face(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
-    """Find the face of a box that lies on the plane at which another box begins."""
-    return _number_face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other, 0, axis]), axis)
+def _find_facing_face(boxes_mm: Floats, box: int, other_box: int, axis: int) -> int:
+    """Find the face of a box on the plane, perpendicular to an axis, at which it meets another box."""
+    return _number_face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other_box, 0, axis]), axis)
 
 
 def move_groups(boxes_mm: Floats, groups: Ints, shifts_mm: Floats) -> Floats:
@@ -202,14 +202,14 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
     groups
         (n, 2, 3) from `group_faces`.
     cells
-        Cells that have to stay covered.
+        Cells that have to remain covered.
     step_mm
         Length of the step.
 
     Returns
     -------
     ndarray
-        (groups, 2) bool, for down and up.
+        (groups, 2) bool: whether the group can move down its axis, and up.
     """
     count = int(groups.max(initial=-1)) + 1
     is_free = np.zeros((count, 2), dtype=np.bool_)
@@ -222,10 +222,10 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
 
 
 def find_clear_position_mm(flat_faces: FlatFaces, position_mm: float, target_mm: float) -> float:
-    """Find the position closest to a plane's target that is clear of all flat faces.
+    """Find the position closest to the target of a plane that is clear of all flat faces.
 
-    It lies between the current and the target position. The current position is returned if no other one is
-    clear.
+    Only positions between the current and the target position are considered. If none is clear, the current
+    position is returned.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ class ShiftLimits:
     max_growth_mm, max_shrinkage_mm
         (n, 3) lengths by which each part may grow and shrink along each axis; inf without a limit.
     min_shift_mm, max_shift_mm
-        (groups,) limits of each group's shift: the lower one is at most 0.
+        (groups,) least and greatest shift of each group.
     """
 
     max_growth_mm: Floats
@@ -264,7 +264,7 @@ class ShiftLimits:
 
 
 def solve_plane_shifts(
-    seconds: Floats, slopes: Floats, groups: Ints, limits: ShiftLimits
+    seconds: Floats, slopes_s_per_mm: Floats, groups: Ints, limits: ShiftLimits
 ) -> tuple[Floats, float]:
     """Compute the shifts of groups with the least makespan, assuming that times are linear in the shifts.
 
@@ -272,8 +272,9 @@ def solve_plane_shifts(
     ----------
     seconds
         (n,) times of the parts before the shift.
-    slopes
-        (n, 2, 3) change of a part's time, in s for each mm by which one of its faces moves up its axis.
+    slopes_s_per_mm
+        (n, 2, 3) change of each part's time, in s for each mm by which one of its faces moves up along its
+        axis.
     groups
         (n, 2, 3) from `group_faces`.
     limits
@@ -282,10 +283,10 @@ def solve_plane_shifts(
     Returns
     -------
     tuple
-        (groups,) shifts in mm, and makespan in s; 0 and inf if the linear programme has no solution.
+        (groups,) shifts in mm, and makespan in s; zeros and inf if the linear programme has no solution.
     """
     count = len(limits.min_shift_mm)
-    rows = _build_constraints(slopes, groups, count)
+    rows = _build_constraints(slopes_s_per_mm, groups, count)
     length_limits_mm = limits.max_growth_mm.ravel(), limits.max_shrinkage_mm.ravel()
     right_sides = np.concatenate([-seconds, *length_limits_mm, np.zeros(2 * count)])
     is_limited = np.isfinite(right_sides)
@@ -305,12 +306,12 @@ def solve_plane_shifts(
     return np.asarray(solution.x[:count]), float(solution.x[-1])
 
 
-def _build_constraints(slopes: Floats, groups: Ints, count: int) -> Floats:
-    """Build the left sides of the constraints on the shifts, their lengths, and the makespan.
+def _build_constraints(slopes_s_per_mm: Floats, groups: Ints, count: int) -> Floats:
+    """Build the left-hand sides of the constraints on the shifts, their lengths, and the makespan.
 
     Parameters
     ----------
-    slopes, groups
+    slopes_s_per_mm, groups
         As in `solve_plane_shifts`.
     count
         Number of groups.
@@ -321,11 +322,11 @@ def _build_constraints(slopes: Floats, groups: Ints, count: int) -> Floats:
         (7 n + 2 groups, 2 groups + 1): rows for the time, the growth and the shrinkage of each part, then for
         the lengths of the shifts; columns for the shifts, their lengths, and the makespan.
     """
-    n = len(slopes)
+    n = len(slopes_s_per_mm)
     parts, sides, axes = np.nonzero(groups >= 0)
     faces = groups[parts, sides, axes]
     time_coefficients, length_coefficients = np.zeros((n, count)), np.zeros((n * 3, count))
-    np.add.at(time_coefficients, (parts, faces), slopes[parts, sides, axes])
+    np.add.at(time_coefficients, (parts, faces), slopes_s_per_mm[parts, sides, axes])
     np.add.at(length_coefficients, (parts * 3 + axes, faces), 2.0 * sides - 1.0)
     identity, zeros = np.eye(count), np.zeros((n * 3, count))
     return np.block(
@@ -339,18 +340,20 @@ def _build_constraints(slopes: Floats, groups: Ints, count: int) -> Floats:
     )
 
 
-def update_slopes(slopes: Floats, moves_mm: Floats, change_s: float) -> None:
+def update_slopes(slopes_s_per_mm: Floats, moves_mm: Floats, change_s: float) -> None:
     """Correct the slopes of a part by the measured effect of a move (Broyden's update).
 
     Parameters
     ----------
-    slopes
-        (2, 3) change of the part's time in s/mm as its faces move up their axes; updated in place.
+    slopes_s_per_mm
+        (2, 3) change of the part's time as its faces move up along their axes; updated in place.
     moves_mm
         (2, 3) moves of the faces.
     change_s
-        Change of the part's time; inf if a piece did not fit, which is ignored.
+        Change of the part's time; it is ignored if it is inf, because a piece did not fit.
     """
     squared_length_mm2 = float((moves_mm * moves_mm).sum()) + NOISE_MM * NOISE_MM
     if math.isfinite(change_s):
-        slopes += (change_s - float((slopes * moves_mm).sum())) / squared_length_mm2 * moves_mm
+        slopes_s_per_mm += (
+            (change_s - float((slopes_s_per_mm * moves_mm).sum())) / squared_length_mm2 * moves_mm
+        )

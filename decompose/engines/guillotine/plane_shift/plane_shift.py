@@ -1,11 +1,11 @@
 """Search for positions of the cut planes off the grid at which the slowest parts end sooner.
 
-A grid moves a face by a whole layer of cells, which is a large share of a part. Here all groups of faces that
-can move (`plane_moves`) move at once, by a linear programme. Within short steps, it minimises the makespan as
-if every part's time were linear in the positions of its faces. The parts are then priced at the new
-positions, which corrects the slopes. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
-then each part keeps its pose, because pricing it in a known pose is much faster. One such search is made even
-if the budget is spent, because it gains more in the same time than most other searches.
+On the grid, a face can only move by a whole layer of cells, which is a large share of a part. Here all groups
+of faces that can move (`plane_moves`) move at once. A linear programme finds short steps that minimise the
+makespan as if every part's time were linear in the positions of its faces. The parts are then priced at the
+new positions, which corrects the slopes of the times. After `STEPS_PER_ROUND` steps all parts that moved get
+new poses; until then each part keeps its pose, because pricing it in a known pose is much faster. One such
+search is made even if the budget is spent, because it gains more in the same time than most other searches.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from decompose.engines.guillotine.plane_shift.box_part import (
 from decompose.engines.guillotine.plane_shift.part_cutter import PartCutter
 from decompose.engines.guillotine.plane_shift.plane_moves import (
     ShiftLimits,
-    fill_out_boxes,
+    extend_boxes,
     find_clear_position_mm,
     find_free_directions,
     group_faces,
@@ -43,19 +43,19 @@ from decompose.problem import WORK_NS, Problem, Work
 Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
 
 MAX_MOVE_SHARE = 0.9  # maximum total move of a plane, as a share of a cell
-FIRST_STEP_SHARE = 0.5  # length of the first step, as a share of `MAX_MOVE_SHARE`
-TRIAL_MM = 0.4  # length of the trial move that a group must be free to make
+FIRST_STEP_SHARE = 0.5  # maximum length of the first step, as a share of a plane's maximum total move
+TRIAL_MM = 0.4  # length of a trial move, which shows whether a group is free to move
 MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
-STEP_REDUCTION = 0.6  # ratio of the next step to a step without a gain
-MIN_GAIN = 0.0025  # minimum gain that a step has to promise, as a share of the makespan
-MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one starts from its result
+STEP_REDUCTION = 0.6  # ratio of the maximum length of the next step to that of a step without a gain
+MIN_GAIN = 0.0025  # minimum expected gain of a step, as a share of the makespan
+MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another search starts from its result
 PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
-MAX_JUMP = 0.005  # maximum error of a linear time, as a share of the makespan; more is a jump of the time
+# Error of a linear time, as a share of the makespan, above which the time has jumped.
+MAX_LINEAR_ERROR = 0.005
 MAX_REDUCTIONS = 12  # maximum number of times that the steps of one solution are reduced
 MAX_SOLUTIONS = 4
-"""Maximum number of solutions of a step. In each one, more planes are stopped by a face of the model parallel
-to the plane."""
+"""Maximum number of times that a step is solved; in each solution, flat faces stop more planes."""
 SAFE_SHARES = (0.5, 0.25, 0.1)  # shares of a move that are tried if a face cannot make all of it
 MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a part, for slopes and after moves
 
@@ -63,31 +63,31 @@ MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a pa
 def shift_planes(
     problem: Problem, grid: Grid, box_pieces: Mapping[Box, Sequence[Piece]], cells: NeededCells | None = None
 ) -> list[Piece]:
-    """Move the cut planes of a partition to the least makespan, with its pieces in their best poses.
+    """Move the cut planes of a partition to reduce its makespan; the pieces get their best poses.
 
     Parameters
     ----------
     problem, grid
         Problem, and the grid over its model.
     box_pieces
-        The boxes of a partition of the grid, and the pieces in each.
+        Boxes of a partition of the grid, and the pieces in each box.
     cells
         The grid's needed cells from `refine_needed_cells`, if they are known.
 
     Returns
     -------
     list[Piece]
-        As many pieces as before, none slower than the slowest one before; the same pieces if there is no
-        gain. All solid that must be printed remains covered by a box; the rest may be left out
+        As many pieces as before, none of which is slower than the slowest piece before; the same pieces if
+        there is no gain. All solid that must be printed remains in a box; other solid may be left out
         (`grid.needed_cells`).
     """
-    grown_boxes = fill_out_boxes(list(box_pieces), grid.cells == Cell.EXTERNAL)
-    boxes_mm = np.array([grid.find_bounds_mm(box) for box in grown_boxes])
+    extended_boxes = extend_boxes(list(box_pieces), grid.cells == Cell.EXTERNAL)
+    boxes_mm = np.array([grid.find_bounds_mm(box) for box in extended_boxes])
     return shift_box_planes(problem, grid, boxes_mm, list(box_pieces.values()), cells)
 
 
 def estimate_shift_s(problem: Problem, part_count: int) -> float:
-    """Estimate the effort in s of the one search that is always made, for a number of parts."""
+    """Estimate the effort in s of the first search, which is always made, for a number of parts."""
     faces = problem.model.solid.face_count
     measured_ns = WORK_NS[Work.PIECE_MEASURED] * part_count + WORK_NS[Work.FACE_MEASURED] * 2.0 * faces
     return (MEAN_PRICING_COUNT * measured_ns + WORK_NS[Work.FACE_GRIDDED] * faces) / 1e9
@@ -100,10 +100,10 @@ def shift_box_planes(
     pieces: Sequence[Sequence[Piece]],
     cells: NeededCells | None = None,
 ) -> list[Piece]:
-    """Move the planes of boxes, on a grid or not, to the least makespan.
+    """Move the planes of boxes, on a grid or not, to reduce the makespan.
 
-    A face that was stopped, or could not reach its best position, may be free to move once the others have
-    moved. So the planes of the result are moved again as long as the gain is large enough.
+    A face that was stopped, or could not reach its best position, may be free to move after the others have
+    moved. So the planes are moved again as long as the gain is large enough.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def shift_box_planes(
     boxes_mm
         (n, 2, 3) corners of disjoint boxes that cover the needed cells.
     pieces
-        The pieces in each box.
+        Pieces in each box.
     cells
         The grid's needed cells from `refine_needed_cells`, if they are known.
 
@@ -138,7 +138,7 @@ def shift_box_planes(
 
 
 class _PlaneShift:
-    """Search that starts from one partition, with the groups of faces that may move and their reach."""
+    """Search for better planes that starts from one partition."""
 
     def __init__(
         self,
@@ -152,12 +152,12 @@ class _PlaneShift:
         self.cells = cells
         self.start_boxes_mm = boxes_mm
         self.start_parts = [
-            BoxPart(box, tuple(replace(piece, boxes_mm=box[None]) for piece in inside), (), math.inf)
-            for box, inside in zip(boxes_mm, pieces, strict=True)
+            BoxPart(box, tuple(replace(piece, boxes_mm=box[None]) for piece in box_pieces), (), math.inf)
+            for box, box_pieces in zip(boxes_mm, pieces, strict=True)
         ]
         self.groups = group_faces(self.start_boxes_mm)
         self.is_free = find_free_directions(self.start_boxes_mm, self.groups, self.cells, TRIAL_MM)
-        # Least and greatest coordinate of each group, beyond which a part would be split into other pieces,
+        # Least and greatest coordinate of each group. Beyond them, a part would be split into other pieces,
         # no longer fit in its pose, or take too long.
         self.limits_mm = np.full((len(self.is_free), 2), (-math.inf, math.inf))
         self.axes = np.zeros(len(self.is_free), dtype=np.int64)
@@ -168,20 +168,22 @@ class _PlaneShift:
         self.cutter = PartCutter(problem, self.start_parts, cell_mm)
 
     def pose_start_parts(self) -> list[BoxPart]:
-        """Pose the parts of the given partition."""
+        """Find the best poses for the parts of the first partition."""
         return self.cutter.pose_parts(self.start_parts)
 
     def improve_parts(self, best_parts: list[BoxPart]) -> list[BoxPart]:
-        """Search for a better partition, starting from parts in their poses."""
+        """Improve the positions of the planes, starting from parts in their poses."""
         if not (self.is_free.any() and math.isfinite(find_longest_time_s(best_parts))):
             return best_parts
         numbers, is_fixed = range(len(best_parts)), self.groups < 0
         self.cutter.record_effort([i for i in numbers for _ in range(6)])
-        slopes = np.array(list(self.problem.map(self.cutter.measure_slopes, numbers, best_parts, is_fixed)))
-        for rounds in range(MAX_ROUNDS):
-            if rounds and self.problem.effort.is_spent():
+        slopes_s_per_mm = np.array(
+            list(self.problem.map(self.cutter.measure_slopes, numbers, best_parts, is_fixed))
+        )
+        for round_number in range(MAX_ROUNDS):
+            if round_number and self.problem.effort.is_spent():
                 break
-            moved_parts = self._take_steps(best_parts, slopes)
+            moved_parts = self._take_steps(best_parts, slopes_s_per_mm)
             if moved_parts is best_parts:
                 break
             new_parts = self.cutter.pose_parts(moved_parts, best_parts)
@@ -205,21 +207,21 @@ class _PlaneShift:
             find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
         )
 
-    def _take_steps(self, parts: list[BoxPart], slopes: Floats) -> list[BoxPart]:
+    def _take_steps(self, parts: list[BoxPart], slopes_s_per_mm: Floats) -> list[BoxPart]:
         """Take steps in which each part keeps its pose; return the same parts if no step gains enough."""
         step_mm = FIRST_STEP_SHARE * self.reach_mm
         for _ in range(STEPS_PER_ROUND):
-            boxes_mm, expected_s = self._solve_valid_step(parts, slopes, step_mm)
+            boxes_mm, expected_s = self._solve_valid_step(parts, slopes_s_per_mm, step_mm)
             if expected_s > (1.0 - MIN_GAIN) * find_longest_time_s(parts):
                 break
             new_parts = self.cutter.cut_moved_parts(parts, boxes_mm)
             longest_s, jumps = find_longest_time_s(parts), []
-            for i, (old, part) in enumerate(zip(parts, new_parts, strict=True)):
-                move_mm = part.box_mm - old.box_mm
-                linear_s = old.seconds + float((slopes[i] * move_mm).sum())
-                if part.seconds >= longest_s and part.seconds - linear_s > MAX_JUMP * longest_s:
+            for i, (old_part, part) in enumerate(zip(parts, new_parts, strict=True)):
+                move_mm = part.box_mm - old_part.box_mm
+                linear_s = old_part.seconds + float((slopes_s_per_mm[i] * move_mm).sum())
+                if part.seconds >= longest_s and part.seconds - linear_s > MAX_LINEAR_ERROR * longest_s:
                     jumps.append(i)
-                update_slopes(slopes[i], move_mm, part.seconds - old.seconds)
+                update_slopes(slopes_s_per_mm[i], move_mm, part.seconds - old_part.seconds)
             if sort_times_s(new_parts) < sort_times_s(parts):
                 parts = new_parts
             elif not self._limit_faces(parts, new_parts, jumps, SAFE_SHARES[0]):
@@ -233,10 +235,10 @@ class _PlaneShift:
         numbers: Sequence[int],
         common_share: float,
     ) -> bool:
-        """Limit faces after whose moves parts are too slow.
+        """Limit the moves of faces that make parts too slow.
 
-        Such parts are split into other pieces, no longer fit in their poses, or take too long.
-        When supports begin to touch a cut face, or the brim becomes too narrow, another pose becomes the best
+        A part also counts as too slow if it is split into other pieces, or no longer fits in its pose. When
+        supports begin to touch a cut face, or the brim becomes too narrow, another pose becomes the best
         one, and it may be much slower. When a face begins to overhang too far, the part gets a support.
 
         Parameters
@@ -244,14 +246,14 @@ class _PlaneShift:
         parts, new_parts
             Parts before and after the moves.
         numbers
-            Numbers of the parts with too long a time.
+            Numbers of the parts that are too slow.
         common_share
-            Share of its move that each face of a part may make if none is the cause alone.
+            Share of its move that each face of a part may make if no single face is the cause.
 
         Returns
         -------
         bool
-            Whether the limits have changed; if so, the next step differs.
+            Whether the limits have changed, so that the next step is another one.
         """
         old_limits_mm = self.limits_mm.copy()
         max_s = find_longest_time_s(parts)
@@ -270,7 +272,8 @@ class _PlaneShift:
     ) -> dict[Face, float]:
         """Find the share of its move that each slow face can make while all other faces stay.
 
-        It is the largest of `SAFE_SHARES` after which the face is no longer slow; 0 if there is none.
+        A face is slow if its move alone makes the part too slow. The share is the largest of `SAFE_SHARES`
+        for which the face is no longer slow; 0 if there is none.
         """
         slow_faces = self._find_slow_faces(i, part, faces, move_mm, max_s)
         safe_shares = dict.fromkeys(slow_faces, 0.0)
@@ -283,9 +286,10 @@ class _PlaneShift:
     def _find_slow_faces(
         self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float
     ) -> list[Face]:
-        """Find the faces after whose moves, each made alone, a part is too slow.
+        """Find the faces whose moves, each made alone, make a part too slow.
 
-        Such a part is split into other pieces, no longer fits in its pose, or takes `max_s` or longer.
+        The part is too slow if it takes `max_s` or longer, is split into other pieces, or no longer fits in
+        its pose.
         """
         self.cutter.record_effort([i] * len(faces))
         boxes_mm = [part.box_mm.copy() for _ in faces]
@@ -301,12 +305,12 @@ class _PlaneShift:
         return slow_faces
 
     def _solve_valid_step(
-        self, parts: list[BoxPart], slopes: Floats, step_mm: Floats
+        self, parts: list[BoxPart], slopes_s_per_mm: Floats, step_mm: Floats
     ) -> tuple[Floats, float]:
-        """Compute the best boxes as `_solve_step` does, with steps at which they are still a partition.
+        """Compute the best boxes as `_solve_step` does, with steps so short that they remain a partition.
 
-        The step of each group that passes an edge of another box is reduced, in place; if only several groups
-        together do so, the steps of all.
+        The step of each group whose move alone would break the partition is reduced, in place. If only the
+        moves of several groups together would break it, the steps of all groups are reduced.
 
         Returns
         -------
@@ -316,7 +320,7 @@ class _PlaneShift:
         start_boxes_mm = np.array([part.box_mm for part in parts])
         start_mm = self._find_positions_mm(start_boxes_mm)
         for _ in range(MAX_REDUCTIONS):
-            boxes_mm, expected_s = self._solve_step(parts, slopes, step_mm)
+            boxes_mm, expected_s = self._solve_step(parts, slopes_s_per_mm, step_mm)
             if self.cells.is_partition(boxes_mm):
                 return boxes_mm, expected_s
             is_invalid = np.zeros(len(step_mm), np.bool_)
@@ -327,11 +331,13 @@ class _PlaneShift:
             step_mm[is_invalid | ~is_invalid.any()] *= STEP_REDUCTION
         return start_boxes_mm, math.inf
 
-    def _solve_step(self, parts: list[BoxPart], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
-        """Compute the best boxes (n, 2, 3) in mm, and their makespan in s, as if the slopes were exact.
+    def _solve_step(
+        self, parts: list[BoxPart], slopes_s_per_mm: Floats, step_mm: Floats
+    ) -> tuple[Floats, float]:
+        """Compute the best boxes (n, 2, 3) in mm, and their makespan in s, as if slopes were exact.
 
-        A plane that a flat face stops before its best position is fixed there, and the others are solved
-        again.
+        A plane that a flat face stops before its best position is fixed at the flat face, and the step is
+        solved again for the other planes.
         """
         start_boxes_mm = np.array([part.box_mm for part in parts])
         positions_mm = self._find_positions_mm(start_boxes_mm)
@@ -350,8 +356,8 @@ class _PlaneShift:
         boxes_mm, expected_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):
             limits = ShiftLimits(max_growth_mm, max_shrinkage_mm, min_shift_mm, max_shift_mm)
-            shifts_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
-            if not math.isfinite(min_s):  # no solution with these planes stopped: keep the previous one
+            shifts_mm, min_s = solve_plane_shifts(seconds, slopes_s_per_mm, self.groups, limits)
+            if not math.isfinite(min_s):  # no solution with the stopped planes: keep the previous one
                 break
             expected_s = min_s
             boxes_mm = self._stop_planes(start_boxes_mm, move_groups(start_boxes_mm, self.groups, shifts_mm))
@@ -369,7 +375,7 @@ class _PlaneShift:
         return positions_mm
 
     def _stop_planes(self, old_boxes_mm: Floats, new_boxes_mm: Floats) -> Floats:
-        """Stop planes before flat faces, and do not move a plane by less than a minimum."""
+        """Stop planes before flat faces, and undo moves that are shorter than `MIN_MOVE_MM`."""
         old_mm, new_mm = self._find_positions_mm(old_boxes_mm), self._find_positions_mm(new_boxes_mm)
         for group in range(len(old_mm)):
             if abs(new_mm[group] - old_mm[group]) < MIN_MOVE_MM:

@@ -66,12 +66,12 @@ def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -
     options = replace(OPTIONS, granularity=8)
     low_printers = [TargetPrinter(f"low-{i}", LOW_BOXES_MM) for i in range(3)]
     high_printers = [TargetPrinter(f"high-{i}", HIGH_BOXES_MM) for i in range(3)]
-    message = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
+    message = r"needs 6 parts.*there are 4 printers: free 2 more with room for 100 x 100 x 160 mm"
     with pytest.raises(NoFit, match=message) as error:
         decompose_model(model, [*low_printers, high_printers[0]], options, cost)
     assert error.value.needed_printer_count == 6
     assert len(decompose_model(model, [*low_printers, *high_printers], options, cost).parts) == 6
-    with pytest.raises(NoFit, match="there are 5: free 1 more"):
+    with pytest.raises(NoFit, match="there are 5 printers: free 1 more"):
         decompose_model(model, [*low_printers, *high_printers[:2]], options, cost)
 
 

@@ -23,13 +23,17 @@ def make_printers(
 
 def test_equal_printers_are_one_class() -> None:
     (printer_class,) = classify_printers(make_printers(*[(PLUS_BOXES, 1.1)] * 5), 100.0)
-    assert (printer_class.boxes, printer_class.time_factor, printer_class.count) == (PLUS_BOXES, 1.1, 5)
+    assert (printer_class.box_sizes_mm, printer_class.time_factor, printer_class.count) == (
+        PLUS_BOXES,
+        1.1,
+        5,
+    )
 
 
 def test_different_volumes_are_classes_but_similar_speeds_are_not() -> None:
     fleet = make_printers(*[(PLUS_BOXES, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED_BOXES, 1.0)] * 3)
     result = classify_printers(fleet, 100.0)
-    assert [(item.boxes, item.count) for item in result] == [(PLUS_BOXES, 8), (EXTENDED_BOXES, 3)]
+    assert [(item.box_sizes_mm, item.count) for item in result] == [(PLUS_BOXES, 8), (EXTENDED_BOXES, 3)]
     assert result[0].time_factor == 1.014
 
 
@@ -39,7 +43,7 @@ def test_speeds_are_separated_into_classes_before_volumes() -> None:
     assert [item.count for item in three_classes] == [12, 4, 3]
     two_classes = classify_printers(fleet, 20.0)
     assert [(item.count, item.time_factor) for item in two_classes] == [(16, 1.0), (3, 0.4)]
-    assert two_classes[0].boxes == PLUS_BOXES
+    assert two_classes[0].box_sizes_mm == PLUS_BOXES
 
 
 factors = st.floats(0.3, 2.0)
@@ -59,7 +63,7 @@ def test_each_printer_of_a_class_can_print_its_parts(
     for item in result:
         for printer in item.printers:
             assert printer.time_factor <= item.time_factor
-            assert all(printer.fits(*box) for box in item.boxes)
+            assert all(printer.fits(*box) for box in item.box_sizes_mm)
 
 
 @given(counts=st.lists(st.integers(1, 4), min_size=1, max_size=3))

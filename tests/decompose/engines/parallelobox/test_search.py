@@ -185,7 +185,7 @@ def test_attempts_cover_the_model_and_are_deterministic(
     score: Score, ball_grid: Grid, ball_tables: BoxTables, ball_points: np.ndarray
 ) -> None:
     tables = make_time_tables(ball_grid, ball_tables)
-    seed_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.is_barred), 14, 2, 5)
+    seed_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.is_excluded), 14, 2, 5)
     result = run_attempts(seed_sets, tables, 14, score)
     assert result
     for item in result:
@@ -199,11 +199,11 @@ def test_attempts_cover_the_model_and_are_deterministic(
     assert [a.max_price for a in result] == sorted(a.max_price for a in result)
     with ThreadPoolExecutor(2) as pool:
         threaded_sets = draw_seed_sets(
-            SeedSource(ball_points, ball_grid, tables.is_barred), 14, 2, 5, pool.map
+            SeedSource(ball_points, ball_grid, tables.is_excluded), 14, 2, 5, pool.map
         )
         assert threaded_sets == seed_sets
         assert run_attempts(threaded_sets, tables, 14, score, pool.map) == result
-    other_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.is_barred), 14, 2, 6)
+    other_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, tables.is_excluded), 14, 2, 6)
     assert result != run_attempts(other_sets, tables, 14, score)
 
 

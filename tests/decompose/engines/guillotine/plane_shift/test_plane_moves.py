@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from decompose.engines.guillotine.pinwheel import list_pinwheel_boxes
 from decompose.engines.guillotine.plane_shift.plane_moves import (
     ShiftLimits,
-    fill_out_boxes,
+    extend_boxes,
     find_clear_position_mm,
     find_free_directions,
     group_faces,
@@ -82,7 +82,7 @@ def test_face_moves_only_into_a_box_that_covers_it() -> None:
     cells = NeededCells(PLANES, is_needed)
     groups = group_faces(convert_to_mm(boxes))
     assert find_free_directions(convert_to_mm(boxes), groups, cells, 1.0).tolist() == [[True, False]]
-    filled_boxes = fill_out_boxes(boxes, ~is_needed)
+    filled_boxes = extend_boxes(boxes, ~is_needed)
     assert filled_boxes == [(0, 0, 0, 6, 6, 3), (0, 0, 3, 6, 6, 6)]
     assert find_free_directions(
         convert_to_mm(filled_boxes), group_faces(convert_to_mm(filled_boxes)), cells, 1.0
@@ -97,7 +97,7 @@ def test_boxes_grow_over_free_empty_cells_only(seed: int, cuts: int) -> None:
     boxes = [box for box in boxes if rng.random() < 0.7] or boxes
     is_empty = rng.random((6, 6, 6)) < 0.7
     owners, grown_owners = np.zeros((6, 6, 6), int), np.zeros((6, 6, 6), int)
-    for cells, cover in ((owners, boxes), (grown_owners, fill_out_boxes(boxes, is_empty))):
+    for cells, cover in ((owners, boxes), (grown_owners, extend_boxes(boxes, is_empty))):
         for x0, y0, z0, x1, y1, z1 in cover:
             cells[x0:x1, y0:y1, z0:z1] += 1
     assert grown_owners.max() == 1
