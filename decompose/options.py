@@ -1,4 +1,4 @@
-"""Options of a decomposition: the engine, the options of all engines, and those of each."""
+"""Options of a decomposition: the engine, options for all engines, and options for single engines."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ class ConnectorOptions:
     printer_fits_mm
         Name and fit of each printer whose fit differs from `pin_fit_mm`.
     used_distances_mm
-        Distances between two pins that parts already have, such as the neighbours of a part that is cut
-        again; new pairs of pins get other distances.
+        Distances between the two pins of joints that already exist, such as those of the neighbours of a
+        part that is cut again; new pairs of pins get other distances.
     """
 
     pin_mm: float | None = None
@@ -111,7 +111,7 @@ class ConnectorOptions:
         return self.pin_mm is None and not self.marks
 
     def find_fit_mm(self, printer: str) -> float:
-        """Return the fit of the holes in a part that a printer prints."""
+        """Find the fit of the holes in parts that a printer prints."""
         return dict(self.printer_fits_mm).get(printer, self.pin_fit_mm)
 
 

@@ -29,7 +29,7 @@ from decompose.results import Attempt, Decomposition
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PausedSearch:
-    """A search that has paused before a round of several attempts.
+    """Search that has paused before a round of several attempts.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class PausedSearch:
         return plan_next_round(self._problem, self._state)
 
     def make_attempt(self, number: int) -> Outcome:
-        """Make one attempt of the next round; leave out its result if it is not better than the best so far.
+        """Make one attempt of the next round; drop its result if it is not better than the best one so far.
 
         The attempt reports the share of the whole budget that it spends; see `decompose.best.progress`.
         """
@@ -71,14 +71,14 @@ class PausedSearch:
         return replace(outcome, result=outcome.result if is_better else None, error=None)
 
     def make_failed_outcome(self, number: int, reason: str) -> Outcome:
-        """Build the outcome of an attempt that could not be made; its share of the budget counts as spent.
+        """Build the outcome of an attempt that could not be run; its share of the budget counts as spent.
 
         Parameters
         ----------
         number
             Number of the attempt in the round.
         reason
-            Reason why it could not be made.
+            Reason why the attempt could not be run.
         """
         planned_attempt = self.plan_round()[number]
         attempt = Attempt(
@@ -92,7 +92,7 @@ class PausedSearch:
         return Outcome(attempt)
 
     def resume(self, outcomes: Sequence[Outcome], end_reason: str | None = None) -> Decomposition:
-        """Continue the search with the outcomes of the round; it may pause again.
+        """Continue the search with the outcomes of the round; the search may pause again.
 
         Parameters
         ----------

@@ -173,10 +173,10 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     margin_mm = wall_mm + ACCURACY_MM
     outer_solid = Solid.box(min_corner_mm - margin_mm, max_corner_mm + margin_mm).subtract(solid)
     cube = np.array([middle_mm - half_side_mm, middle_mm + half_side_mm])
-    # Shares of the growth on the lower sides.
+    # In each row, the shares of the growth at the lower sides along x, y and z.
     directions: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])
 
-    def keeps_wall(box: Floats) -> bool:
+    def leaves_wall(box: Floats) -> bool:
         return outer_solid.is_empty or outer_solid.measure_gap_mm(Solid.box(*box), wall_mm) >= wall_mm
 
     for _ in range(ROUND_COUNT):
@@ -185,24 +185,24 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
             shares = np.array([direction, 1.0 - direction])
             spaces_mm = np.array([cube[0] - min_corner_mm, max_corner_mm - cube[1]])
             max_mm = float((spaces_mm[shares > 0.0] / shares[shares > 0.0]).min())
-            cube = _grow_cube(cube, direction, max_mm, keeps_wall)
+            cube = _grow_cube(cube, direction, max_mm, leaves_wall)
         if cube[1, 0] - cube[0, 0] < before_mm + ACCURACY_MM:
             break
     return cube
 
 
 def _grow_cube(
-    cube: Floats, direction: Floats, max_mm: float, keeps_wall: Callable[[Floats], bool]
+    cube: Floats, direction: Floats, max_mm: float, leaves_wall: Callable[[Floats], bool]
 ) -> Floats:
     """Grow a cube (2, 3) by bisection until only the minimum thickness of the wall remains.
 
     Parameters
     ----------
     direction
-        (3,) shares of the growth on the lower sides.
+        (3,) shares of the growth at the lower sides along x, y and z.
     max_mm
         Maximum growth.
-    keeps_wall
+    leaves_wall
         Function that returns whether a cube leaves enough wall.
     """
 
@@ -212,7 +212,7 @@ def _grow_cube(
     low_mm, high_mm = 0.0, max_mm
     while high_mm - low_mm > ACCURACY_MM:
         growth_mm = (low_mm + high_mm) / 2.0
-        low_mm, high_mm = (growth_mm, high_mm) if keeps_wall(grow(growth_mm)) else (low_mm, growth_mm)
+        low_mm, high_mm = (growth_mm, high_mm) if leaves_wall(grow(growth_mm)) else (low_mm, growth_mm)
     return grow(low_mm)
 
 
@@ -264,11 +264,11 @@ def _find_clear_position_mm(flat_faces: FlatFaces, at_mm: float, reach_mm: float
 
 
 def list_cubes_around(cube: Box, cells: Bools) -> list[Box]:
-    """List the cubes that lie outside against the faces of a cube, in the middle of each face.
+    """List the cubes that touch the faces of a cube from outside, one in the middle of each face.
 
     Each is the largest cube that fits, at most as large as the given cube. If the cells are not cubes,
-    neither are the listed boxes: along every axis, a box has the same number of cells fewer than the given
-    cube.
+    neither are the listed boxes: along every axis, a box is shorter than the given cube by the same number
+    of cells.
 
     Parameters
     ----------

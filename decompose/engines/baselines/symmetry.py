@@ -160,7 +160,7 @@ class _PublishedMethod(_Method):
         return draw_mirrors(part.piece.solid.arrays()[0], self.rng, max_count)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        """Yield the halves of each cut at a random plane, the most symmetric first; skip too small halves."""
+        """Yield the halves of cuts at random planes, the most symmetric first, unless a half is too small."""
         for mirror in self.draw_planes(part, MAX_DRAWN_PLANES):
             halves = self.cut_in_half(part, mirror)
             if halves:

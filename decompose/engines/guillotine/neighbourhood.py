@@ -242,7 +242,7 @@ class Window:
         max_parts
             Maximum number of parts.
         time_limit_s
-            Upper limit of the time of each part, which must be lower.
+            Time that each part must stay below.
         min_s
             Lower limit of the makespans that are tried.
         """
@@ -279,7 +279,7 @@ def improve_locally(
     max_windows
         Maximum number of windows to cut again.
     effort
-        Budget on which the work is counted.
+        Effort in which the work is recorded, with its budget.
     """
     effort = effort or Effort()
     parts = list(partition)
@@ -332,7 +332,7 @@ def _count_pieces(tables: BoxTables, partition: Iterator[Box] | Sequence[Box] | 
 
 
 def _list_window_boxes(tables: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Yield the boxes of each window, sorted by their central box, the slowest first, then by mean time."""
+    """Yield the boxes of each window: the slowest central box first, then the least mean time first."""
     ends = np.array(parts)
     seconds = np.array([_look_up_seconds(tables, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):
