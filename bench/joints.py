@@ -1,8 +1,8 @@
 """Pins and marks on the joints of decomposed models: share of the glued area near a pin, and cost.
 
-Models are cut by the engine `guillotine`, then drilled, and all rules are checked. With --slices, the first
-parts of each model are sliced without and with their holes and marks. Marks are read back from the outer
-walls, and the material of supports is compared.
+Models are cut by the engine `guillotine`, with and without pins and marks. The parts with them are drilled,
+and all rules are checked. With --slices, the first of these parts are sliced without and with their holes and
+marks. Marks are read back from the outer walls, and the material of supports is compared.
 
 Usage: python -m bench.joints MODEL|SHAPE... [--printers 8,20] [--longest-side 330] [--slices 0]
     [--budget 1800] [--resume FILE] [--json]
@@ -33,6 +33,7 @@ from decompose.geometry import Model, load_model
 from decompose.options import FILAMENT_MM, ConnectorOptions, Engine, Options
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
+from decompose.rebalance import rebalance_planes
 from decompose.results import Decomposition, connect_parts
 
 USABLE_VOLUMES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
@@ -60,7 +61,8 @@ class Row:
     compute_s
         CPU seconds of drilling.
     added_time_share
-        Increase of the longest part's printing time by connectors, as a share.
+        Increase of the makespan by connectors, as a share, by price. The planes of the result with connectors
+        were moved once more by the prices of its drilled parts.
     """
 
     model: str
@@ -102,22 +104,41 @@ def load_case(name: str, longest_side_mm: float) -> Model:
     return load_model(Path(name), longest_side_mm=longest_side_mm)
 
 
-def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
+def cut_model(model: Model, printers: int, connectors: ConnectorOptions) -> Decomposition:
     """Cut a model for a number of printers, and compute the order of its assembly."""
-    model = load_case(name, longest_side_mm)
     target_printers = [TargetPrinter(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
-    options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL_CONNECTORS)
-    return decompose_model(
-        model, target_printers, options, CostModel.from_settings(make_print_time_settings("glue"))
-    ).with_assembly()
+    options = Options(Engine.GUILLOTINE, prove=False, connectors=connectors)
+    return decompose_model(model, target_printers, options, make_cost()).with_assembly()
+
+
+def make_cost() -> CostModel:
+    """Make the cost model of the quality `glue`."""
+    return CostModel.from_settings(make_print_time_settings("glue"))
+
+
+def find_longest_price_s(result: Decomposition) -> float:
+    """Find the price of the longest part, in seconds."""
+    return max(part.price_s for part in result.parts)
+
+
+def level_planes(model: Model, drilled_result: Decomposition) -> Decomposition:
+    """Move the planes of a drilled result once by the prices of its parts, as a job does by their slices."""
+    prices_s = [part.price_s for part in drilled_result.parts]
+    levelled_result = rebalance_planes(model, drilled_result, prices_s, make_cost())
+    if levelled_result is None:
+        return drilled_result
+    return min((drilled_result, connect_parts(levelled_result.with_assembly())), key=find_longest_price_s)
 
 
 def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
     """Cut a model, drill its parts, and measure them."""
-    bare_result = cut_case(name, printers, longest_side_mm)
+    model = load_case(name, longest_side_mm)
+    bare_result = cut_model(model, printers, ConnectorOptions())
+    cut_result = cut_model(model, printers, ALL_CONNECTORS)
     start_s = process_time()
-    drilled_result = connect_parts(bare_result)
+    drilled_result = connect_parts(cut_result)
     compute_s = process_time() - start_s
+    levelled_result = level_planes(model, drilled_result)
     connectors, steps = drilled_result.connectors, drilled_result.assembly.steps
     pairs = find_pairs(connectors.pins)
     row = Row(
@@ -135,11 +156,9 @@ def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Ro
         / (2 * len(drilled_result.joints) or 1),
         failures=len(connectors.failures),
         compute_s=compute_s,
-        added_time_share=max(p.price_s for p in drilled_result.parts)
-        / max(p.price_s for p in bare_result.parts)
-        - 1.0,
+        added_time_share=find_longest_price_s(levelled_result) / find_longest_price_s(bare_result) - 1.0,
     )
-    return replace(row, sliced=slice_parts(bare_result, drilled_result, slices)) if slices else row
+    return replace(row, sliced=slice_parts(drilled_result, slices)) if slices else row
 
 
 def measure_glue_near_pins(result: Decomposition) -> float:
@@ -161,8 +180,8 @@ def measure_glue_near_pins(result: Decomposition) -> float:
     return near_mm2 / total_mm2 if total_mm2 else 1.0
 
 
-def slice_parts(bare_result: Decomposition, drilled_result: Decomposition, count: int) -> SlicedFigures:
-    """Slice the first parts of a result before and after drilling, and compare the slices."""
+def slice_parts(drilled_result: Decomposition, count: int) -> SlicedFigures:
+    """Slice the first parts of a drilled result without and with pins and marks, and compare the slices."""
     pairs = []
     illegible: list[str] = []
     marks = 0
@@ -178,8 +197,7 @@ def slice_parts(bare_result: Decomposition, drilled_result: Decomposition, count
         parts=len(pairs),
         bare_s=sum(bare_slice.sliced_s for bare_slice, _ in pairs),
         drilled_s=sum(drilled_slice.sliced_s for _, drilled_slice in pairs),
-        priced_added_s=sum(p.price_s for p in drilled_result.parts[:count])
-        - sum(p.price_s for p in bare_result.parts[:count]),
+        priced_added_s=sum(p.connectors_s for p in drilled_result.parts[:count]),
         support_filament_mm=sum(bare_slice.support_filament_mm for bare_slice, _ in pairs),
         support_filament_added_mm=sum(
             drilled_slice.support_filament_mm - bare_slice.support_filament_mm

@@ -21,7 +21,13 @@ from decompose.options import Engine
 from decompose.pieces import Piece, assign_printers, cut_box, sort_pieces
 from decompose.print_time import CostModel
 from decompose.problem import Effort, GridFigures, Partition, Problem
-from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
+from decompose.results import (
+    Cutting,
+    Decomposition,
+    add_connector_prices,
+    apply_time_ratios,
+    finish_result,
+)
 
 MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which all parts are sliced again
 
@@ -73,6 +79,7 @@ def rebalance_planes(
     start_s = perf_counter()
     options = replace(previous_result.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
     effort = Effort(previous_result.options.best.budget_s)
+    cost = add_connector_prices(cost, options.connectors)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
     box_pieces = _cut_previous_boxes(problem, cutting, sliced_times_s)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from decompose.connectors import Connectors
 from decompose.errors import GeometryError
 from decompose.export.glb import write_glb
 from decompose.export.instructions import write_instructions
@@ -16,7 +15,7 @@ from decompose.export.step_picture import StepPictures
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import write_stl
 from decompose.printers import BedPlace
-from decompose.results import Decomposition, Part, check_stl, connect_parts
+from decompose.results import Decomposition, Part, check_stl, connect_parts, omit_connectors
 
 PlaceFinder = Callable[[Part], BedPlace | None]
 """Function that finds the place of a part on the bed of its printer; it returns None if this is not known."""
@@ -72,9 +71,7 @@ def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
     except GeometryError as error:
         if not connected_result.connectors.tools:
             raise
-        connected_result = replace(
-            planned_result, connectors=Connectors(failures=(f"no pins and marks: {error}",))
-        )
+        connected_result = omit_connectors(planned_result, str(error))
         parts = _write_parts(connected_result.parts, folder)
     stored_result = replace(connected_result, parts=parts)
     text = json.dumps(stored_result.as_dict(), indent=1) + "\n"

@@ -197,6 +197,10 @@ def _compute_min_price_s(
         flat_mm2 = areas_mm2[2 * up] + areas_mm2[2 * up + 1]
         hidden_side_factor = 1.0 - MEAN_SIDE_SHARE * prices["hidden_side_share"]
         lateral_mm2 = sums[LATERAL_AREA + up] + hidden_side_factor * (cut_mm2 - flat_mm2)
+        connectors_s = (
+            prices["connector_side_s_per_mm2"] * (cut_mm2 - flat_mm2)
+            + prices["connector_level_s_per_mm2"] * flat_mm2
+        )
         visible_skin_mm2 = sums[SKIN + up]
         for is_turned_over in range(2):  # the right way up, and upside down
             pose = 2 * up + is_turned_over
@@ -207,7 +211,8 @@ def _compute_min_price_s(
             if is_turned_over == 1:
                 column_mm3 = sums[OVERHANG + pose] * bounds_mm[up + 3] - sums[MOMENT + pose]
             features = (sums[VOLUME], lateral_mm2, max(0.0, skin_mm2), sums[SLOPE + up], column_mm3)
-            best_s = min(best_s, compute_price_s(prices, features, (width_mm, depth_mm, height_mm)))
+            price_s = connectors_s + compute_price_s(prices, features, (width_mm, depth_mm, height_mm))
+            best_s = min(best_s, price_s)
     return best_s
 
 

@@ -11,7 +11,7 @@ from decompose.files.names import find_part_number
 from decompose.geometry import Solid
 from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import ConnectorFault, DrilledParts
-from decompose.results.decomposition import Decomposition
+from decompose.results.decomposition import Decomposition, Part
 from decompose.results.hidden_sides import list_hidden_grooves, list_hidden_recesses
 
 
@@ -28,8 +28,8 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     Returns
     -------
     Decomposition
-        The decomposition with `Part.drilled_solid` and `connectors`; unchanged if the options request neither
-        pins nor marks.
+        The decomposition with `Part.drilled_solid` and `connectors`, and with the price of these instead of
+        an estimate; unchanged if the options request neither pins nor marks.
     """
     options = decomposition.options
     if options.connectors.is_empty or len(decomposition.parts) < 2:
@@ -50,9 +50,9 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         )
         connectors, drilled_solids = _drill_without_faults(blanks, connectors, decomposition)
     except Exception as error:  # shapely and Qhull have errors of their own; parts need no connectors
-        failure = f"no pins and marks: {error or type(error).__name__}"
-        return replace(decomposition, connectors=Connectors(failures=(failure,)))
+        return omit_connectors(decomposition, str(error) or type(error).__name__)
     cut_parts = {tool.part for tool in connectors.tools}
+    added_s = [price_connectors(connectors, i, blank.up_direction) for i, blank in enumerate(blanks)]
     key_grooves = [tool for pin in connectors.pins if pin.key_direction is not None for tool in pin.holes]
     recesses = [mark.grooves for mark in connectors.marks] + [(groove,) for groove in key_grooves]
     return replace(
@@ -62,15 +62,30 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             replace(
                 part,
                 drilled_solid=solid,
-                price_s=part.price_s + price_connectors(connectors, i, blanks[i].up_direction),
+                price_s=part.bare_price_s + added_s[i],
+                connectors_s=added_s[i],
                 hidden_grooves=list_hidden_grooves(part, [tool for tool in key_grooves if tool.part == i]),
                 hidden_recesses=list_hidden_recesses(part, [r for r in recesses if r[0].part == i]),
             )
             if i in cut_parts
-            else part
+            else _omit_price(part)
             for i, (part, solid) in enumerate(zip(decomposition.parts, drilled_solids, strict=True))
         ),
     )
+
+
+def omit_connectors(decomposition: Decomposition, reason: str) -> Decomposition:
+    """Return a decomposition without pins and marks and without their price, and with the reason."""
+    return replace(
+        decomposition,
+        connectors=Connectors(failures=(f"no pins and marks: {reason}",)),
+        parts=tuple(map(_omit_price, decomposition.parts)),
+    )
+
+
+def _omit_price(part: Part) -> Part:
+    """Return a part without the price of its connectors."""
+    return replace(part, price_s=part.bare_price_s, connectors_s=0.0)
 
 
 def _drill_without_faults(

@@ -1,32 +1,60 @@
-"""Print time that connectors add to a part, fitted to slices of parts (`bench.prices.joint_costs`)."""
+"""Print time that connectors add to a part, fitted to slices of parts (`bench.prices.joint_costs`).
+
+Until their places are known, it is estimated by the area of the cut faces, so that the partition balances it.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from decompose.arrays import Floats
 from decompose.connectors import LEVEL_SIN, Connectors
-from decompose.options import THIN_FILAMENT_MM
+from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
+from decompose.print_time import CostModel
 
 PRICES_S = {
-    "groove upright": 1.8,
+    "groove upright": 4.3,
     "groove top": 16.0,
-    "groove bed": 29.0,
-    "groove upright thin": 1.0,  # for thin filament; estimated from the others, because few were sliced
+    "groove bed": 15.0,
+    "groove upright thin": 2.4,  # for thin filament; estimated from the others, because few were sliced
     "groove top thin": 5.0,
-    "groove bed thin": 25.0,
+    "groove bed thin": 13.0,
     "hole upright": 35.0,
     "hole top": 35.0,
     "hole bed": 35.0,
-    "mark upright": 2.4,
-    "mark top": 8.5,
-    "mark bed": 16.0,
+    "mark upright": 3.0,
+    "mark top": 7.0,
+    "mark bed": 6.0,
     "gutter mm": 0.03,
     "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
 }
 """Seconds for each tool, by its kind and its face; for gutters and the grooves of keys that slide, per mm."""
+
+
+class AreaPrices(NamedTuple):
+    """Seconds for each mm2 of the cut faces: of upright ones, and of those on the bed and among the tops."""
+
+    side_s_per_mm2: float
+    level_s_per_mm2: float
+
+
+PIN_AREA_PRICES = AreaPrices(0.0, 0.0077)
+MARK_AREA_PRICES = AreaPrices(0.0008, 0.0034)  # with gutters
+
+
+def add_connector_prices(cost: CostModel, options: ConnectorOptions) -> CostModel:
+    """Add the prices of pins and marks by area to a cost model, as far as the options request them."""
+    prices = [PIN_AREA_PRICES] if options.pin_mm is not None else []
+    prices += [MARK_AREA_PRICES] if options.marks else []
+    return replace(
+        cost,
+        connector_side_s_per_mm2=sum(price.side_s_per_mm2 for price in prices),
+        connector_level_s_per_mm2=sum(price.level_s_per_mm2 for price in prices),
+    )
 
 
 def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:

@@ -67,6 +67,9 @@ class Part:
         Area of the first layer if this is small for the height of the part; otherwise None.
     drilled_solid
         Solid with holes and marks, which is printed; None if the part has neither.
+    connectors_s
+        Share of `price_s` for marks and pins: estimated by the area of the cut faces until the part is
+        drilled, then computed from the marks and pins that it has.
     """
 
     id: str
@@ -86,11 +89,17 @@ class Part:
     stands: bool = True
     small_foot_mm2: float | None = None
     drilled_solid: Solid | None = None
+    connectors_s: float = 0.0
 
     @property
     def printed_solid(self) -> Solid:
         """Solid that is printed, with its holes and marks."""
         return self.solid if self.drilled_solid is None else self.drilled_solid
+
+    @property
+    def bare_price_s(self) -> float:
+        """Estimated print time without marks and pins."""
+        return self.price_s - self.connectors_s
 
     @property
     def rotation(self) -> Floats:

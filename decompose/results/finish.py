@@ -130,6 +130,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
             solid=piece.solid,
             to_model=pose.to_model,
             price_s=pose.price_s,
+            connectors_s=pose.connectors_s,
             printer=assigned_printers[i].name,
             brim_width_mm=pose.brim_width_mm,
             layer_0_expansion_mm=pose.layer_0_expansion_mm,

@@ -74,6 +74,8 @@ class Pose:
         Values chosen for the part; None to use those of the print quality.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all tops, are cut faces and the cost model gives these less skin.
+    connectors_s
+        Share of the price for marks and pins in the cut faces.
     """
 
     to_model: Floats
@@ -89,6 +91,7 @@ class Pose:
     layer_0_expansion_mm: float | None
     bed_face_hidden: bool = False
     tops_hidden: bool = False
+    connectors_s: float = 0.0
 
     @property
     def stands(self) -> bool:
@@ -185,6 +188,7 @@ def measure_pose_from_features(
         expansion_mm = footing.choose_expansion_mm(_touches_first_layer(triangles[mesh.is_cut]))
     contours = measure_contours(mesh, up, cost.skin_cos, cost.ring_cos)
     pose_cost = cost if brim_width_mm is None else replace(cost, brim_mm=brim_width_mm)
+    connectors_s = cost.price_connectors_s(hidden_faces)
     return Pose(
         to_model=_build_transform(rotation, origin_mm),
         size_mm=(width_mm, depth_mm, height_mm),
@@ -192,6 +196,7 @@ def measure_pose_from_features(
         + cost.price_thin_walls_s(thin_walls)
         + cost.price_contours_s(contours, float(features[SKIN_INDEX]))
         + _price_side_ends_s(mesh, up, hidden_faces.cut_side_mm2, cost)
+        + connectors_s
         + price_short_layers_s(triangles, cost),
         footing=footing,
         tilt_ratio=_compute_tilt_ratio(footing, columns, height_mm, margins_mm),
@@ -203,6 +208,7 @@ def measure_pose_from_features(
         layer_0_expansion_mm=expansion_mm,
         bed_face_hidden=hidden_faces.is_bed_hidden and cost.hidden_bed_share > 0.0,
         tops_hidden=hidden_faces.are_tops_hidden and cost.hidden_top_share > 0.0,
+        connectors_s=connectors_s,
     )
 
 

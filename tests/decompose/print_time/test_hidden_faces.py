@@ -21,8 +21,9 @@ from decompose.print_time import (
     find_best_pose,
     measure_pose,
 )
-from decompose.print_time.hidden_faces import SIDE_END_MM, sum_side_ends_mm
+from decompose.print_time.hidden_faces import SIDE_END_MM, find_hidden_faces, sum_side_ends_mm
 from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
+from decompose.print_time.surfaces import measure_surfaces
 from decompose.printers import TargetPrinter
 
 SETTINGS = PrintTimeSettings(skin_layer_count=4.0, saved_bed_layer_count=2.0, saved_top_layer_count=1.0)
@@ -133,7 +134,8 @@ def test_short_hidden_side_saves_nothing():
 def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: float, side_share: float):
     """Compare faces on the bed exactly, and faces on top only if no face above or below needs skin."""
     angles = {"effective_support_angle_deg": math.degrees(math.asin(0.7)), "skin_cos": 0.75}
-    cost = replace(COST, hidden_top_share=top_share, hidden_side_share=side_share, **angles)
+    connectors = {"connector_side_s_per_mm2": 0.01, "connector_level_s_per_mm2": 0.02}
+    cost = replace(COST, hidden_top_share=top_share, hidden_side_share=side_share, **connectors, **angles)
     vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
     tables = price_boxes(grid, [TargetPrinter("huge", ((1e4, 1e4, 1e4),))], cost)
@@ -145,8 +147,17 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
         planes = [[*axis, end[i]] for end in (lo, hi) for i, axis in enumerate(np.eye(3).tolist())]
         is_cut = find_cut_faces(*mesh, np.array(planes))
         features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, is_cut=is_cut)
-        hidden_s = min(cost.price_part_s(*pose) for pose in zip(features, extents, strict=True))
-        visible_s = price_poses_s(*mesh, POSE_ROTATIONS, cost).min()
+        surfaces = measure_surfaces(*mesh)
+        bed_mm = [float((mesh[0] @ rotation[2]).min()) for rotation in POSE_ROTATIONS]
+        connectors_s = [
+            cost.price_connectors_s(find_hidden_faces(surfaces, is_cut, rotation[2], z_mm, cost.skin_cos))
+            for rotation, z_mm in zip(POSE_ROTATIONS, bed_mm, strict=True)
+        ]
+        hidden_s = min(
+            cost.price_part_s(*pose) + added_s
+            for *pose, added_s in zip(features, extents, connectors_s, strict=True)
+        )
+        visible_s = (price_poses_s(*mesh, POSE_ROTATIONS, cost) + connectors_s).min()
         assert hidden_s * (1.0 - 1e-5) <= tables.seconds[index] <= visible_s * (1.0 + 1e-5)
         cheaper_count += tables.seconds[index] < visible_s * (1.0 - 1e-3)
         if not top_share:

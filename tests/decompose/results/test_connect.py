@@ -24,7 +24,7 @@ from decompose.pieces import Piece, Seam, find_joints, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.results import Decomposition, Part, check_stl, connect, connect_parts, decomposition
-from decompose.results.connector_prices import price_connectors
+from decompose.results.connector_prices import MARK_AREA_PRICES, PIN_AREA_PRICES, price_connectors
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
@@ -153,7 +153,7 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
         check_stl(tmp_path / f"{part.id}.stl", part)
     for number, (part, old_part) in enumerate(zip(connected_result.parts, halves.parts, strict=True)):
         added_s = price_connectors(connected_result.connectors, number, old_part.rotation[2])
-        assert part.price_s - old_part.price_s == pytest.approx(added_s)
+        assert part.price_s - old_part.bare_price_s == pytest.approx(added_s) == part.connectors_s
     report_object = json.loads(json.dumps(connected_result.as_dict()))
     [step], report = report_object["assembly"]["steps"], report_object["connectors"]
     assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
@@ -164,6 +164,19 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     assert [pin["kind"] for pin in report["pins"]] == ["key", "key"]
     assert [mark["text"] for mark in report["marks"]] == ["1-2^", "2-1^"]
     assert report["failures"] == report["unpinned"] == report["unmarked"] == []
+
+
+def test_partition_prices_connectors_before_they_have_places(halves: Decomposition) -> None:
+    """Estimate them by the area of the cut faces, and replace the estimate by what is cut."""
+    prices = PIN_AREA_PRICES, MARK_AREA_PRICES
+    s_per_mm2 = sum(price.side_s_per_mm2 for price in prices), sum(price.level_s_per_mm2 for price in prices)
+    for part in halves.parts:
+        is_upright = abs(part.rotation[2, 0]) < 0.5
+        assert part.connectors_s == pytest.approx(1200.0 * s_per_mm2[0 if is_upright else 1])
+    connected_parts = connect_parts(halves).parts
+    assert [part.bare_price_s for part in connected_parts] == pytest.approx(
+        [part.bare_price_s for part in halves.parts]
+    )
 
 
 @pytest.mark.parametrize("up", [UP_AXIS, LEANING_AXIS])
@@ -239,7 +252,8 @@ def test_parts_that_break_a_rule_stay_as_they_were_cut(
     result = connect_parts(halves)
     assert not result.connectors.pins
     assert all("has no holes and marks" in failure for failure in result.connectors.failures)
-    assert any(part.drilled_solid is None for part in result.parts)
+    bare_parts = [part for part in result.parts if part.drilled_solid is None]
+    assert bare_parts and all(part.connectors_s == 0.0 for part in bare_parts)
 
 
 @pytest.mark.parametrize("kind", [ModelNotSolid, shapely.errors.GEOSException, QhullError])
@@ -251,7 +265,9 @@ def test_failed_operation_changes_no_part_and_is_reported(
 
     monkeypatch.setattr(connect, "plan_connectors", fail)
     result = connect_parts(halves)
-    assert result.parts == halves.parts
+    assert result.parts == tuple(
+        replace(part, price_s=part.bare_price_s, connectors_s=0.0) for part in halves.parts
+    )
     [failure] = result.connectors.failures
     assert failure.startswith("no pins and marks: cutting holes")
 
