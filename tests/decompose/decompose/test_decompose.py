@@ -114,7 +114,7 @@ def test_too_few_printers_are_reported_with_the_required_number(
         decompose_model(ball, [], COARSE_OPTIONS, cost)
     with pytest.raises(NoFit, match="no-bed has no room"):
         decompose_model(ball, [*fleet, TargetPrinter("no-bed", ())], COARSE_OPTIONS, cost)
-    with pytest.raises(NoFit, match="mm each way would be enough"):
+    with pytest.raises(NoFit, match="mm along each axis would be enough"):
         decompose_model(
             ball, [TargetPrinter(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE_OPTIONS, cost
         )
