@@ -123,7 +123,7 @@ def test_sufficient_number_of_printers_is_reported(cost: CostModel) -> None:
 def test_model_too_large_for_any_fleet_is_reported(cost: CostModel) -> None:
     """Use a bed that is smaller than a cell of the finest grid."""
     target_printers = [TargetPrinter(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
-    with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would be enough"):
+    with pytest.raises(NoFit, match=r"printers with room for \d+ mm along each axis would be enough"):
         decompose_model(
             Model(make_ball(200.0), (), 1.0), target_printers, Options(Engine.GUILLOTINE, 8), cost
         )
