@@ -216,7 +216,7 @@ def _is_last_ended_print(attempt: Print, last_print: Entity | None) -> bool:
 
 
 def _make_order_key(attempt: Print) -> tuple[int, float]:
-    """Return a key that sorts prints by time: the number, then the end, for old prints without a number."""
+    """Return a key that sorts prints by number; old prints, which have no number, by their end."""
     return attempt.number, attempt.ended_s or 0.0
 
 

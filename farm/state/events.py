@@ -100,7 +100,7 @@ class JobApproved(Event):
 
 
 class JobReleased(Event):
-    """A person approved a job before it was planned, or kept a dry run, which then waits for approval."""
+    """A person approved a job before it was planned, or converted a dry run to a job to approve."""
 
     job: int
     by: str
@@ -339,7 +339,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed, or an agent its filament; states that the books know do not change."""
+    """An emulator reported its bed, or an agent its filament; only states unknown to the books change."""
 
     printer: str
     bed: Bed

@@ -28,7 +28,7 @@ LOSSES: frozenset[str] = frozenset(
         FarmFault.PRINT_LOST,
     }
 )
-"""Faults for which the farm lost a board, or the connection to it."""
+"""Faults in which the farm loses a board, or the connection to it."""
 FAULTS_BY_PEOPLE: frozenset[str] = frozenset({FarmFault.BY_A_PERSON, Fault.ESTOP})
 """Faults of prints that failed because a person stopped them."""
 UNCOUNTED_FAULTS: frozenset[str] = FAULTS_BY_PEOPLE | {Fault.HOURS_ENDED, FarmFault.REFUSED}

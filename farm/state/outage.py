@@ -22,7 +22,7 @@ def compute_outage_window_s(scale: float) -> float:
 def find_printers_lost_together(
     name: str, printers: Iterable[Printer], window_s: float = OUTAGE_WINDOW_S
 ) -> tuple[str, ...]:
-    """Find the printers that were lost together with one printer, within `window_s` of one another.
+    """Find the printers lost together with one printer: each within `window_s` of another one of them.
 
     Parameters
     ----------

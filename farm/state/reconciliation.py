@@ -88,7 +88,7 @@ def _reconcile_unreported_print(
 def make_refused_print_end(
     attempt: Print, printer: Printer, reason: str, is_late: bool, now_s: float
 ) -> ev.PrintEnded:
-    """Return the end of a print that its agent refused: cancelled if the request was late, else failed."""
+    """Return the end of a refused print: cancelled if the start request came too late, else failed."""
     return ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,

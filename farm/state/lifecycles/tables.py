@@ -108,7 +108,7 @@ PLATE_LIFECYCLE = Lifecycle(
         _make_row(ev.PlatePaused, [PlateState.WAITING], None),
         _make_row(ev.PlateCancelled, _UNPRINTED_STATES, [PlateState.CANCELLED]),
         _make_row(ev.PlateCancelled, [PlateState.PRINTED, PlateState.GOOD], None),
-        # WAITING: after `farm estop` the plate waits paused. A reprint request does not end open prints.
+        # WAITING: `farm estop` leaves a plate waiting, paused. A reprint request does not end open prints.
         _make_row(
             ev.ReprintRequested,
             [

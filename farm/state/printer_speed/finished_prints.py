@@ -23,7 +23,7 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
     books
         Books that contain the ended print.
     printer
-        The printer of the print, with all other changes by the event.
+        The printer, with the other changes from the event that ended the print already applied.
     attempt
         The print.
     """
@@ -52,7 +52,10 @@ def list_timings(books: Books, printer: Printer) -> list[Timing]:
 
 
 def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Timing]:
-    """List the latest usable timings of prints for a plate's family, scaled to one printer's time factor."""
+    """List the latest usable timings of plates sliced for the same printer family as one plate.
+
+    The ratios are scaled to the time factor of `printer`.
+    """
     prints = (p for p in books.prints.values() if books.plates[p.plate].family == plate.family)
     return [
         Timing(timing.shares, timing.ratio * printer.time_factor / books.get_printer(name).time_factor)

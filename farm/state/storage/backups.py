@@ -58,7 +58,7 @@ def back_up(state: StateFolder, now_s: float) -> Path:
 
 
 class NightlyBackup:
-    """Nightly backup of the books. If one fails, this is reported; the next attempt is in the next night.
+    """Nightly backup of the books. If one fails, this is reported, and the next one is made the next night.
 
     Parameters
     ----------

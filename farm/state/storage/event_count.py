@@ -1,4 +1,4 @@
-"""Number of events that were ever committed, in a file beside the books."""
+"""Number of events that were ever committed, in a file beside the database."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-_SUFFIX = "-count"  # appended to the name of the books
+_SUFFIX = "-count"  # appended to the name of the database file
 
 
 class EventCount:
-    """File with the number of events that were ever committed to the books at a path.
+    """File with the number of events that were ever committed to a database.
 
     The number reveals lost commits: if a checksum in the write-ahead log is wrong, SQLite drops the rest of
     the log without an error. The file is not synced to the disk, so its number may be too small after a power
     cut, but never too large. Disk errors are ignored, because the file serves only to detect lost commits.
     """
 
-    def __init__(self, books: Path) -> None:
-        self._path = books.with_name(books.name + _SUFFIX)
+    def __init__(self, database: Path) -> None:
+        self._path = database.with_name(database.name + _SUFFIX)
         self._descriptor: int | None = None
 
     def read(self) -> int:

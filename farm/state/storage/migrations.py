@@ -74,4 +74,4 @@ MIGRATIONS = {
     3: _MIGRATION_FROM_3,
     SCHEMA_VERSION: (),
 }
-"""Statements that migrate books to the current version, by their version; an empty file has version 0."""
+"""Statements that migrate books to the current version, by the version of the books; 0: an empty file."""

@@ -385,7 +385,7 @@ def _convert_read_errors() -> Iterator[None]:
 
 
 def _restrict_access(path: Path) -> None:
-    """Let only the owner read and write the books; SQLite creates the files beside them with the same mode.
+    """Let only the owner read and write a database; SQLite creates the files beside it with the same mode.
 
     Earlier versions created books that all users could read, in a folder that all users could open.
     """

@@ -125,7 +125,7 @@ def _(event: ev.HostConnected, books: Books) -> Result:
 
 
 def _set_host_loss(books: Books, names: Iterable[str], loss: HostLoss | None) -> Books:
-    """Record the loss of the host of some printers, or with None, that the host is connected again."""
+    """Record that the host of some printers is lost, or, if `loss` is None, that it is connected again."""
     printers = (books.printers[name] for name in names if name in books.printers)
     return put(books, *(replace_fields(printer, host_loss=loss) for printer in printers))
 

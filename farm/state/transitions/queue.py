@@ -1,8 +1,8 @@
 """Rules for events that move a job in the queue, or change its start time. Pure.
 
-A moved job takes the priority of the job that follows it (at the end of the queue, of the last job), and a
-rank between those of its neighbours. The rank of a job that was never moved is its id, so that it follows all
-earlier jobs of its priority.
+A moved job takes the priority of the job that follows it, or, at the end of the queue, of the job before it.
+Its new rank is between the ranks of its neighbours. The rank of a job that was never moved is its id, so that
+it follows all earlier jobs of its priority.
 """
 
 from __future__ import annotations
