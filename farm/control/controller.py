@@ -266,7 +266,7 @@ class Controller:
         self.telemetry.warnings[topic] = text
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
-        """Return the present data, from which views are built."""
+        """Return the current data, from which views are built."""
         ends = self.forecast.find_ends()
         return ViewContext(
             self.fleet,

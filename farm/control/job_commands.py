@@ -19,14 +19,14 @@ from farm.text import format_count
 from farm.views.jobs import list_queue
 
 DRY_RUN_TIMEOUT_S = 60.0
-"""Wall seconds without a client's request after which a dry run is cancelled; longer than a restart takes."""
+"""Real seconds without a client's request after which a dry run is cancelled; longer than a restart takes."""
 PAGE_DRY_RUN_TIMEOUT_S = 3600.0
-"""Wall seconds for which a dry run is kept after a page has shown its plan."""
+"""Real seconds for which a dry run is kept after a page has shown its plan."""
 _CANCELLER = "the farm: nobody is waiting for its plan any more"
 
 
 class JobCommands:
-    """Commands of people on jobs, which are checked and then handled as events.
+    """Commands that people give for jobs; each is checked, then handled as an event.
 
     Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
     """
@@ -47,7 +47,7 @@ class JobCommands:
         RefusedError
             If the farm is shutting down.
         FarmError
-            If the start time or the deadline is not in the future.
+            If the start time or the deadline cannot be read, or is not in the future.
         """
         parse_start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
         if self._controller.is_stopping:
@@ -275,7 +275,8 @@ def find_successor(queue: Sequence[int], job_id: int, move: api.QueueMove) -> in
     if move.before is not None:
         if move.before not in other_jobs:
             raise RefusedError(
-                f"job {move.before} is not another job in the queue: `farm queue` lists the jobs"
+                f"job {job_id} can be moved only before another job in the queue, not before job "
+                f"{move.before}: `farm queue` lists the jobs"
             )
         return move.before
     new_indices = {
@@ -312,7 +313,7 @@ def parse_start_and_deadline_s(
     Raises
     ------
     FarmError
-        If one of the times is not in the future, or there are two deadlines.
+        If one of the times cannot be read or is not in the future, or there are two deadlines.
     """
     if options.done_by is not None and options.assembled_by is not None:
         raise FarmError("give --done-by or --assembled-by, not both", ErrorCode.SETTINGS)
@@ -328,7 +329,7 @@ def parse_start_and_deadline_s(
 
 
 class DryRuns:
-    """Cancellation of dry runs whose clients are gone. Times are wall seconds of a monotonic clock."""
+    """Cancellation of dry runs whose clients are gone. Times are from a monotonic clock, in seconds."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller

@@ -1,4 +1,4 @@
-"""State of planning: the jobs that are being planned, their progress, and the events of their results."""
+"""State of planning: the jobs that are being planned, their progress, and the events for finished plans."""
 
 from __future__ import annotations
 

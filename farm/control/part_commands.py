@@ -24,7 +24,7 @@ _PENDING_REASONS = {
 
 
 class PartCommands:
-    """Commands of people on parts, which are checked and then handled as events.
+    """Commands that people give for parts; each is checked, then handled as an event.
 
     Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
     """

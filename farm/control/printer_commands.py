@@ -17,7 +17,7 @@ from farm.text import parse_part_number
 
 
 class PrinterCommands:
-    """Commands of people on printers, which are checked and then handled as events.
+    """Commands that people give for printers; each is checked, then handled as an event.
 
     Every method raises NotFoundError for an unknown name, and RefusedError for a command that is not allowed.
     """

@@ -30,7 +30,7 @@ EventCommitter = Callable[[Iterable[ev.AnyEvent]], Collection[Effect]]
 class Scheduler:
     """Scheduler of the farm, which decides which plates start or are replanned, and which jobs are planned.
 
-    A run assigns plates to all free printers. Many plates start in several portions, and the farm handles
+    A run assigns plates to all free printers. If there are many, they start in portions, and the farm handles
     messages between the portions. Later portions leave out starts that have since become impossible.
     All other decisions wait for the next run.
 

@@ -18,7 +18,7 @@ from drivers.clock import Clock
 
 
 class Timers:
-    """Timers that call functions on the daemon's event loop, at wall intervals or once at a farm time."""
+    """Timers that call functions on the event loop, at real-time intervals or once at a farm time."""
 
     def __init__(self, clock: Clock) -> None:
         # If the loop is blocked, a timer is delayed but never dropped; several missed calls become one.

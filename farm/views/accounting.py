@@ -26,7 +26,7 @@ class JobTotals:
 
 @dataclass(frozen=True, slots=True)
 class NightTotals:
-    """Counts of the plates that were printed in a period, and their filament."""
+    """Counts of plates in a period by outcome, and the filament of the prints that ended in it."""
 
     since_s: float
     printed_count: int = 0

@@ -10,7 +10,7 @@ from farm.state.event_rows import EventRow
 
 
 def describe_event(books: Books, zone: tzinfo, row: EventRow) -> api.EventView:
-    """Describe an event, with the local time of a zone, and with the job, plate and printer of its print."""
+    """Describe an event, with its time in a time zone, and with the job, plate and printer of its print."""
     attempt = books.prints.get(row.print_id or "")
     plate = books.plates.get(row.plate or "")
     plate_or_print = attempt or plate

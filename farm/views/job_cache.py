@@ -18,7 +18,7 @@ MAX_JOBS = 1000
 
 @dataclass(slots=True)
 class PartsAndPlates:
-    """Described parts and plates of a job; whoever reads them updates the holds of the plates."""
+    """Views of the parts and plates of a job; the code that reads them also updates the plates' holds."""
 
     parts: list[api.PartView]
     plates: list[api.PlateStatus]

@@ -20,7 +20,7 @@ def describe_printer(
     Parameters
     ----------
     context
-        Present data of the farm.
+        Current data of the farm.
     section
         Section of the printer in `fleet.yaml`.
     hold

@@ -44,7 +44,7 @@ _RANKS = {
 """Rank of a task by its code, 0 for the most urgent; tasks of equal rank keep the order of the fleet."""
 
 _MAX_NAMED_PARTS = 8
-"""Maximum number of beds to clear; if there are more, `brief` does not name the parts on them."""
+"""Maximum number of beds to clear for which `brief` names the parts."""
 
 
 def list_tasks(context: ViewContext) -> list[api.Todo]:
@@ -104,12 +104,12 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
 
 
 def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: bool) -> Iterator[api.Todo]:
-    """Yield the tasks at a printer, except to clear its bed: one other task lists all beds to clear.
+    """Yield the tasks at a printer, except clearing its bed: a separate task lists all beds to clear.
 
     Parameters
     ----------
     context, section
-        Present data of the farm, and the printer's section of `fleet.yaml`.
+        Current data of the farm, and the printer's section of `fleet.yaml`.
     is_lost
         True if the printer is part of an outage, which has one task for all its printers.
     """
@@ -179,7 +179,10 @@ def _find_possibly_good_part(context: ViewContext, printer: str) -> str | None:
 
 
 def _sort_by_gluing_order(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
-    """Return printers in the gluing order of the parts on their beds, each also as a name with its part."""
+    """Return printers, sorted by the gluing order of the parts on their beds, and a label for each.
+
+    A label is the name of the printer, with its part if the gluing order of the part is known.
+    """
     part_by_printer = {name: _find_part_on_bed(context.books, name) for name in printers}
     unknown_rank = (math.inf, 0, 0)
 
@@ -242,7 +245,7 @@ def list_deadline_tasks(
         return []
     name, deadlines = attempt.printer, []
     hours_end_s = math.inf if reported_print.ends_by_s is None else reported_print.ends_by_s
-    # Not while the head is still moving to its parking position, and not once a person has resumed the print.
+    # The deadline applies only after the head has parked, and only until a person resumes the print.
     is_waiting = attempt.state is PrintState.PAUSED and attempt.pause_requested
     if is_waiting and reported_print.pause_ends_s is not None:
         deadline = make_text_time(min(reported_print.pause_ends_s, hours_end_s), now_s, zone)
@@ -251,7 +254,7 @@ def list_deadline_tasks(
     end_s = now_s + remaining_s
     if end_s > hours_end_s:
         end, hours_end = times = [make_text_time(at_s, now_s, zone) for at_s in (end_s, hours_end_s)]
-        problem = f"{name} needs until {end.text}, but its print ends at {hours_end.text}"
+        problem = f"{name} would finish at {end.text}, but its print will be stopped at {hours_end.text}"
         text = (
             f"{problem}, when the attended hours end: if somebody stays, extend `attended` in "
             "fleet.yaml and restart the daemon"

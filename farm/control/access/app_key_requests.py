@@ -17,7 +17,7 @@ _FORBIDDEN_CHARACTERS = re.compile(r"[^A-Za-z0-9._-]+")
 MAX_REQUESTS = 5
 MAX_REQUESTS_PER_ADDRESS = 2
 REQUEST_LIFETIME_S = 300.0
-"""Wall seconds after which a request is deleted, answered or not."""
+"""Real seconds (not the farm's clock) after which a request is deleted, answered or not."""
 
 
 @dataclass(slots=True)
@@ -46,7 +46,7 @@ class AppKeyRequest:
 
 
 class AppKeyRequests:
-    """Requests for keys; a program identifies its own by a secret token. Times are of a monotonic clock."""
+    """Requests for keys; a program identifies its own by a secret token. Times are from a monotonic clock."""
 
     def __init__(self) -> None:
         self._requests: dict[str, AppKeyRequest] = {}  # by token

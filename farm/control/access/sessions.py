@@ -41,7 +41,7 @@ class LoginLink:
 
 
 def list_open_sessions(keys: Iterable[Key], now_s: float, caller: str | None = None) -> list[Key]:
-    """List the open sessions of one caller, or with None, of all callers, oldest first."""
+    """List the open sessions of a caller (None: of all callers), oldest first."""
     sessions = [
         key
         for key in keys

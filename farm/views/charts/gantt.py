@@ -125,7 +125,7 @@ def list_bars(job: api.JobView, history: Sequence[api.HistoryRow], now: datetime
 
 
 def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar]:
-    """List the bars of the prints in a timeline that have not ended, from now until their expected ends."""
+    """List the bars of a timeline's prints that have not ended, from now until their expected ends."""
     bars = []
     for slot in slots:
         start, end = (datetime.fromisoformat(iso) for iso in (slot.starts, slot.ends))

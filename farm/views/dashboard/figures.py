@@ -53,7 +53,7 @@ class Figures:
 
     @property
     def deviation(self) -> float | None:
-        """Ratio of the actual to the expected time, minus 1; None if there are no such prints."""
+        """Ratio of the actual to the expected time, minus 1; None if there are no prints to compare."""
         return self.actual_s / self.expected_s - 1 if self.expected_s else None
 
 
@@ -104,5 +104,5 @@ def group_figures(
 
 
 def name_month(attempt: Print, zone: tzinfo) -> str:
-    """Return the month in which a print ended, such as 2026-11; return an empty text for an open print."""
+    """Return the month in which a print ended, such as 2026-11; return an empty string for an open print."""
     return "" if attempt.ended_s is None else f"{datetime.fromtimestamp(attempt.ended_s, zone):%Y-%m}"

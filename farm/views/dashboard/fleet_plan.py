@@ -53,7 +53,7 @@ def build_fleet_plan(context: ViewContext, situation: Situation, since_s: float)
     Parameters
     ----------
     context
-        Present data of the farm.
+        Current data of the farm.
     situation
         Situation for the forecast, with the waiting plates and the expected ends of running prints.
     since_s

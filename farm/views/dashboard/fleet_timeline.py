@@ -152,7 +152,7 @@ def describe_fleet_timeline(
     Parameters
     ----------
     context
-        Present data of the farm.
+        Current data of the farm.
     situation
         Situation for the forecast.
     past_s

@@ -92,7 +92,7 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
     Parameters
     ----------
     context
-        Present data of the farm.
+        Current data of the farm.
     history_filter
         Filter that selects the prints.
     max_rows

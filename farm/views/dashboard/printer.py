@@ -23,7 +23,7 @@ _MAX_FAULTS = 10
 
 @dataclass(frozen=True, slots=True)
 class PrintStill:
-    """Picture of a print: the moment of the print (such as `first layer`), its time, and the file."""
+    """Picture of a print: the moment in the print (such as `first layer`), the time, and the file."""
 
     moment: str
     taken: str
@@ -80,7 +80,7 @@ def describe_printer_page(
     Parameters
     ----------
     context
-        Present data of the farm.
+        Current data of the farm.
     name
         The printer.
     readings

@@ -126,7 +126,7 @@ def try_change(
     Parameters
     ----------
     context
-        Present data of the farm.
+        Current data of the farm.
     situation
         Situation for the forecast.
     change

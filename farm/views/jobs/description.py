@@ -148,7 +148,7 @@ def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> P
 def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> list[api.PlateStatus]:
     """Return the views of plates with their current holds; copy only views whose hold has changed."""
     updated_views: list[api.PlateStatus] = []
-    # The last pair of holds that were found equal. Most plates of a job have it, so that few are compared.
+    # The last pair of equal holds. Most plates of a job have the same pair, so few holds are compared.
     old_hold: Hold | None = None
     new_hold: Hold | None = None
     for view in views:

@@ -22,7 +22,7 @@ def describe_timeline(context: ViewContext, job_id: int, situation: Situation) -
     Parameters
     ----------
     context
-        Present data of the farm.
+        Current data of the farm.
     job_id
         Id of the job.
     situation

@@ -151,7 +151,7 @@ def _estimate_added_s(plates: Sequence[_PlateInState], runs: Sequence[Run], rema
 def _estimate_remaining_s(context: ViewContext, plates: Sequence[_PlateInState]) -> float:
     """Estimate the seconds until the end of the last plate, at least 0.
 
-    A waiting plate ends at the time of the forecast; if there is no forecast, as if the plate started now.
+    A waiting plate ends when the forecast says; without a forecast, it is assumed to start now.
     """
     return max((_estimate_plate_remaining_s(context, *plate) for plate in plates), default=0.0)
 

@@ -174,7 +174,7 @@ def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) 
 
 
 def _format_times(last_print: api.PrintView | None, expected_s: float) -> str:
-    """Format the actual (if its last print is done) and expected printing time of a part."""
+    """Format the expected printing time of a part, and the actual one if its last print is done."""
     if (
         last_print is None
         or last_print.state is not PrintState.DONE

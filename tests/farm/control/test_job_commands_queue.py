@@ -55,7 +55,7 @@ def test_impossible_move_is_refused_with_the_reason(farm):
         with pytest.raises(RefusedError, match="already"):
             move_job(farm, number, place)
     for before in (1, 9):
-        with pytest.raises(RefusedError, match="not another job in the queue"):
+        with pytest.raises(RefusedError, match="only before another job in the queue"):
             move_job(farm, 1, before=before)
     with pytest.raises(NotFoundError):
         move_job(farm, 9, "up")

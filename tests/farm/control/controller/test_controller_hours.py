@@ -105,7 +105,7 @@ def test_print_that_exceeds_the_hours_is_listed_as_a_task(farm):
     farm.controller.clock.now_s = STOP_S - 20.0
     (item,) = list_deadline_tasks(farm)
     assert item.code == "hours" and item.printers == ["a"]
-    assert "ends at Fri 17:45" in item.text and "attended" in item.text
+    assert "stopped at Fri 17:45" in item.text and "attended" in item.text
     report_print(farm, PrintState.ENDING)
     assert list_deadline_tasks(farm) == []
 
