@@ -56,7 +56,7 @@ class LazyCommand(TyperCommand):
 
 
 def make_group(panels: Mapping[str, Iterable[CommandEntry]]) -> type[TyperGroup]:
-    """Make a class of command group that has the given commands, for `typer.Typer(cls=...)`.
+    """Make a subclass of TyperGroup with the given commands, for `typer.Typer(cls=...)`.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ Pins = Annotated[
     str,
     typer.Option(
         help="Holes for pins in the glued faces: filament (2.85), a diameter in mm, or none. "
-        "Not with quality paper."
+        "Not with --quality paper."
     ),
 ]
 PinFit = Annotated[
@@ -81,7 +81,9 @@ PinFit = Annotated[
 ]
 Marks = Annotated[
     bool,
-    typer.Option("--marks/--no-marks", help="Cut part numbers into the glued faces. Not with quality paper."),
+    typer.Option(
+        "--marks/--no-marks", help="Cut part numbers into the glued faces. Not with --quality paper."
+    ),
 ]
 Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=completion.printers)]
 Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.jobs)]
@@ -100,7 +102,7 @@ def with_paths(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P
     Returns
     -------
     callable
-        The command for typer, with the three options after its own.
+        The command for typer, with the added options after its own.
     """
     variable = "FARM_URL" if command.__name__ in _LOCAL_REASONS else None
     url = Annotated[str | None, typer.Option("--url", envvar=variable, show_envvar=False, hidden=True)]

@@ -121,7 +121,7 @@ def check_books(facts: Facts) -> Iterator[Finding]:
 
 
 def check_files(facts: Facts) -> Iterator[Finding]:
-    """Check that the files of open jobs exist and match their plans."""
+    """Check that the files of unfinished jobs exist and match their plans."""
     files = facts.files
     action = "`farm cancel` the job, and submit its model again"
     for condition, names in (
@@ -136,7 +136,8 @@ def check_files(facts: Facts) -> Iterator[Finding]:
                 "files", f"and {len(names) - _MAX_SHOWN_PROBLEMS} more: each {condition}", action
             )
     if not files.missing_files and not files.changed_files:
-        yield make_success("files", f"{format_count(files.checked_count, 'file')} of open jobs, as planned")
+        count = format_count(files.checked_count, "file")
+        yield make_success("files", f"{count} of unfinished jobs, as planned")
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:

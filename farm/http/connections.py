@@ -248,7 +248,8 @@ class BoundedServer(uvicorn.Server):
             if waiting_connection is not None:
                 waiting_connection.transport.abort()
                 self._rate_limited_log.warn(
-                    "too many connections: one without a request was closed", self._read_clock_s()
+                    "too many connections: the one that waited longest for its client was closed",
+                    self._read_clock_s(),
                 )
             await asyncio.sleep(0.0 if waiting_connection is not None else _RETRY_INTERVAL_S)
 

@@ -123,9 +123,9 @@ def daemon(paths: FarmPaths) -> None:
 def down(
     paths: FarmPaths,
     wait: Annotated[
-        bool, typer.Option("--wait", help="Let open prints finish first, and start no new ones.")
+        bool, typer.Option("--wait", help="Let prints in progress end first, and start no new ones.")
     ] = False,
-    now: Annotated[bool, typer.Option("--now", help="Stop open prints safely first.")] = False,
+    now: Annotated[bool, typer.Option("--now", help="Stop prints in progress safely first.")] = False,
 ) -> None:
     """Stop the daemon and the agents. While the farm is printing or planning, --wait or --now is needed."""
     if wait and now:

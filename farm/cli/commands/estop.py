@@ -78,7 +78,7 @@ def stop_all(paths: FarmPaths, printers: Iterable[str], report: ReportCallback) 
     NotFoundError
         If a name is unknown; the other printers are stopped.
     FarmError
-        If some heaters are not confirmed to be off, or some printers not confirmed to stand still.
+        If some heaters are not confirmed to be off, or some printers are not confirmed to stand still.
     """
     start_s = time.time()
     targets, fleet_error = find_targets(paths)
@@ -193,7 +193,8 @@ class HostTarget:
 def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | None]:
     """Find the target of the stop for each printer that has an agent folder or is in `fleet.yaml`.
 
-    If `fleet.yaml` cannot be read, only the printers with an agent folder are returned, with the error.
+    Disabled printers on this host without an agent folder are left out. If `fleet.yaml` cannot be read, only
+    the printers with an agent folder are returned, with the error.
     """
     from drivers.records import StartFile  # slow to load
     from drivers.remote import runs_host_service

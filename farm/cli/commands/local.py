@@ -75,8 +75,8 @@ def decompose(
     pins: Pins = "none",
     pin_fit: PinFit = None,
     marks: Marks = False,
-    clear: Annotated[float, typer.Option(min=0, help="auto: time to clear a bed, s.")] = 120.0,
-    assemble: Annotated[float, typer.Option(min=0, help="auto: time to glue a part, s.")] = 216.0,
+    clear: Annotated[float, typer.Option(min=0, help="--printers auto: time to clear a bed, s.")] = 120.0,
+    assemble: Annotated[float, typer.Option(min=0, help="--printers auto: time to glue a part, s.")] = 216.0,
     quality: Quality = "glue",
     slice_: Annotated[
         bool, typer.Option("--slice", help="Write G-code too, and balance the parts by their sliced times.")

@@ -24,8 +24,8 @@ def prune(
 ) -> None:
     """Delete the files of old jobs now instead of at night (see `fleet.keep`); figures and pictures stay.
 
-    The database is backed up first. Files of open jobs, and of jobs that ended in the last two days, always
-    stay.
+    The database is backed up first. Files of unfinished jobs, and of jobs that ended in the last two
+    days, always stay.
     """
     response = Client(paths.socket).prune(dry_run)
     if json:

@@ -62,10 +62,10 @@ def submit(
         bool, typer.Option("--overnight", help="Start when the attended hours end.")
     ] = False,
     done_by: Annotated[
-        str | None, typer.Option(help="Use the fewest parts that finish by this time.")
+        str | None, typer.Option(help="Use as few parts as can be printed by this time.")
     ] = None,
     assembled_by: Annotated[
-        str | None, typer.Option(help="Use the fewest parts that are printed and glued by this time.")
+        str | None, typer.Option(help="Use as few parts as can be printed and glued by this time.")
     ] = None,
     spares: Annotated[
         int, typer.Option(help="Idle printers to keep in reserve for failed parts overnight.")

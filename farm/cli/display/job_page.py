@@ -31,8 +31,8 @@ from farm.wording import (
     shorten_names,
 )
 
-_MIN_STARVED_SHARE = 0.01
-"""Maximum share of time for which simulated printers may wait for this computer, for valid print times."""
+_MAX_STARVED_SHARE = 0.01
+"""Share of the time that simulated printers may wait for this computer; print times are invalid above it."""
 
 _PART_COLUMNS = (
     Column("PART"),
@@ -156,7 +156,7 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
     if view.grams is not None and view.filament_mm is not None:
         amount = format_filament(view.grams, view.filament_mm, view.price, view.currency)
         rows.append(("filament", amount))
-    if view.starved_share is not None and view.starved_share > _MIN_STARVED_SHARE:
+    if view.starved_share is not None and view.starved_share > _MAX_STARVED_SHARE:
         wait_note = (
             f"simulated printers waited {100 * view.starved_share:.1f} % of the time for this computer"
         )

@@ -57,7 +57,7 @@ def render_timeline(view: api.Timeline, width: int | None = None) -> RenderableT
         )
     )
     if view.left:
-        rows.append(Text(f"no printer can print: {' '.join(view.left)}", style=ERROR_STYLE))
+        rows.append(Text(f"no printer can print {' '.join(view.left)}", style=ERROR_STYLE))
     return Group(*rows)
 
 

@@ -53,6 +53,6 @@ def test_timeline_shows_totals_notices_and_every_plate():
     console.print(render_timeline(view))
     text = console.export_text()
     assert "3 plates, 4h00 (lower bound 2h00), 90 g, 2.70 GBP" in text
-    assert "no printer can print: 4/04" in text
+    assert "no printer can print 4/04" in text
     assert text.startswith("Scaled.")
     assert "4/p03  um2-02   Sat 13:00  Sat 14:00  1h00      30     0.90 GBP" in text
