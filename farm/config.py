@@ -30,7 +30,7 @@ _SCHEDULER_PATTERN = re.compile(r"(tls|tcp)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
 _MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
-"""Current names of modules, by the names that fleet files of earlier versions may contain."""
+"""Current name of each renamed module, by its former name, which an old fleet file may contain."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 PinFit = Annotated[float, Field(ge=0, le=2)]
 PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -106,7 +106,7 @@ class UploadsSection(_Section):
 
 
 class KeepSection(_Section):
-    """The keys under `fleet.keep`: limits on files of ended jobs; data and pictures are always kept."""
+    """The keys under `fleet.keep`: limits on old events and on files of ended jobs, except pictures."""
 
     # Maximum age of events and of files, and maximum size of all files; the oldest are deleted first.
     days: Annotated[float, Field(ge=2, allow_inf_nan=False)] = 90.0

@@ -60,7 +60,7 @@ _PATTERN_DESCRIPTIONS = {
 """Descriptions of the allowed values, by keys whose values must match a pattern."""
 
 SectionCompleter = Callable[[PrinterSection, FleetSection], PrinterSection]
-"""Function that checks a section and fills in derived values. Raises FieldError that names the wrong key."""
+"""Function that checks a section and adds derived values. Raises FieldError with the key of a wrong value."""
 
 
 def load_fleet(

@@ -195,7 +195,7 @@ def _make_private_folder(name: str) -> Path:
 
 
 def read_anchor(path: Path) -> tuple[float, float] | None:
-    """Read the scale and the anchor of the farm's clock (see `Clock`); return None if no file is valid."""
+    """Read the scale and the anchor of the farm's clock (see `Clock`); None if there is no valid file."""
     try:
         anchor = json.loads(path.read_text())
         return float(anchor["scale"]), float(anchor["anchor_s"])

@@ -15,7 +15,7 @@ _MIN_ERROR_STATUS = 400  # lowest status code of an error
 
 
 class BodyLimit:
-    """Middleware that rejects bodies over the limit, and closes the connection after an error response.
+    """Middleware that rejects bodies over the limit; an error before the end of a body closes the connection.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Callers identified by the credentials of their socket, their permissions, and the daemon's Unix socket."""
+"""Identification and permissions of callers, and the daemon's Unix socket."""
 
 from __future__ import annotations
 

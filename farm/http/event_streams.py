@@ -24,7 +24,7 @@ class EventLog(Protocol):
         """Read the events after a number, oldest first. Raises StoreError."""
 
     def read_printer_events(self, printer: str, limit: int) -> Sequence[EventRow]:
-        """Read a printer's maintenance, reels, losses and alarms, newest first. Raises StoreError."""
+        """Read the events of a printer that its page shows, newest first. Raises StoreError."""
 
 
 class EmptyEventLog:

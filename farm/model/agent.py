@@ -22,7 +22,7 @@ class Link(StrEnum):
 
 
 class AgentPrint(PrintReadings, Entity):
-    """State of an agent's open print, as the agent reports it."""
+    """State of the open or last ended print of an agent, as the agent reports it."""
 
     print_id: str
     state: PrintState

@@ -21,7 +21,7 @@ FORMER_NAMES = {
     "uncertain": "doubted",
     "unreported_since_s": "untold_since_s",
 }
-"""Names of renamed fields in the books of farm 0.1, by the current name of the field."""
+"""Names that fields had in the books of farm 0.1, by their current names."""
 
 
 def _accept_names(field: str) -> str | AliasChoices:

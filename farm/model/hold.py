@@ -43,7 +43,7 @@ class HoldCode(StrEnum):
 
 
 class ShortReel(Entity):
-    """Reel with too little filament for a plate: its printer, and a text with both amounts."""
+    """Reel with too little filament for a plate: its printer, and a text with the amounts left and needed."""
 
     printer: str
     text: str

@@ -19,7 +19,7 @@ class JobState(StrEnum):
     """State of a job."""
 
     QUEUED = "queued"
-    PLANNING = "planning"  # being repaired, decomposed and sliced
+    PLANNING = "planning"  # being decomposed and sliced
     HELD = "held"  # planned; waits until a person approves it
     PRINTING = "printing"  # the plan is stored; plates are assigned to printers
     PRINTED = "printed"  # every part is printed, but a person has not judged all of them
@@ -61,7 +61,7 @@ class JobOptions(Entity):
     priority: int = Field(default=0, ge=-100, le=100)  # jobs of higher priority print earlier
     at: str | None = Field(default=None, max_length=40)  # earliest start, as the user wrote it
     overnight: bool = False  # the job starts when attended hours end
-    done_by: str | None = Field(default=None, max_length=40)  # use the fewest parts that finish by this time
+    done_by: str | None = Field(default=None, max_length=40)  # use as few parts as can be printed by then
     assembled_by: str | None = Field(default=None, max_length=40)  # like `done_by`, but including the gluing
     spares: int = Field(default=0, ge=0)  # free printers kept in reserve for failed plates
     hold: bool = False  # nothing prints before `farm approve`
@@ -111,7 +111,7 @@ class Job(Entity):
     state: JobState = JobState.QUEUED
     submitted_s: float
     submitted_by: str | None = None  # name of the user; None: a job from an earlier version
-    hold: Hold | None = None  # reason why its planning has not started
+    hold: Hold | None = None  # reason why its planning has not started, or why it is held after planning
     error: ErrorCode | None = None
     reason: str | None = None
     repairs: tuple[str, ...] = ()
@@ -120,7 +120,7 @@ class Job(Entity):
     done_by_s: float | None = None
     assembled_by_s: float | None = None
     plan: str | None = None  # hash of the plan and its files, for `farm approve`
-    lower_bound_s: float | None = None  # lower bound of any schedule of its plates
+    lower_bound_s: float | None = None  # lower bound on the printing time of its plates, for any schedule
     expected_s: float | None = None  # parallel printing time of the plan
     serial_s: float | None = None  # printing time of the uncut model on one large printer
     picture: str | None = None  # name of a picture of the assembly in the file store

@@ -15,7 +15,7 @@ class Role(StrEnum):
     OPERATE = "operate"  # approve, clear beds, load reels, end maintenance
 
     def allows(self, role: Role) -> bool:
-        """Return whether a caller with this role may use a function that requires another role."""
+        """Return whether a caller with this role may use a function that requires `role`."""
         order = list(Role)
         return order.index(self) >= order.index(role)
 

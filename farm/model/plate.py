@@ -159,7 +159,7 @@ class Plate(Entity):
     parts: tuple[str, ...]
     gcode: str
     sha256: str
-    sliced_s: float  # time of its layers, as estimated by CuraEngine, or for submitted G-code by the farm
+    sliced_s: float  # time of its layers, estimated by CuraEngine, or by the farm for own G-code
     features: FeatureSeconds | None = None  # `sliced_s` by feature; None: unknown, as for submitted G-code
     expected_s: float  # time with heat-up, start and end code, and with the printer's time factor
     grams: float
@@ -176,7 +176,9 @@ class Plate(Entity):
     cached: bool = False  # True if its G-code came from the slice cache
     warnings: tuple[str, ...] = ()  # sentences, such as on walls that are too thin to print
     prints: tuple[str, ...] = ()
-    counted_from: int = 0  # index of the first print whose failure counts, after `farm reprint`
+    # index of the first print whose failure counts towards the limit on attempts; `farm reprint` sets it
+    # to the number of prints so far
+    counted_from: int = 0
     replaced_by: tuple[str, ...] = ()  # plates printed instead of this one
     cancelled: bool = False  # True if a person has cancelled it; it is printed only on request
     paused: bool = False  # True if a person has paused it and nobody has resumed it

@@ -52,7 +52,7 @@ MAX_EVENTS = 500_000
 """Maximum number of events that are kept, about 300 MB; a print has about ten events."""
 FARM_CALLER = "the farm"
 """Name of the caller in the events of deletions that no person requested."""
-# The limit includes the time of a worker that must first compile its code.
+# The limit includes the time in which a worker may first have to compile its code.
 _DRAWING_LIMIT = Limit("drawing the parts of an old job", 1800.0)
 _store_part_pictures = DeferredFunction("farm.upkeep.part_pictures:store_part_pictures")
 _DAY_S = 86400.0
