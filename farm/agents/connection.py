@@ -64,7 +64,10 @@ class AgentListener(HostListener, Protocol):
         """Handle a snapshot."""
 
     def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        """Handle an agent's refusal to start a print; `is_late` is true if the request came too late."""
+        """Handle an agent's refusal to start a print.
+
+        `is_late` is true if the request came too late, or if the agent is too old to start it.
+        """
 
     def find_unreported_since_s(self, printer: str) -> float | None:
         """Return the time after which the books may lack prints of an agent; None if they have all prints."""
@@ -88,7 +91,7 @@ class AgentConnection:
     listener
         Receiver of the agent's reports.
     farm_name
-        Name of the farm, which an agent on another host receives if it has a connection of its own.
+        Name of the farm. It is sent to an agent on another host that is not reached through `host`.
     host
         Connection to the agent's host; None if the agent runs on this host, or its host does not run
         `farm host`.
@@ -216,7 +219,10 @@ class AgentConnection:
             )
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
-        """Import the agent's journal if the books are a restored backup; return its latest snapshot."""
+        """Import the agent's journal if the books are a restored backup.
+
+        Returns the agent's latest snapshot.
+        """
         since_s = self._listener.find_unreported_since_s(self._name)
         if since_s is None:
             return report
@@ -248,7 +254,7 @@ class AgentConnection:
         return to_farm_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
     def _check_port(self, report: m.Snapshot) -> bool:
-        """Return whether the agent has the model and port of fleet.yaml; end an idle agent that has not.
+        """Return whether the agent has the model and port in fleet.yaml; end an idle agent with others.
 
         An agent that is printing is accepted in any case.
         """

@@ -57,7 +57,7 @@ def compute_report_interval_s(printer_count: int) -> float:
     """Compute the interval between two reports from a printer that is printing, in a fleet of this size.
 
     In a fleet of up to 200 printers, each reports every second. In a larger fleet, each reports less often,
-    but at least every five seconds, which limits the number of reports that the daemon reads per second.
+    to limit the number of reports that the daemon reads per second, but at least every five seconds.
     """
     return min(_MAX_REPORT_INTERVAL_S, max(1.0, printer_count / _MAX_REPORTS_PER_S))
 

@@ -83,7 +83,7 @@ class AgentManager:
             log.info(
                 "%s is not in the fleet: its agent %s",
                 folder.name,
-                reply.error or "ends",
+                "ends" if reply.error is None else f"does not end: {reply.error}",
                 extra={"printer": folder.name},
             )
             has_ended = reply.error is None
@@ -108,7 +108,7 @@ class AgentManager:
         self.hosts.watch()
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
-        """Send an instruction to its agent. If that fails, it is repeated after the agent's next snapshot."""
+        """Send an instruction to an agent. If that fails, it is sent again after the next snapshot."""
         request = make_agent_request(instruction, books, files)
         connection = self._connections.get(getattr(instruction, "printer", ""))
         if request is not None and connection is not None:

@@ -169,7 +169,7 @@ class FarmOverview(View):
 class Status(FarmOverview):
     """Whole farm, with the parts and plates of its jobs."""
 
-    jobs: list[JobView]  # open jobs, jobs without a verdict, and the most recent of the other jobs
+    jobs: list[JobView]  # open jobs, jobs that await a verdict on a part, and the most recent of the others
 
 
 class Wait(View):

@@ -43,7 +43,7 @@ async def _fetch_still(url: str) -> Image:
 
 @dataclass(slots=True)
 class _Camera:
-    """One camera, with its last still and the fetch in progress. Times are monotonic, in wall seconds."""
+    """One camera, with its last still and the fetch in progress. Times are monotonic, in seconds."""
 
     printer: str
     url: str
@@ -67,7 +67,7 @@ class Cameras:
     fetch
         Function that fetches a still from a URL.
     monotonic
-        Function that returns a monotonic time in wall seconds.
+        Function that returns the time of a monotonic clock in seconds.
     """
 
     def __init__(

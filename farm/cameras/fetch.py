@@ -128,7 +128,7 @@ def _resolve_redirect(url: httpx.URL, location: str) -> httpx.URL:
     target = url.join(location).copy_with(username=None, password=None)
     is_secure = target.scheme == "https" or (target.scheme, url.scheme) == ("http", "http")
     if target.host != url.host or not is_secure:
-        raise CameraError("it redirects to another host: give the address of that host")
+        raise CameraError("it redirects to another host, or from HTTPS to HTTP: give the final address")
     return target
 
 

@@ -18,7 +18,7 @@ _SEGMENT_HEADER = struct.Struct(">BBH")  # JPEG: 0xFF, marker, length including 
 _FRAME_SIZE = struct.Struct(">HH")  # JPEG: height, width
 _FRAME_SIZE_OFFSET = 5  # after the marker, the length, and the sample precision
 _FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers that begin a frame
-_SCAN_MARKER, _PADDING_BYTE = 0xDA, 0xFF
+_SCAN_MARKER, _MARKER_PREFIX = 0xDA, 0xFF
 _MAX_SEGMENTS = 500  # number of segments before the frame, so that a malicious file cannot block the daemon
 
 
@@ -78,10 +78,10 @@ def _read_jpeg_size(content: bytes) -> tuple[int, int]:
     offset = 2
     for _ in range(_MAX_SEGMENTS):
         start, marker, length = _SEGMENT_HEADER.unpack_from(content, offset)
-        if start != _PADDING_BYTE or marker == _SCAN_MARKER:
+        if start != _MARKER_PREFIX or marker == _SCAN_MARKER:
             raise InvalidImage("its still is not a valid JPEG")
         if marker in _FRAME_MARKERS:
             height, width = _FRAME_SIZE.unpack_from(content, offset + _FRAME_SIZE_OFFSET)
             return width, height
-        offset += 1 if marker == _PADDING_BYTE else 2 + max(2, length)
+        offset += 1 if marker == _MARKER_PREFIX else 2 + max(2, length)  # 0xFF before a marker is a fill byte
     raise InvalidImage("its still is not a valid JPEG")

@@ -1,6 +1,7 @@
 """Times at which stills are requested from a camera. Pure.
 
-Stills are requested while a person views the camera, and at the moments of a print at which one is kept.
+Stills are requested while a person views the camera, and at the moments of a print (`Moment`) of which a
+still is kept.
 Requests are at least two seconds apart; the interval doubles with each failure.
 """
 
@@ -24,7 +25,7 @@ _FIRST_LAYERS_DIVISOR = 10
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """State of the attempts to fetch a still from one camera. Times are monotonic, in wall seconds.
+    """State of the attempts to fetch a still from one camera. Times are monotonic, in seconds.
 
     Attributes
     ----------
