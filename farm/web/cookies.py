@@ -15,6 +15,8 @@ from farm.control import MAX_SESSION_S
 class SessionCookie:
     """Cookie that scripts cannot read, and that browsers do not send with a form from another site.
 
+    Its value is the key text of the session: the secret by which the farm recognises the session.
+
     `SameSite` is `Lax`, so that a link in a message opens the farm's pages with the user's session;
     `farm.web.request_checks` checks requests that change the farm. With HTTPS, the prefix `__Host-` prevents
     other hosts of the domain from setting the cookie.

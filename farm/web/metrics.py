@@ -20,7 +20,7 @@ from farm.views import ViewContext, compute_duration_s
 
 CONTENT_TYPE = CONTENT_TYPE_LATEST
 _PRINTER_STATES = (
-    *("idle", "look", "maintenance", "disabled", "unknown"),
+    *("idle", "look", "maintenance", "disabled", "unknown"),  # look: a person must inspect the printer
     *(str(state) for state in PrintState if not state.ended),
     *(str(link) for link in Link if link is not Link.READY),
 )
@@ -149,13 +149,13 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
     )
     yield _make_printer_gauge(
         "farm_print_progress_ratio",
-        "Progress of the open print, by time.",
+        "Progress of the unfinished print, by time.",
         printers,
         lambda printer: printer.print.progress if printer.print else None,
     )
     yield _make_printer_gauge(
         "farm_print_remaining_seconds",
-        "Expected time to the end of the open print.",
+        "Expected time to the end of the unfinished print.",
         printers,
         lambda printer: printer.print.remaining_s if printer.print else None,
     )
@@ -164,7 +164,7 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
     )
     yield _make_printer_gauge(
         "farm_printer_time_factor",
-        "Ratio of the actual to the sliced time of a printer's layers.",
+        "Ratio of the actual printing time of a printer's layers to the slicer's estimate.",
         printers,
         lambda printer: printer.time_factor,
     )

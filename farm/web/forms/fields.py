@@ -12,7 +12,7 @@ _MAX_FIELDS = 100
 
 
 async def read_fields(request: Request) -> dict[str, str]:
-    """Read the fields of a form by name; of several fields with a name, the last counts. Raises BadForm."""
+    """Read the fields of a form by name; of several fields with one name, the last counts. Raises BadForm."""
     try:
         text = (await request.body()).decode("ascii")
         return dict(parse_qsl(text, keep_blank_values=True, max_num_fields=_MAX_FIELDS))

@@ -46,7 +46,7 @@ class FormReader:
     Attributes
     ----------
     fields
-        Values of the fields by name; of several fields with a name, the last counts.
+        Values of the fields by name; of several fields with one name, the last counts.
     file_name
         Name of the file as the client wrote it; None until the file's part of the form begins.
 

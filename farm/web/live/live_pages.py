@@ -1,7 +1,7 @@
 """Live pages, and the route that streams their changes.
 
 In each round, a page that somebody views is rendered once for each role, and its changes are sent to all
-viewers with that role. A round lasts a second, or longer if rendering takes much time.
+viewers with that role. A round lasts a second, or longer if rendering is slow.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _MAX_QUERY_LENGTH = 300
 
 
 class _Topic:
-    """One page for one role: its last rendering, which is repeated every few rounds, and its viewers."""
+    """One page for one role: its last rendering, which is renewed every few rounds, and its viewers."""
 
     def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds_per_rendering: int) -> None:
         self._render = render
@@ -97,7 +97,7 @@ class LivePages:
     Parameters
     ----------
     streams
-        Limit on the number of open streams; when the daemon ends, it ends them all.
+        Counter and limit of open streams. It also ends all of them when the daemon ends.
     """
 
     def __init__(self, streams: StreamLimit) -> None:
@@ -190,7 +190,7 @@ class LivePages:
         try:
             await topic.refresh()
         except Exception as error:
-            if not isinstance(error, FarmError):  # a FarmError is expected, for example if its job was pruned
+            if not isinstance(error, FarmError):  # expected, for example if the page's job was pruned
                 log.exception("cannot render the live page %s", key[0])
             self._end_topic(key)
 
@@ -216,7 +216,7 @@ def make_live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
         page: Annotated[str, Query(max_length=_MAX_QUERY_LENGTH)] = "/",
         version: Annotated[str, Query(max_length=_MAX_QUERY_LENGTH)] = "",
     ) -> StreamingResponse:
-        """Send the changed elements of a page as JSON objects by id, and heartbeats between the changes."""
+        """Send JSON objects that map ids of changed elements to their HTML, and heartbeats between them."""
         holder = find_holder(request)
         streams.check_caller(holder.name)
         await pages.find_topic(page, holder.role)  # raises an error before the stream begins

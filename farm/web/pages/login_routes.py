@@ -83,7 +83,7 @@ def _add_link_login_routes(router: APIRouter, services: Services, cookie: Sessio
 
 
 def _redirect_home(cookie: SessionCookie, key_text: str) -> Response:
-    """Return a redirect to the home page that stores the key text of a session in the cookie."""
+    """Redirect to the home page, and store the key text of a session in the cookie."""
     response = RedirectResponse("/", _SEE_OTHER)
     cookie.set(response, key_text)
     return response

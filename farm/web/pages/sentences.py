@@ -88,7 +88,7 @@ def _make_time_element(time: str, text: str) -> Markup:
 
 
 class NamedTime(Protocol):
-    """Time as ISO 8601 and as text, such as a `TextTime` or the mark of a chart."""
+    """Time as ISO 8601 and as text, such as a `TextTime`, or a `TimeMark` of a chart."""
 
     @property
     def at(self) -> str: ...

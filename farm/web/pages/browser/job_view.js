@@ -5,7 +5,7 @@ import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { Stage, readColour } from "./stage.js";
 
 const STATES = ["waiting", "printing", "printed", "good", "bad", "failed", "cancelled"]; // colours in palette.css
-const HUE_STEP = 0.618; // golden ratio, so that neighbouring numbers get hues that differ much
+const HUE_STEP = 0.618; // golden ratio, so that neighbouring numbers get very different hues
 const STEP_S = 1.5; // duration of each step in the animation (decompose/export/glb.py)
 
 /** Return the rows of the parts in the table, by name of the part. */
@@ -49,7 +49,7 @@ class JobView {
     const kinds = new Set([...this.rows.values()].map((row) => row.dataset.kind));
     this.colourBy = kinds.size > 1 ? "state" : "printer"; // all parts wait before the first print
     this.picked = null; // name of the picked part in the model
-    this.copy = null; // name of the picked row, which is one of several copies of the part
+    this.copy = null; // name of the picked row, which stands for one copy of the part
     this.addControls(container);
     this.explode(0.35);
     this.paint();

@@ -90,7 +90,7 @@ def make_timeline_routes(pages: PageContext) -> APIRouter:
 
 
 def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
-    """Return the what-if change to a job that a user has chosen; None if there is none.
+    """Return the what-if change that a user has chosen for a job; None if there is none.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def render_timeline(
     note
         Message about the user's last action.
     problem
-        Reason why the what-if change is not possible; None if it is, or if there is none.
+        Reason why the what-if change is not possible; None if it is possible, or if no change was chosen.
     """
     return render_page(
         "timeline.html",

@@ -1,4 +1,4 @@
-"""Chart of the time curve: expected printing time over number of printers, for the user's choice. Pure."""
+"""Chart of the time curve, expected printing time over number of printers; users choose the number. Pure."""
 
 from __future__ import annotations
 

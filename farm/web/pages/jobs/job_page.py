@@ -195,7 +195,7 @@ def list_gcode_figures(job: Job, plates: Iterable[Plate]) -> list[tuple[str, str
     figures = [("size", f"{size} mm")]
     plate = next(iter(plates), None)  # own G-code has one plate
     if plate is not None:
-        figures += [("layers", str(plate.layers)), ("time of its moves", format_duration(plate.sliced_s))]
+        figures += [("layers", str(plate.layers)), ("time of the moves", format_duration(plate.sliced_s))]
     return figures
 
 

@@ -33,8 +33,8 @@ class PartRow:
     end
         Expected or actual time at which its print ends, as ISO 8601; None if unknown.
     expected_time, current_estimate, actual_time
-        Printing times: that of the plan, that of the open print as its progress suggests, and the actual time
-        of the last print.
+        Printing times: the time in the plan, the time of the open print as estimated from its progress, and
+        the actual time of the last print.
     reason
         Reason why it waits or failed; empty if there is none.
     warnings

@@ -22,8 +22,8 @@ class Goal(StrEnum):
 
     AUTO = "auto"  # as many printers as shorten the printing time
     COUNT = "count"  # a given number of printers
-    DEADLINE = "deadline"  # the fewest parts that are printed by a given time
-    GLUING_DEADLINE = "glued"  # the fewest parts that are printed and glued by a given time
+    DEADLINE = "deadline"  # as few parts as can be printed by a given time
+    GLUING_DEADLINE = "glued"  # as few parts as can be printed and glued by then
 
 
 class Start(StrEnum):
@@ -42,7 +42,7 @@ class NextStep(StrEnum):
     HOLD = "hold"  # plan the job, and wait for approval
 
 
-_PLAIN_FIELDS = (  # fields with the name and the value of an option
+_PLAIN_FIELDS = (  # fields that are passed on unchanged as the option of the same name
     "longest_side_mm",
     "quality",
     "material",

@@ -283,7 +283,7 @@ def test_own_gcode_is_shown_with_size_layers_and_time():
     books = make_night_books()
     own_gcode = OwnGcode(nozzle_mm=0.4, min_mm=(-10.0, -20.0, 0.0), max_mm=(10.0, 20.0, 30.4))
     job = books.get_job(1).model_copy(update={"own_gcode": own_gcode})
-    figures = [("size", "20 × 40 × 30 mm"), ("layers", "10"), ("time of its moves", "90 s")]
+    figures = [("size", "20 × 40 × 30 mm"), ("layers", "10"), ("time of the moves", "90 s")]
     assert list_gcode_figures(job, books.list_plates(job)) == figures
     assert list_gcode_figures(job, ()) == figures[:1]
     assert list_gcode_figures(books.get_job(1), books.list_plates(job)) == []
