@@ -236,7 +236,7 @@ class Controller:
         return self.books.get_printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        """Record the prints since the backup that an agent's journal contains."""
+        """Record the prints made since the backup, from an agent's journal."""
         self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
 
     def on_plan(self, job_id: int, result: Plan | FarmError) -> None:

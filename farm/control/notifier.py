@@ -64,7 +64,7 @@ class Notifier:
         self._queue.put("\n".join(notice.text for notice in notices))
 
     def on_clock_set(self, step_s: float) -> None:
-        """Move the start of the record back if the clock was set back, so that new events are notified."""
+        """Move the start of the record back if the clock was set back, so that new events cause notices."""
         self._record_start_s = min(self._record_start_s, self._record_start_s + step_s)
 
     def _save_record(self) -> None:

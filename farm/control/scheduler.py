@@ -137,7 +137,7 @@ class Scheduler:
         )
 
     def _assign_plates(self, situation: Situation) -> list[Assignment]:
-        """Assign plates to printers; leave printers reserved for replans to jobs that have started."""
+        """Assign plates to printers; only started jobs get printers that are reserved for replans."""
         return self._replanning.filter_assignments(self._situations.books, assign_plates(situation))
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:

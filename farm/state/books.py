@@ -130,7 +130,7 @@ class Books:
         )
 
     def list_unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
-        """Yield the prints of a printer that were done since the restored backup and have no verdict."""
+        """Yield a printer's prints that were done after the restored backup was made and have no verdict."""
         prints = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in prints if p.restored and p.verdict is None)
 

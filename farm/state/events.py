@@ -324,7 +324,7 @@ class PrintFound(Event):
 
 
 class AgentJournalImported(Event):
-    """An agent listed its prints since the backup; `unknown` is the number that match no waiting plate."""
+    """An agent listed its prints since the backup; `unknown` of them match no waiting plate."""
 
     printer: str
     unknown: int

@@ -211,7 +211,7 @@ def handle_unknown_print(
 def import_agent_journal(
     books: Books, snapshot: AgentSnapshot, prints: Sequence[AgentPrint], now_s: float
 ) -> Iterator[ev.AnyEvent]:
-    """Derive the events at a printer since the backup from the journal of its agent.
+    """Derive the events since the backup at one printer, from the journal of the printer's agent.
 
     Parameters
     ----------

@@ -38,8 +38,8 @@ def find_failed_print(books: Books, printer: str) -> Print | None:
 def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     """Return the failed print whose part on a printer's bed may be complete and is still needed; else None.
 
-    The duration of the print decides whether the part may be complete. Its progress is unknown, because its
-    agent died, but the next agent recorded the time at which it switched the heaters off.
+    The duration of the print decides whether the part may be complete. The progress of the print is unknown,
+    because its agent died, but the next agent recorded when it switched the heaters off.
     """
     failed_print = find_failed_print(books, printer)
     if (

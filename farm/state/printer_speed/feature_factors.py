@@ -15,7 +15,7 @@ from farm.model import Shares
 MIN_PRINTS = 30
 """Minimum number of finished prints for learning factors by feature."""
 MAX_PRINTS = 60
-"""Maximum number of prints used, the latest: few, so that a change of the printer soon has an effect."""
+"""Maximum number of latest prints used: low, so that a change of the printer soon has an effect."""
 MIN_FACTOR, MAX_FACTOR = 0.7, 1.5
 """Limits of the factor of a feature."""
 _FACTOR_SPREAD = 0.2

@@ -60,8 +60,8 @@ _ENVIRONMENT_ERRORS = frozenset(
 def copy_books(source: Path, target: Path, at_s: float) -> None:
     """Copy books, even if they are in use; the target appears once the copy is complete. Raises StoreError.
 
-    The copy contains its time, `at_s`, until a `BooksRestored` is committed to it. Until then no bed counts
-    as clear, even if a person puts the copy in place, or a daemon dies during the restoration.
+    The copy contains `at_s`, the time of the copy, until a `BooksRestored` is committed to it. Until then no
+    bed counts as clear, even if a person puts the copy in place, or a daemon dies during the restoration.
     """
     partial = target.with_name(f".{target.name}.half")
     try:
@@ -304,7 +304,7 @@ class Store:
             return [make_row(row) for row in self._db.execute(query, values)]
 
     def find_last_deletable_number(self, cutoff_s: float, limit: int) -> int:
-        """Return the number of the last event to delete: before `cutoff_s`, or followed by `limit` others.
+        """Return the number of the last event to delete: it is before `cutoff_s`, or `limit` others follow.
 
         The newest event is always kept, because its number shows that no commit was lost. Returns 0 if there
         is no event to delete.

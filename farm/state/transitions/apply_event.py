@@ -89,7 +89,7 @@ def _raise_not_found(lifecycle: Lifecycle, key: object, books: Books) -> None:
 
 
 def list_undeclared_changes(event: ev.Event, old_books: Books, new_books: Books) -> list[str]:
-    """List the state changes of an event that no table declares; tests require that there are none."""
+    """List the state changes by an event that are in no table; tests require that there are none."""
     violations = []
     kind = type(event)
     for lifecycle in LIFECYCLES:

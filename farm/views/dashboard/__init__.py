@@ -1,4 +1,4 @@
-"""Views for pages of the dashboard without a `--json` output: timeline, printer, history. Pure."""
+"""Views for those pages of the dashboard that have no `--json` output: timeline, printer, history. Pure."""
 
 from __future__ import annotations
 
