@@ -47,7 +47,7 @@ COMMANDS = {
             "key",
             "keys.key",
             "Add, list and revoke the keys with which programs and people on other computers use the farm; "
-            "grant or deny a program's request for one (`web` in fleet.yaml).",
+            "grant or deny a program's request for a key (see `web` in fleet.yaml).",
         ),
         CommandEntry(
             "web",

@@ -23,7 +23,8 @@ def fetch(
     paths: FarmPaths,
     job: Job,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="The folder to write to; default job-N in this folder.")
+        Path | None,
+        typer.Option("-o", "--out", help="The folder to write to; default: job-N in the current folder."),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite existing files whose content differs.")

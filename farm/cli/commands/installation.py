@@ -28,7 +28,7 @@ def discover(
     paths: FarmPaths,
     commission: Annotated[
         str | None,
-        typer.Option(help="Test whether the board of this printer, or on this port, can be reset."),
+        typer.Option(help="Test whether the board of this printer, or the board on this port, can be reset."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="The printer is idle: do not ask.")] = False,
     json: Json = False,

@@ -56,7 +56,7 @@ def key(
     json: Json = False,
 ) -> None:
     """Add, list and revoke the keys with which programs and people on other computers use the farm; grant or
-    deny a program's request for one (`web` in fleet.yaml).
+    deny a program's request for a key (see `web` in fleet.yaml).
 
     Sessions of browsers (`farm web`) are listed too, and `revoke` ends them by their id. A new key is printed
     only once, on stdout; the farm stores only its hash. Only operators may use this command.

@@ -263,7 +263,8 @@ def worker(
         ),
     ] = None,
     memory_gb: Annotated[
-        float | None, typer.Option(min=1, help="Memory of each task, GB; default: an equal share.")
+        float | None,
+        typer.Option(min=1, help="Memory limit of each task, GB; default: an equal share of the memory."),
     ] = None,
 ) -> None:
     """Run tasks of farms on this computer, as a worker of a Dask cluster."""

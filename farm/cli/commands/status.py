@@ -185,7 +185,8 @@ def report(
     paths: FarmPaths,
     job: Job,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="The file to write; default job-N.html in this folder.")
+        Path | None,
+        typer.Option("-o", "--out", help="The file to write; default: job-N.html in the current folder."),
     ] = None,
 ) -> None:
     """Write an HTML page on a job: its figures, a Gantt chart, what failed and why, and its parts."""

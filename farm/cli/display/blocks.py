@@ -24,7 +24,7 @@ class Block:
     noun
         Word for one line of the block, in the count of omitted lines.
     min_lines
-        Number of lines that remain until all blocks are shortened to their minimum.
+        Number of lines of this block that are kept as long as any other block is longer than its own minimum.
     """
 
     lines: Sequence[Text]

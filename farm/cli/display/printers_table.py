@@ -34,7 +34,7 @@ def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int |
 
 
 def compute_urgency_s(printer: api.PrinterView) -> float:
-    """Return the seconds until a printer needs a person: -1 if it needs one now, infinity if it is idle."""
+    """Return the seconds until a print ends; -1 if the column ACTION is not empty, infinity if idle."""
     if _format_action(printer):
         return -1.0
     return printer.print.remaining_s if printer.print is not None else float("inf")
@@ -78,7 +78,7 @@ def _format_reel(reel: api.Reel) -> str:
 
 
 def _format_action(printer: api.PrinterView) -> str:
-    """Describe the action that a printer needs before its next print, or name the job that reserves it."""
+    """Describe the action that a printer needs before its next print, or name what reserves it."""
     if printer.state == PrintState.PAUSED:
         return "resume"
     if printer.print is not None:

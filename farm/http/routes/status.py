@@ -196,8 +196,8 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
 def _describe_task_places(state: ClusterState) -> str:
     """Describe in one sentence where tasks run."""
     if state.place is Place.THIS_COMPUTER:
-        tasks = format_count(state.local_count, "task") if state.local_count else "nothing to do"
-        place = f"no worker of {state.scheduler} for {state.unusable_s:.0f} s: running on this computer"
+        tasks = f"{state.local_count} now" if state.local_count else "none now"
+        place = f"no worker of {state.scheduler} for {state.unusable_s:.0f} s: tasks run on this computer"
         return f"{place}, {tasks}"
     queue_note = f", {format_count(state.waiting_count, 'task')} waiting" if state.waiting_count else ""
     if state.place is Place.WAITING:

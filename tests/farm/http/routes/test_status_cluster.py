@@ -41,5 +41,5 @@ def test_lost_cluster_is_described_with_its_duration_and_the_place_of_work():
         "waiting for a worker of tls://a:8786, 12 s so far, 1 task waiting"
     )
     assert describe_state(Place.THIS_COMPUTER, local_count=2, unusable_s=31.0).text == (
-        "no worker of tls://a:8786 for 31 s: running on this computer, 2 tasks"
+        "no worker of tls://a:8786 for 31 s: tasks run on this computer, 2 now"
     )
