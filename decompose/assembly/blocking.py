@@ -61,7 +61,7 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
     -------
     Bools
         (2 k, n, n) bool: ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. The
-        bounding boxes of two parts, aligned with the axis, decide if they do not overlap; otherwise, the
+        bounding boxes of two parts, aligned with the axis, decide this unless they overlap; if they do, the
         shadows of the parts are compared.
     """
     count = len(solids)

@@ -84,7 +84,7 @@ class Assembly:
 
     @property
     def level_count(self) -> int:
-        """Number of steps on the longest chain of steps that depend on each other's glue."""
+        """Number of steps on the longest chain in which each step waits for the glue of the one before."""
         return max((step.level for step in self.steps), default=0)
 
     @property

@@ -25,7 +25,7 @@ def find_order_faults(solids: Sequence[Solid], joints: Sequence[Joint], assembly
     joints
         Joints of the parts.
     assembly
-        Steps; a set of interlocked parts counts as one body.
+        Steps; each of its `locked_sets` counts as one body.
 
     Returns
     -------

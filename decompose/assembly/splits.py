@@ -24,7 +24,8 @@ from decompose.pieces import Joint
 MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glued area closes
 MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of a step
 MAX_COMPARED_SPLITS = 8  # maximum number of sliding splits that are compared by taking the set apart
-# Maximum number of sets that are taken apart for this comparison; then the smallest sliding area decides.
+# Maximum number of sets that are taken apart for this comparison; after that, only the sliding area of the
+# split itself is compared.
 MAX_EXAMINED_SETS = 400
 
 
@@ -105,7 +106,7 @@ class Glue:
         return int(connected_components(self.holds[parts][:, parts], directed=False)[0])
 
     def count_added_bodies(self, split: Split) -> int:
-        """Count by how much the number of bodies grows when a set is split."""
+        """Compute by how much the number of bodies grows when a set is split."""
         sides = self.count_bodies(split.is_moved) + self.count_bodies(split.is_fixed)
         return sides - self.count_bodies(split.is_moved | split.is_fixed)
 
@@ -168,7 +169,7 @@ class SplitSearch:
         )
 
     def _measure_total_sliding_mm2(self, split: Split) -> float:
-        """Measure the sliding area of a split and of the least sliding splits that can follow it."""
+        """Measure the sliding area of a split and of the best splits of both halves, down to single parts."""
         sliding_mm2 = self.glue.measure_sliding_area_mm2(split)
         for parts in (split.is_moved, split.is_fixed):
             key = parts.tobytes()

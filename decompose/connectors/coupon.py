@@ -35,7 +35,7 @@ INWARD_DIRECTION, DOWN_DIRECTION = np.array([0.0, 1.0, 0.0]), -UP_DIRECTION
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coupon:
-    """Coupon in its printing pose: a block, and a plate that is pressed against its back.
+    """Coupon in its printing pose: a block, and a plate that is pressed against its back after printing.
 
     Attributes
     ----------
@@ -194,7 +194,7 @@ def _make_printable_hole(mouth_mm: Floats, direction: Floats, width_mm: float, d
 
 
 def _make_mark(text: str, middle_mm: Floats, up_direction: Floats, inward_normal: Floats) -> Mark:
-    """Make a mark centred at a point (3,) of a face, whose text has its top in an upward direction (3,)."""
+    """Make a mark centred at a point (3,) of a face; the top of its text points in `up_direction` (3,)."""
     right = np.cross(up_direction, -inward_normal)
     lines = (
         draw_strokes(text) * (LETTER_HEIGHT_MM / GRID_HEIGHT) @ np.stack([right, up_direction]) + middle_mm

@@ -1,4 +1,7 @@
-"""Sample points of the glued area of an assembly step, and those of them that are far from its pins."""
+"""Sample points of the glued area of an assembly step, and those of them that its pins do not reach.
+
+A pin reaches the glued area around it, up to a distance at which it still aligns the faces well.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,10 @@ from decompose.arrays import Floats
 from decompose.connectors.faces import Side
 from decompose.connectors.records import Pin
 
-REACH_MM = 60.0  # distance up to which a pin reaches glue; farther glue needs another pin
+REACH_MM = 60.0  # distance up to which a pin aligns the glued area around it
 MIN_REACHED_SHARE = 0.95  # minimum share of a step's glued area that its pins have to reach
 GLUE_PITCH_MM = 5.0  # pitch of the sample points of the glued area
-MIN_GAIN_MM2 = 100.0  # minimum area of glue that no other pin reaches and that makes a pin worthwhile
+MIN_GAIN_MM2 = 100.0  # a pin is added only if it reaches at least this area that no other pin reaches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,13 +31,13 @@ class Site:
 
 
 def sample_glue(sides: Sequence[Side]) -> Floats:
-    """List sample points (n, 3) in mm of the glued area of all faces, including faces that slide."""
+    """List sample points (n, 3) in mm of all glued faces, also of those that slide over each other."""
     return np.concatenate(
         [sample_points(side, side.face.outline, GLUE_PITCH_MM) for side in sides] or [np.zeros((0, 3))]
     )
 
 
-def find_far_glue(glue_points_mm: Floats, pins: Sequence[Pin]) -> Floats:
+def find_unreached_glue(glue_points_mm: Floats, pins: Sequence[Pin]) -> Floats:
     """Find the sample points that no pin reaches.
 
     Parameters
@@ -51,29 +54,29 @@ def find_far_glue(glue_points_mm: Floats, pins: Sequence[Pin]) -> Floats:
     """
     if not pins:
         return glue_points_mm
-    far_glue_points_mm = glue_points_mm[
+    unreached_points_mm = glue_points_mm[
         cdist(glue_points_mm, [pin.position_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM
     ]
     return np.asarray(
-        far_glue_points_mm
-        if len(far_glue_points_mm) > (1.0 - MIN_REACHED_SHARE) * len(glue_points_mm)
-        else far_glue_points_mm[:0]
+        unreached_points_mm
+        if len(unreached_points_mm) > (1.0 - MIN_REACHED_SHARE) * len(glue_points_mm)
+        else unreached_points_mm[:0]
     )
 
 
 def sort_places_by_gain(
-    places_mm: Floats, far_glue_points_mm: Floats, weights: Floats | float = 1.0
+    places_mm: Floats, unreached_points_mm: Floats, weights: Floats | float = 1.0
 ) -> list[int]:
-    """Sort places for a pin by the area of far glue that it would reach, multiplied by the place's weight.
+    """Sort places for a pin by the area that only it would reach, multiplied by the weight of the place.
 
-    Places from which a pin would reach little far glue are left out.
+    Places where this area would be smaller than `MIN_GAIN_MM2` are left out.
 
     Parameters
     ----------
     places_mm
         (n, 3) points.
-    far_glue_points_mm
-        (k, 3) points from `find_far_glue`.
+    unreached_points_mm
+        (k, 3) points from `find_unreached_glue`.
     weights
         (n,) weights, or one for all.
 
@@ -82,7 +85,7 @@ def sort_places_by_gain(
     list[int]
         Numbers of the places, the best first.
     """
-    gains_mm2 = (cdist(places_mm, far_glue_points_mm) < REACH_MM).sum(axis=1) * GLUE_PITCH_MM**2
+    gains_mm2 = (cdist(places_mm, unreached_points_mm) < REACH_MM).sum(axis=1) * GLUE_PITCH_MM**2
     order = np.argsort(-gains_mm2 * weights, kind="stable")
     return [int(number) for number in order if gains_mm2[number] >= MIN_GAIN_MM2]
 

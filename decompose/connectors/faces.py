@@ -17,7 +17,7 @@ from decompose.pieces import Joint, JointFace, list_polygons
 SLAB_DEPTH_MM = 8.0  # depth down to which the gaps below a face are found and cached; few tools are deeper
 # Depth at which the search for gaps begins: at the face itself, rounding errors leave thin films.
 FILM_DEPTH_MM = 0.05
-# Sine of the angle between a face and the vertical from which the face counts as level (nearly horizontal).
+# Minimum sine of the angle between the vertical and a face that counts as level: more than 30 degrees.
 LEVEL_SIN = 0.5
 
 _SideKey = tuple[int, int]  # number of a part, and identity of one of its faces
@@ -171,7 +171,7 @@ class Workpieces:
         return self._change_counts[part]
 
     def is_level(self, side: Side | Tool) -> bool:
-        """Check whether a face lies level in the pose of its part; grooves in such a face print slowly."""
+        """Check whether a face counts as level in its part's pose; grooves in such a face print slowly."""
         return abs(float(side.inward_normal @ self.blanks[side.part].up_direction)) > LEVEL_SIN
 
     def find_tool_area(self, side: Side, depth_mm: float) -> shapely.Geometry:
@@ -258,7 +258,7 @@ def _build_slab(side: Side, depth_mm: float) -> Solid:
 
 
 def erode_area(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
-    """Erode an area by a convex shape: find the positions of its origin at which the shape stays inside.
+    """Erode an area by a convex shape: find where the origin of the shape may be so that it stays inside.
 
     Parameters
     ----------

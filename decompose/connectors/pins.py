@@ -1,4 +1,4 @@
-"""Places of pins: two far apart for each step of the assembly, and more where glue is far from these two.
+"""Places of pins: two far apart for each step of the assembly, and more where these two do not reach.
 
 The holes of the two pins differ in depth, so that the joint stays open by some millimetres if a body is
 rotated by 180 degrees. The distance of the two pins differs from step to step, so that a body fits only in
@@ -16,7 +16,13 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.assembly import Assembly, AssemblyStep
-from decompose.connectors.coverage import Site, find_far_glue, sample_glue, sample_points, sort_places_by_gain
+from decompose.connectors.coverage import (
+    Site,
+    find_unreached_glue,
+    sample_glue,
+    sample_points,
+    sort_places_by_gain,
+)
 from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
 from decompose.connectors.keys import KeyMaker, KeyPlacer
 from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs, measure_distance_mm
@@ -34,7 +40,7 @@ MIN_DISTANCE_DIFFERENCE_MM = 0.7
 MIN_PAIR_DISTANCE_MM = 8.0  # minimum distance between the two pins of a pair, which prevent rotation
 MIN_SLOT_DISTANCE_MM = 80.0  # minimum distance between two pins for which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
-PLACE_PITCH_MM = 15.0  # distance between the places that are tried for pins near glue that is far from others
+PLACE_PITCH_MM = 15.0  # distance between the places that are tried for further pins of a step
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
 EXTRA_MARGIN_MM = 2.0  # additional distance of a pair from the rim, if the pins still are far enough apart
 EXTRA_MARGIN_SHARE = 0.8  # minimum distance of a pair with this margin, as a share of the distance without it
@@ -355,9 +361,9 @@ class _PinPlacer:
         return []
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place a shallow pin that reaches the most glue far from other pins; None if that is too little."""
-        far_glue_points_mm = find_far_glue(self.glue_points_mm, pins)
-        if not len(far_glue_points_mm):
+        """Place the shallow pin that reaches most of the area that no other reaches; None if too little."""
+        unreached_points_mm = find_unreached_glue(self.glue_points_mm, pins)
+        if not len(unreached_points_mm):
             return None
         areas = self._find_axis_areas(True)
         sites, corners_mm = self._list_corners(areas)
@@ -367,7 +373,7 @@ class _PinPlacer:
         ]
         sites += [number for number, points in enumerate(inner_points_mm) for _ in points]
         points_mm = np.concatenate([corners_mm, *inner_points_mm])
-        for best in sort_places_by_gain(points_mm, far_glue_points_mm):
+        for best in sort_places_by_gain(points_mm, unreached_points_mm):
             pin = self._make_pin(sites[best], points_mm[best], True, np.zeros(3))
             if pin is not None:
                 self.workpieces.add_tools(pin.holes)

@@ -1,4 +1,4 @@
-"""Marks and pins of an assembly step, as rows for the instructions page and the report."""
+"""Marks and pins of an assembly step, as rows for the page of instructions."""
 
 from __future__ import annotations
 

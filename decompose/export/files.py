@@ -61,7 +61,8 @@ def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
     Raises
     ------
     GeometryError
-        An STL file, when read back, is not watertight or has another volume, even without holes and marks.
+        An STL file, when read back, is not watertight, or its volume differs from that of the part, even
+        without holes and marks.
     """
     folder.mkdir(parents=True, exist_ok=True)
     planned_result = decomposition.with_assembly()

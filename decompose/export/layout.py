@@ -76,8 +76,8 @@ def _lay_out_shapes(
         [_find_extents(vertices, place) for (vertices, _), place in zip(meshes, ordered_places, strict=True)]
     )
     # Depth of the table that each part hides from the eye, by its own depth and its height.
-    visible_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_ELEVATION_DEG))
-    pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), visible_mm.max(), 0.0])
+    hidden_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_ELEVATION_DEG))
+    pitch_mm = (1.0 + GAP_SHARE) * np.array([extents_mm[:, 0].max(), hidden_mm.max(), 0.0])
     column_count = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
     shapes, bed_shapes, front_mm = [], [], []
     for i, (number, (vertices, faces), place) in enumerate(zip(order, meshes, ordered_places, strict=True)):

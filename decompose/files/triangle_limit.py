@@ -30,8 +30,8 @@ def check_head(name: str, head: bytes, size_bytes: int, suffix: str, memory_byte
     size_bytes
         Number of bytes of the whole file.
     suffix
-        Format of the file, such as `.stl`; a file passes if its format does not give the number of triangles
-        there.
+        Format of the file, such as `.stl`. Files whose first bytes do not give the number of triangles are
+        not refused.
     memory_bytes
         Memory of the process that will read it.
 

@@ -7,7 +7,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 
-COLLINEARITY_TOLERANCE_MM2 = 1e-9  # twice the area of a triangle up to which its corners count as collinear
+COLLINEARITY_TOLERANCE_MM2 = 1e-9  # maximum of twice the area of a triangle with collinear corners
 MIN_FILTERED_POINTS = 64  # minimum number of points for which it is worthwhile to drop inner points first
 MIN_INSIDE_MM2 = 1e-6  # minimum value of the cross product for a point on the inner side of an edge
 

@@ -138,7 +138,7 @@ def _check_size_options(scale: float | None, longest_side_mm: float | None) -> N
 def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
     """Measure the longest side and the largest coordinate of triangles (m, 3, 3), in the unit of the file.
 
-    Triangles that are not finite, have no area, or are all in one plane are refused.
+    A model is refused if any triangle is not finite, if no triangle has an area, or if it is flat.
     """
     if not np.isfinite(triangles).all():
         bad_count = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
@@ -216,7 +216,9 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
             raise ModelUnreadable(f"{name}: ends too early; copy or export it again")
         return data, ()
     if len(data) < STL_HEADER_BYTES + STL_COUNT_BYTES:
-        raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
+        raise ModelUnreadable(
+            f"{name}: has only {len(data)} bytes, too few for an STL; export the model again"
+        )
     stated_count, stored_count = read_face_count(data), count_stored_faces(data)
     if stated_count > stored_count:
         raise ModelUnreadable(
@@ -243,7 +245,8 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
             if str(error).strip()
             else "no reason given"
         )
-        if isinstance(error, ImportError):  # the reader imports a package that guesses encodings
+        # For text that is not UTF-8, trimesh imports a package that guesses encodings; it is not installed.
+        if isinstance(error, ImportError):
             reason = "its text is not UTF-8"
         raise ModelUnreadable(
             f"{name}: cannot be read as {suffix[1:].upper()} ({reason}); export it again"

@@ -216,7 +216,7 @@ def _allocate_crossings(counts: Ints) -> Crossings:
 
 @jit_inline
 def _find_ray_rectangle(triangles: Floats, t: int, rays: Rays) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Find the half-open ranges, along x and along y, of the rays that pass the bounding box of a triangle.
+    """Find the half-open ranges, along x and along y, of the rays through the bounding box of a triangle.
 
     Parameters
     ----------

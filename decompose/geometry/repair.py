@@ -30,7 +30,7 @@ from decompose.geometry.weld import EdgeUses, Surface, count_edge_uses
 from decompose.jit import jit
 
 MAX_MOVE_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
-# Maximum share of the surface that is outside the repaired solid, and further from its surface than that.
+# Maximum share of the surface that lies outside the repaired solid, farther from it than this distance.
 MAX_LOST_SHARE = 0.02
 MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired surface
 MAX_EXTENT_CHANGE_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
@@ -234,7 +234,7 @@ def _draw_probes(mesh: Any, count: int) -> Floats:
 
 
 def _is_far(mesh: Any, other: Any) -> Bools:
-    """Check for each of (PROBE_COUNT,) points on a mesh whether it is too far from another mesh."""
+    """Check for each of PROBE_COUNT random points on a mesh whether it is too far from another mesh."""
     geometry: Any = trimesh.triangles  # untyped
     samples, triangle = trimesh.sample.sample_surface(other, SAMPLE_COUNT, seed=0)
     probes = _draw_probes(mesh, PROBE_COUNT)

@@ -57,9 +57,9 @@ def orient_faces(faces: Ints) -> Ints | None:
 def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
     """Split triangles into surfaces in which each edge has one or two faces and no rim meets itself.
 
-    Where more than two triangles meet at an edge, the two triangles on both sides of a solid are joined, so
+    Where more than two triangles meet at an edge, they stay joined in pairs, one on each side of a solid, so
     bodies that touch are separated. If bodies overlap at such an edge, or one is inside out, there are two
-    ways to join the triangles, and the one that separates more surfaces is used.
+    ways to choose the pairs, and the one that separates more surfaces is used.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def _list_half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _sort_half_edges_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
-    """Sort half-edges by their edges; return the order, and the first index and number for each edge."""
+    """Sort half-edges by edge; return the order, and each edge's first index and number of half-edges."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))
     starts = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))

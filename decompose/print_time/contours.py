@@ -1,7 +1,7 @@
 """Contours of a part: rims of flat faces, and rings of denser infill under slopes.
 
 Sums over faces do not include contours. A slicer prints no skin under the walls at the rim of a flat face,
-and additional skin under a wall that rises from such a face. Gradual infill is denser in a ring below each
+but additional skin under a wall that rises from such a face. Gradual infill is denser in a ring below each
 slope. In this module, n is the upward component of a face's unit normal, and A is the area of the face.
 """
 

@@ -1,7 +1,8 @@
-"""Thin walls and sheets of a part, in which infill, inner walls or skins do not fit.
+"""Thin walls and sheets of a part, in which infill, inner wall lines or skins do not fit.
 
-Between the outer walls of a thin wall, a slicer prints a single line at the speed of skin instead of infill.
-If the inner walls do not fit either, such a line replaces them.
+Wall lines are the lines that a slicer prints along each outline: an outer one, and inner ones. Between the
+wall lines on both sides of a thin wall, it prints a single line at the speed of skin instead of infill. If
+the inner wall lines do not fit either, such a line replaces them.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ from decompose.jit import jit
 
 RAY_COUNT = 4_000  # approximate number of rays parallel to each axis
 MIN_STEP_MM = 0.05  # minimum distance between rays
-MIN_GAP_MM = 0.05  # minimum gap between walls that is filled
+MIN_GAP_MM = 0.05  # minimum gap between wall lines that is filled
 
 
 class WallWidths(NamedTuple):
-    """Widths of a line, of the outer walls on both sides together, and of all walls on both sides."""
+    """Widths of a line, and of the outer wall lines and of all wall lines on both sides together."""
 
     line_width_mm: float
     outer_walls_mm: float
@@ -59,11 +60,11 @@ class ThinWalls(NamedTuple):
     Attributes
     ----------
     single_wall_mm2
-        Area of walls that are too thin for inner walls, so that they have a single wall on each side.
+        Area of walls that are too thin for inner wall lines, so that only the outer ones are printed.
     gap_mm2
         Area of walls with a gap that a single line fills.
     solid_wall_mm2
-        Area of walls that are too thin for infill, with or without inner walls.
+        Area of walls that are too thin for infill, with or without inner wall lines.
     overlap_mm3
         Volume by which the skins on both sides of sheets exceed the sheets.
     """

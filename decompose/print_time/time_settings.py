@@ -72,8 +72,8 @@ factors of travel, of supports and of the terms that need a pose were fitted to 
 
 SUPPORT_TERMS = ("support", "support sides", "islands", "island paths")
 TOWER_LAYER_S = 2.7
-"""Time per layer of a support tower, in addition to the time to print it, before it is multiplied by the
-factor of "islands"."""
+"""Time per layer of a support tower in addition to the time of its lines, before multiplication by the factor
+of "islands"."""
 
 
 LOOP_SHORTENING = 8.0

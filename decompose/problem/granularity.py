@@ -8,7 +8,8 @@ from decompose.errors import DecomposeError
 from decompose.grid import GRANULARITIES
 
 AUTO_GRANULARITY = 15
-MAX_VOLUME_GRANULARITY = 24  # maximum granularity due to the build volumes: a finer grid takes gigabytes
+# Maximum granularity that `auto` chooses for small build volumes; a finer grid takes gigabytes of memory.
+MAX_VOLUME_GRANULARITY = 24
 MAX_GRANULARITY = 60  # maximum granularity that a person may request
 # Minimum number of cells of a part: with fewer cells, a layer of them is too large a share of the part.
 CELLS_PER_PART = 400
@@ -17,7 +18,8 @@ CELLS_PER_PART = 400
 def choose_granularity(granularity: str | int, printer_count: int, size_ratio: float = 1.0) -> int:
     """Choose the cube root of the number of cells from a name, a number, or ``auto``.
 
-    With ``auto``, a cell is not much larger than half a build volume.
+    With ``auto``, the side of a cell is not much longer than half the shortest side of a build volume, unless
+    that takes more than `MAX_VOLUME_GRANULARITY`.
 
     Parameters
     ----------

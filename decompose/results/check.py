@@ -119,7 +119,7 @@ def check_overlap(parts: Sequence[Part]) -> float:
 
 
 def check_surface(parts: Sequence[Part], model: Model) -> float:
-    """Check that the parts' faces without cut faces have the area of the model; return the relative error.
+    """Check that the parts' faces except cut faces have the area of the model; return the relative error.
 
     Parameters
     ----------

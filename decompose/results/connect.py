@@ -91,7 +91,7 @@ def _omit_price(part: Part) -> Part:
 def _drill_without_faults(
     blanks: Sequence[Blank], connectors: Connectors, decomposition: Decomposition
 ) -> tuple[Connectors, list[Solid]]:
-    """Drill the parts, and remove connectors until no rule is broken; return the others and drilled solids.
+    """Drill the parts, and remove connectors until no rule is broken; return the rest and the drilled solids.
 
     Raises
     ------

@@ -1,6 +1,7 @@
-"""Print time that connectors add to a part, fitted to slices of parts (`bench.prices.joint_costs`).
+"""Print time that connectors add to a part, fitted to sliced parts (`bench.prices.joint_costs`).
 
-Until their places are known, it is estimated by the area of the cut faces, so that the partition balances it.
+Until the places of the connectors are known, this time is estimated by the area of the cut faces, so that the
+partition balances it too.
 """
 
 from __future__ import annotations

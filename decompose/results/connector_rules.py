@@ -356,7 +356,7 @@ class _ToolGroup:
         )
 
     def compute_overhang_rad(self, up_direction: Floats) -> float:
-        """Compute the angle between the flattest ceiling and the vertical from the tools' triangles."""
+        """Compute, from the tools' triangles, the angle between the flattest ceiling and the vertical."""
         overhang_rad = -1.0
         for tool in self.tools:
             vertices, faces = Solid.hull(tool.points_mm).arrays()

@@ -219,7 +219,7 @@ class Decomposition:
         Slivers, and parts without joints of sufficient area. Baselines and `--faithful` report them; any
         other result with faults is rejected.
     cutting
-        Boxes of the engine `guillotine`, from which its planes can be moved again.
+        Boxes into which the engine `guillotine` cut the model; with them, the planes can be moved again.
     curve
         Makespan for each number of printers according to the table of prices, in seconds; empty unless `auto`
         chose the number.

@@ -36,7 +36,7 @@ MAX_END_SHARE = 0.97
 def finish_result(
     problem: Problem, partition: Partition, serial_times_s: tuple[float, float]
 ) -> Decomposition:
-    """Choose poses and printers for an engine's pieces, number and check them; the caller adds stage times.
+    """Give an engine's pieces poses, numbers and printers, and check them; the caller adds the stage times.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def _find_steady_poses(
 
 
 def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
-    """Multiply the price of each pose by its piece's `time_ratio`, the sliced time divided by the price.
+    """Multiply the price of each pose by its piece's `time_ratio`: the slicer's time divided by the price.
 
     Parameters
     ----------

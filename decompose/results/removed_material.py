@@ -16,7 +16,7 @@ MIN_THICKNESS_MM = 0.05
 
 
 def find_other_changes(undrilled_solid: Solid, drilled_solid: Solid, tools: Sequence[Tool]) -> Iterator[str]:
-    """Find changes by drilling other than the removal of the tools; yield a clause for each.
+    """Find changes other than the removal of the material inside the tools; yield a clause for each.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def is_thick(solid: Solid) -> bool:
 
 
 def _removes_only_tools(undrilled_solid: Solid, drilled_solid: Solid, tools: Sequence[Tool]) -> bool:
-    """Check by volumes and vertices that drilling changed nothing but the tools.
+    """Check by volumes and vertices that drilling changed nothing outside the tools.
 
     This takes a third of the time of subtracting two solids with nearly the same surface. If this check
     fails, the difference may still be only a thin film.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from decompose.arrays import Bools, Floats
-from decompose.connectors.coverage import Site, find_far_glue, sort_places_by_gain
+from decompose.connectors.coverage import Site, find_unreached_glue, sort_places_by_gain
 from decompose.connectors.keys.places import SHORT_KEY_MM, KeyMaker, KeyPlace
 from decompose.connectors.records import Pin
 
@@ -34,8 +34,8 @@ class KeyPlacer:
     pins
         Pins and keys of the step so far; new keys are added.
     used_distances_mm, min_difference_mm
-        Distance between the two pins or keys of each other step, and the minimum difference between a new
-        distance and each of these.
+        Distances between the two pins or keys of other steps and of parts drilled before, and the minimum
+        difference of the distance of a new pair from each of them.
     """
 
     maker: KeyMaker
@@ -89,32 +89,34 @@ class KeyPlacer:
         self._place_key(order[self._differs_from_used_distances(separations_mm[order])].tolist())
 
     def place_further_keys(self) -> None:
-        """Place short keys that reach as much as possible of the glue that is far from pins and keys."""
+        """Place short keys that reach as much as possible of the area that no pin or key reaches yet."""
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
-            far_glue_points_mm = find_far_glue(self.glue_points_mm, self.pins)
-            places = self._list_places(SHORT_KEY_MM) if len(far_glue_points_mm) else []
+            unreached_points_mm = find_unreached_glue(self.glue_points_mm, self.pins)
+            places = self._list_places(SHORT_KEY_MM) if len(unreached_points_mm) else []
             if places:
                 self._place_key(
-                    sort_places_by_gain(_list_middles(places), far_glue_points_mm, self._weigh_places(places))
+                    sort_places_by_gain(
+                        _list_middles(places), unreached_points_mm, self._weigh_places(places)
+                    )
                 )
 
     def place_sliding_keys(self, sites: Sequence[Site]) -> None:
-        """Place short keys on faces that slide, to reach glue that is far from all pins and keys."""
+        """Place short keys on faces that slide, to reach the area that no pin or key reaches yet."""
         count = -1
         while len(self.pins) > count:
             count = len(self.pins)
-            far_glue_points_mm = find_far_glue(self.glue_points_mm, self.pins)
+            unreached_points_mm = find_unreached_glue(self.glue_points_mm, self.pins)
             places = (
                 self.maker.find_sliding_places(sites, self.sites, SHORT_KEY_MM)
-                if len(far_glue_points_mm)
+                if len(unreached_points_mm)
                 else []
             )
             places = self._list_free_places(places)
             if places:
                 indices = sort_places_by_gain(
-                    _list_middles(places), far_glue_points_mm, self._weigh_places(places)
+                    _list_middles(places), unreached_points_mm, self._weigh_places(places)
                 )
                 self._add_printable_key([places[index] for index in indices])
 

@@ -228,7 +228,7 @@ class KeyMaker:
                 yield KeyPlace(site, site.moved_side.compute_points_mm(middles[n]), direction)
 
     def _find_sliding_middles(self, site: Site, length_mm: float) -> Floats:
-        """Find the middles (n, 3) of keys that lie along the direction of the step and leave enough rim."""
+        """Find the middles (n, 3) of keys along the direction of the step with enough wall around them."""
         area = self._find_common_area(site)
         middles = site.moved_side.project_onto_face(sample_points(site.moved_side, area, PLACE_PITCH_MM))
         half_mm = (

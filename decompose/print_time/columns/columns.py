@@ -52,7 +52,8 @@ class Columns:
         Area, as seen from above, of the support that stands on the bed and carries the part, and (p, 2)
         points on the border of that area: both ends of each row of columns.
     touched_mm2
-        Area, as seen from above, of the marked faces that support touches at its upper or lower end.
+        Area, as seen from above, of the faces in the mask `is_marked` that support touches at its upper or
+        lower end.
     volumes_mm3, centres_mm
         (LEVEL_COUNT,) volume and (LEVEL_COUNT, 3) centre of mass of the part below each of LEVEL_COUNT evenly
         spaced heights; the last row is for the whole part.

@@ -91,8 +91,9 @@ def sum_islands_mm(
 def _estimate_paths_mm(count: int, total: int, cells: int, step_mm: float) -> float:
     """Estimate the travel to the islands or the holes of a layer: their number times their mean distance.
 
-    The mean distance is estimated by the side of a square. Its area is that of the rectangle around all
-    islands, divided by their number, or that of the solid, divided by the number of bodies and holes.
+    The mean distance is estimated by the side of a square. For islands, its area is that of the rectangle
+    around all of them, divided by their number; for holes, that of the solid, divided by the number of bodies
+    and holes.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ def sweep_columns(
     touched_count = 0.0
     supports_mm = np.zeros((nx, ny))
     is_bed_support = np.zeros((nx, ny), np.bool_)
-    passing_sums = np.zeros((LEVEL_COUNT, 4))  # runs up to each level that continue above it
+    passing_sums = np.zeros((LEVEL_COUNT, 4))  # sections below each level of the runs that continue above it
     ending_sums = np.zeros((LEVEL_COUNT, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny

@@ -19,7 +19,7 @@ MAX_ROUNDING_MM = 1.0  # maximum size of a chamfer or a rounding that counts as 
 # [assumed] Limits that decide the width of a brim.
 MAX_STEADY_RATIO = 3.0  # maximum ratio of a part's height to `hydraulic_diameter_mm` without a brim
 SUFFICIENT_CONTACT_MM2 = 400.0  # contact area from which adhesion needs no brim
-# Lengths of a base from which its corners lift, and from which they need the widest brim.
+# Minimum length of a base whose corners lift, and minimum length of one that needs the widest brim.
 WARP_LENGTHS_MM = (60.0, 120.0)
 REFERENCE_SHRINKAGE = 0.007
 """Shrinkage (of ABS) to which `WARP_LENGTHS_MM` applies: a corner lifts by shrinkage times length squared."""
@@ -126,7 +126,7 @@ class Footing:
         return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, max_brim_mm)) / 10.0
 
     def choose_expansion_mm(self, is_joined: bool) -> float:
-        """Choose the horizontal expansion of the first layer; at a joint it is negative, to not protrude."""
+        """Choose the first layer's horizontal expansion: below 0 at a joint, so that it does not protrude."""
         is_wide = self.hydraulic_diameter_mm >= MIN_HYDRAULIC_DIAMETER_MM
         return -ELEPHANT_FOOT_MM if is_joined and is_wide else 0.0
 

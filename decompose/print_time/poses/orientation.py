@@ -188,7 +188,7 @@ def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
 def _append_distinct_directions(
     known_directions: Floats, candidates: Floats, max_count: int, min_same_cos: float
 ) -> Floats:
-    """Append those candidates to directions that are not close to a direction in the list.
+    """Append candidates to a list of directions, except those close to a direction that is in the list.
 
     Parameters
     ----------
