@@ -1,11 +1,13 @@
 """Search for the split of a set of parts into two sets that can be moved apart.
 
-When two bodies are joined along a direction, some glued faces are perpendicular to it and close; others are
-oblique or parallel to it and slide over each other. Faces that close can have pins and keys, and keep their
-glue. A split whose faces all close is never worse than another one, because any way to take the whole set
-apart also takes its two halves apart, along the same faces or fewer of them. So the choice matters only if
-every split slides. In that case, the splits with the smallest sliding area are compared by the total sliding
-area of all steps that take the set apart into single parts.
+When two bodies are joined along a direction, glued faces that are perpendicular to it close: they meet only
+at the end of the movement. Other glued faces, oblique or parallel to it, slide over each other. Faces that
+close can have pins and keys, and keep their glue.
+
+A split whose faces all close is never worse than another one, because any way to take the whole set apart
+also takes its two halves apart, along the same faces or fewer of them. So the choice matters only if every
+split slides. In that case, the splits with the smallest sliding area are compared by the total sliding area
+of all steps that take the set apart into single parts.
 """
 
 from __future__ import annotations

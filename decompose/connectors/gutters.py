@@ -25,9 +25,9 @@ from decompose.pieces import Joint
 
 UPRIGHT_SIN = 0.02  # maximum sine of the angle between an upright face and the vertical
 PLACE_PITCH_MM = 4.0  # distance between the places that are tried
-MIN_RANGE_MM = 15.0  # minimum range of heights that a gutter covers and the earlier gutters do not
+MIN_RANGE_MM = 15.0  # minimum range of heights that a gutter covers in addition to the earlier ones
 MAX_GUTTERS = 3  # maximum number of gutters of a part
-MIN_GAIN_SHARE = 0.7  # minimum range of heights of a gutter, as a share of the largest possible range
+MIN_GAIN_SHARE = 0.7  # minimum additional range of a gutter, as a share of the largest possible one
 # Directions perpendicular to the infill lines of two successive layers; the first and the last infill line
 # are at the ends of the part along these directions.
 INFILL_DIRECTIONS = np.array([[1.0, 1.0], [1.0, -1.0]])

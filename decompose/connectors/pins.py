@@ -1,8 +1,9 @@
 """Places of pins: two far apart for each step of the assembly, and more where these two do not reach.
 
-The holes of the two pins differ in depth, so that the joint stays open by some millimetres if a body is
-rotated by 180 degrees. The distance of the two pins differs from step to step, so that a body fits only in
-its own place. Where there is no space for holes, keys lie along the joint.
+Keys in grooves, which lie along the joint, are preferred to pins in holes, because grooves print faster.
+The two holes differ in depth, and the two grooves in length, so that the joint stays open by some millimetres
+if a body is rotated by 180 degrees. The distance between the two differs from step to step, so that a body
+fits only in its own place.
 """
 
 from __future__ import annotations

@@ -99,10 +99,10 @@ class Mark:
     part, joint
         Number of the part that has the mark, and number of the joint.
     text
-        Number of the neighbour (`-14`; on one face of each part after the part's own number, `10-14`), and
-        `^`, an arrow to the top of the model (on level faces, to its back); or the part's own number alone.
-        If no digits fit, the text consists of full stops, which are printed as dots; both faces of the joint
-        have the same number of them.
+        Number of the neighbour after a hyphen (`-14`), and `^`, an arrow to the top of the model (on level
+        faces, to its back), if there is space for it. On one face of each part, the part's own number comes
+        first (`10-14`), or stands alone (`10`). If no digits fit, the text consists of full stops, which are
+        printed as dots; both faces of the joint have the same number of them.
     height_mm
         Height of the letters.
     lines_mm

@@ -111,7 +111,7 @@ class Canvas:
         self._draw.polygon([self._find_image_position(*corner) for corner in corners], ink)
 
     def write_labels(self, labels: Sequence[str]) -> list[str]:
-        """Write a label on each of the first shapes, where it is widest; return labels of hidden shapes."""
+        """Write label n on shape n, where that shape is widest; return the labels of hidden shapes."""
         hidden_labels = []
         front_shapes = self.drawing.front_shapes
         windows = find_objects(front_shapes, len(labels))

@@ -23,7 +23,7 @@ PIN_COLOUR = np.array([0.1, 0.35, 0.9])
 TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
 # Distance of a drawn face in front of the part's own face; that of marks and holes is three times as large.
 LIFT_HEIGHT_MM = 0.05
-MIN_STROKE_MM, MIN_STROKE_SHARE = 1.2, 0.005  # minimum width of a stroke: in mm, and as a share of the body
+MIN_STROKE_MM, MIN_STROKE_SHARE = 1.2, 0.005  # minimum width of a stroke; share: of the body's extent
 TABLE_MARGIN_SHARE = 0.1  # margin of the table around the body, as a share of its size
 ROD_SIDES = 12  # number of a pin's side faces
 

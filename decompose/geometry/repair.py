@@ -124,7 +124,7 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
 def _close_bodies(
     bodies: list[Any], edge_uses: list[EdgeUses], report: StepListener
 ) -> tuple[list[Any], bool]:
-    """Close surfaces that enclose a volume; also return whether a hole was filled or a surface changed.
+    """Close bodies, and leave out those without volume; also return whether the surface was changed.
 
     Flat holes are capped. Other holes are closed by MeshFix, one body after the other, because MeshFix keeps
     only the largest of several bodies. If it removes part of a body's surface, its result is not used, and

@@ -11,7 +11,7 @@ import numpy as np
 from decompose.arrays import Floats
 
 ADDITIVE_FEATURES = ("volume_mm3", "lateral_mm2", "skin_mm2", "slope_mm2", "column_mm3")
-"""Features that add up over the cells of a grid. A is a face's area, n the upward part of its unit normal.
+"""Features that add up over the cells of a grid. A is a face's area, n its unit normal's upward component.
 
 volume_mm3
     Volume of the solid.

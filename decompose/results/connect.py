@@ -29,7 +29,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     -------
     Decomposition
         The decomposition with `Part.drilled_solid` and `connectors`, and with the price of these instead of
-        an estimate; unchanged if the options request neither pins nor marks.
+        an estimate; unchanged if the options request neither pins nor marks, or if there is only one part.
     """
     options = decomposition.options
     if options.connectors.is_empty or len(decomposition.parts) < 2:

@@ -187,8 +187,8 @@ class Decomposition:
     grid_makespan_s
         Time of the slowest box of the partition according to the table of prices: in the best of its
         axis-aligned poses, with supports down to the bed and the brim of the print quality. If poses were
-        found for the pieces of a box, its price is at least theirs. `makespan_s` refers to the printing
-        poses, and may be less or more.
+        found for the pieces of a box, the price of the box is at least that of each of these poses.
+        `makespan_s` refers to the printing poses, and may be less or more.
     lower_bound_s
         Proven bound: no partition into boxes of this grid, into at most as many pieces as there are printers,
         has a lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an

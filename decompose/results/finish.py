@@ -69,7 +69,7 @@ def finish_result(
 def _record_cutting(
     problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats, parts: Sequence[Part]
 ) -> Cutting | None:
-    """Record the boxes of the pieces so that their planes can be moved again; None if there are no boxes."""
+    """Record the boxes of the engine `guillotine`, to move the planes again; None without a box per piece."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
     cut_for = tuple(piece.printer for piece in pieces)

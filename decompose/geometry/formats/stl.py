@@ -42,8 +42,8 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
 def separate_touching_surfaces(vertices: Floats, faces: Ints, distance_mm: float) -> Floats:
     """Move vertices at the same position towards their own faces, to separate surfaces that touch there.
 
-    Where two bodies or two hollows touch, each of them has a vertex of its own, and the faces at that vertex
-    lie on its side. Positions are the same if they are equal after rounding to single precision.
+    Where two bodies or two hollows touch, each of them has a vertex of its own, to which only its own faces
+    belong. Positions are the same if they are equal after rounding to single precision.
 
     Parameters
     ----------

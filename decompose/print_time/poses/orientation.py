@@ -246,7 +246,7 @@ def _find_flat_directions(area_vectors: Floats) -> Floats:
 
 
 def _find_rotation(up: Floats, hull: Floats, printers: Sequence[TargetPrinter]) -> Floats | None:
-    """Find a rotation that turns a direction (3,) up and lets the part fit every printer; None if none does.
+    """Find a rotation that turns a direction (3,) up and in which the part fits every printer, or None.
 
     Axis poses keep their yaw if it fits. Any other pose is rotated so that the smallest rectangle around its
     outline is parallel to the bed's axes, and further if that yaw does not fit.
