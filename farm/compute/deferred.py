@@ -1,4 +1,4 @@
-"""References to functions whose modules are imported only when they are called, with the files of a call."""
+"""References to functions whose modules are imported only for a call, and lists of the files of a call."""
 
 from __future__ import annotations
 

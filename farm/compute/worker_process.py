@@ -26,8 +26,8 @@ WarmUp = Callable[[Callable[[str], object]], None]
 _PR_SET_PDEATHSIG = 1
 _EXIT_TIMEOUT_S = 2.0  # maximum wall seconds from the closing of the pipe to the exit of the process
 _START_NICE, _WORK_NICE = 5, 19
-"""Niceness while a process starts, and while it works. With that of the work, a start would take minutes on a
-busy host."""
+"""Niceness while a process starts, and while it works. With the niceness of its work, a process would take
+minutes to start on a busy host."""
 _STEP_FILE = "step"
 
 

@@ -1,4 +1,4 @@
-"""Pool on a cluster. Tasks without known files run in the pool of this computer instead."""
+"""Pool on a cluster. Tasks whose files are not listed run in the pool of this computer instead."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ ConnectionFactory = Callable[
 class ClusterPool:
     """Pool on a cluster; see `farm.compute.pool.Pool`.
 
-    Work without known files runs on this computer, because it is quick and a person is waiting. When the
-    cluster has had no usable worker for `cluster_state.WORKER_TIMEOUT_S`, all work runs on this computer
-    until the cluster has one.
+    Work whose files are not listed (`DeferredFunction.list_files`) runs on this computer, because it is quick
+    and a person is waiting. When the cluster has had no usable worker for `cluster_state.WORKER_TIMEOUT_S`,
+    all work runs on this computer until the cluster has one.
 
     Parameters
     ----------
@@ -177,13 +177,13 @@ class ClusterPool:
             self._local_count -= 1
 
     def close(self) -> None:
-        """Abandon all work, and end every worker on this computer; `wait_closed` waits for the connection."""
+        """Abandon all work, and end every worker on this computer; then await `wait_closed`."""
         if self._watch_task is not None:
             self._watch_task.cancel()
         self._local_pool.close()
 
     async def wait_closed(self) -> None:
-        """Wait until the connection of a closed pool has ended, and its tasks are cancelled."""
+        """Wait until a closed pool has disconnected."""
         if self._watch_task is not None:
             with suppress(asyncio.CancelledError):
                 await self._watch_task
@@ -206,7 +206,7 @@ class ClusterPool:
     ) -> RemoteAnswer:
         """Submit a task under a new name, and return the answer. Raises AttemptLost if there is none."""
         name_prefix = re.sub(r"[^a-z]+", "_", task.limit.work_name.lower())
-        # Dask learns durations by the prefix.
+        # Dask learns the durations of tasks whose names have the same prefix.
         named_task = replace(task, id=f"{name_prefix}-{uuid.uuid4().hex}")
         self._running_tasks[named_task.id] = (RunningTask(task.limit.work_name, group), named_task)
         answer_future = asyncio.ensure_future(self._connection.submit(named_task, contents))
@@ -275,14 +275,14 @@ def connect_cluster(local_pool: Pool, scheduler: str, certificates: Path | None)
     Parameters
     ----------
     local_pool
-        Pool of this computer, which the new pool closes.
+        Pool of this computer, which is closed together with the new pool.
     scheduler, certificates
         See `check_cluster`.
 
     Raises
     ------
     FarmError
-        `settings` if Dask or a certificate is missing.
+        With code `settings` if Dask or a certificate is missing.
     SlicingError
         If CuraEngine or Cura's files are missing.
     """

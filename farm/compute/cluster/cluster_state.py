@@ -91,7 +91,7 @@ def describe_place(place: Place, scheduler: str) -> str:
     if place is Place.WAITING:
         return f"{reason}: tasks wait for one"
     advice = "tasks run on this computer; check that the scheduler and its workers are running"
-    return f"{reason} for {WORKER_TIMEOUT_S:.0f} s: {advice}"
+    return f"no worker of {scheduler} has been usable for {WORKER_TIMEOUT_S:.0f} s: {advice}"
 
 
 def choose_place(unusable_s: float) -> Place:

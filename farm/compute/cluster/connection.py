@@ -1,4 +1,4 @@
-"""Connection to the scheduler of a Dask cluster, which reports the workers, and runs tasks on them."""
+"""Connection to the scheduler of a Dask cluster. The connection reports workers, and runs tasks on them."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Connection:
         self._on_workers, self._on_message = on_workers, on_message
         self._client: Client | None = None
         self._workers: tuple[ClusterWorker, ...] = ()
-        # Each future is set once all workers at these addresses are gone.
+        # Each future is set once all workers at its addresses are gone.
         self._attempts: dict[asyncio.Future[None], frozenset[str]] = {}
         # Last heartbeat of each worker, by address, and the time at which that heartbeat was first seen.
         self._heartbeats: dict[str, tuple[float, float]] = {}
@@ -180,7 +180,7 @@ class Connection:
         present_addresses = {worker.address for worker in workers}
         for loss_future, addresses in self._attempts.items():
             if present_addresses and present_addresses.isdisjoint(addresses) and not loss_future.done():
-                loss_future.set_result(None)  # Dask would wait even if these workers return elsewhere
+                loss_future.set_result(None)  # Dask would wait even if they return under new addresses
         self._on_workers(self._workers)
 
     async def _repeat_report(self) -> None:

@@ -66,7 +66,7 @@ class FileCache:
 
     @contextmanager
     def keep_files(self, hashes: Iterable[str]) -> Iterator[None]:
-        """Keep the files of a task in the `with` block, also those not yet stored; then trim the cache."""
+        """Keep a task's files during the `with` block, even those stored within it; then trim the cache."""
         used_hashes = set(hashes)
         self._use_counts.update(used_hashes)
         try:

@@ -27,7 +27,7 @@ class Installation:
     Attributes
     ----------
     farm, engine, settings
-        Version and hash of farm's code, of CuraEngine, and of Cura's settings with the user's materials.
+        Version and hash of farm's code and of CuraEngine; hash of Cura's settings and the user's materials.
     libraries
         Versions of the libraries that compute parts.
     engine_path, resources_path, materials_path

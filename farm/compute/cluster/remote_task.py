@@ -13,7 +13,7 @@ from farm.compute.limits import Limit
 
 
 class AttemptLost(Exception):
-    """Error of an attempt to run a task on the cluster: no worker returned a result, and another may."""
+    """Error of an attempt to run a task: no worker returned a result; another attempt may succeed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ def check_cluster(scheduler: str, certificates: Path | None) -> None:
     Raises
     ------
     FarmError
-        `settings` if Dask is not installed, or a certificate is missing.
+        With code `settings` if Dask is not installed, or a certificate is missing.
     """
     if importlib.util.find_spec("distributed") is None:
         raise FarmError(

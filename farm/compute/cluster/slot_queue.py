@@ -26,7 +26,7 @@ class SlotQueue:
 
     def __init__(self) -> None:
         self._slot_count = 0
-        self._is_closed = False  # while True, no task waits, because there is no cluster
+        self._is_closed = False  # if True, no task waits for a slot, because there is no cluster
         self._waiting_tasks: list[_WaitingTask] = []
         self._running_counts: Counter[Hashable] = Counter()
 
