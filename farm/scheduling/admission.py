@@ -127,7 +127,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> PrinterC
     These are all matching idle printers with a clear bed. If there are none, or they cannot print the job in
     one round (one part each), printers that are busy or wait for a person are added. Absent or broken
     printers are used only if there are no others. If even all of these cannot print the job in one round, the
-    idle printers print it in several rounds; see decision 4.
+    idle printers print it in several rounds; see docs/adr/0004.
     """
     matching_printers = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),

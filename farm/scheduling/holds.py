@@ -162,7 +162,7 @@ _MAX_NAMES = 4  # maximum number of names in a sentence; the others are counted
 
 @dataclass(frozen=True, slots=True)
 class _PrinterGroup:
-    """Printers that match the same plates, with their state, which all of these plates share.
+    """Printers that match the same plates, and their state, which is found once for all of these plates.
 
     Attributes
     ----------
@@ -171,9 +171,9 @@ class _PrinterGroup:
     idle_printers
         Names of the idle printers with a clear bed to which no plate is assigned now.
     busy_hold
-        Hold for busy printers; None if none is busy.
+        Hold for printers that are busy or get another plate now; None if there are none.
     obstacle
-        Reason of the first printer on which no print can start; None if prints can start on all.
+        Hold of the first printer on which no print can start; None if prints can start on all.
     """
 
     names: frozenset[str]
@@ -310,7 +310,8 @@ class HoldReasons:
         text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{end_text}"
         uncleared_printers = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
         if uncleared_printers:
-            text += f"; `farm cleared {uncleared_printers[0]}` would let it start now, if that bed is clear"
+            name = uncleared_printers[0]
+            text += f"; `farm cleared {name}` would let this plate start now, if that bed is clear"
         return Hold(code=HoldCode.PRINTER_BUSY, text=text, times=times)
 
 

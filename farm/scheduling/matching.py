@@ -169,7 +169,7 @@ class Requirements:
         return capabilities.meets(self.demand) and (self.box is None or capabilities.can_contain(self.box))
 
     def describe(self, mismatched_capabilities: tuple[Capabilities, ...] = ()) -> str:
-        """Describe the requirements that some of these capabilities do not meet; all if there are none."""
+        """Describe the requirements that capabilities do not meet; all requirements if none are given."""
         texts = []
         if self.material and (
             not mismatched_capabilities

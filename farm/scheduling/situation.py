@@ -57,7 +57,7 @@ class Situation:
         return choose_spares(self.printers, self.waiting_plates.planned_printers, max(self.spares.values()))
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
-        """Return whether the rules and its start time allow a plate to start on a printer now."""
+        """Return whether the rules and the plate's start time allow it to start on a printer now."""
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
 
     def find_next_change_s(self) -> float:

@@ -178,7 +178,7 @@ class SituationBuilder:
         self._fleet: Fleet | None = None
         self._sections: dict[str, PrinterSection] = {}  # enabled printers of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobDescription]] = {}
-        # The jobs for which they were found, and the printers that open jobs request by name.
+        # `Books.jobs`, and the printers that open jobs of it request by name.
         self._named_printers: tuple[object, frozenset[str]] = (None, frozenset())
 
     def describe_printers(
@@ -361,7 +361,7 @@ def count_spares(books: Books) -> dict[int, int]:
 def may_start_now(
     open_print: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
 ) -> bool:
-    """Return whether the hours allow a print that its agent has not confirmed yet to start now.
+    """Return whether a print that its agent has not confirmed yet may still start now, by the hours.
 
     The agent may have been unreachable for hours, and the attended hours may have ended meanwhile.
     """
