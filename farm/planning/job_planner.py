@@ -90,7 +90,7 @@ class JobPlanner:
                 plan_task.cancel()
 
     async def _plan_job(self, job: Job, builder: PlanBuilder) -> None:
-        """Plan a job; after an error while the disk is full, retry once there is space."""
+        """Plan a job; after an error while the disk is full, retry as soon as there is space."""
         while isinstance(result := await self._build_plan(job, builder), FarmError) and self._is_disk_full():
             log.error(
                 "job %d: %s; it will be planned once %s has free space",
@@ -141,5 +141,5 @@ class JobPlanner:
                 if isinstance(result, FarmError):
                     return
                 result = FarmError(
-                    f"its plan was refused: {type(error).__name__}: {error}; see the daemon's log"
+                    f"its plan cannot be recorded: {type(error).__name__}: {error}; see the daemon's log"
                 )

@@ -94,8 +94,8 @@ class SliceTask:
     stl
         STL file of the part in its printing pose.
     settings
-        Settings of the quality, for which `usable_volumes` were computed. The brim, the first layer and the
-        layer height of the part may differ from them.
+        Settings of the quality, with whose brim `usable_volumes` were computed. The brim, the first layer and
+        the layer height of the part may differ from these settings.
     usable_volumes
         Boxes above the bed that the part may fill.
     out

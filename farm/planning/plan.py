@@ -101,7 +101,7 @@ class DecomposeTask:
     job
         Id of the job.
     model
-        The model that `inspect_model` stored.
+        The model, or the person's own G-code, as its inspection stored it.
     folder
         Scratch folder of the plan.
     time_factors

@@ -125,7 +125,7 @@ class PlanBuilder:
         return SlicedJob(task, decomposed_job, await slice_batch(self._workers, batch, count_slice))
 
     async def _rebalance_job(self, sliced_job: SlicedJob) -> SlicedJob:
-        """Move the cuts as long as the slowest printer may end sooner; return the job that ends soonest.
+        """Move the cuts while that may make the slowest printer end sooner; return the fastest result.
 
         If a part takes longer after a move than estimated, the next move takes that into account.
         """

@@ -27,7 +27,8 @@ def build_planned_event(
 ) -> ev.JobPlanned:
     """Build the event that records a plan, with its expected time on idle printers.
 
-    The time includes the waits between rounds of printing, for permitted hours, and for the heating limit.
+    If a printer prints several plates, or fleet.yaml limits heating, the time includes the waits between
+    rounds of printing, for permitted hours, and for the heating limit.
     """
     used_printers = {plate.printer for plate in plan.plates}
     printers = list(printers)

@@ -30,7 +30,7 @@ def compute_plate_seconds(
     nozzle_c, bed_c
         First-layer temperatures. The start code heats the bed first, then the nozzle.
     time_factor
-        Factor by which the printer's layers take longer than sliced (farm.state.printer_speed).
+        Ratio of the printer's time for layers to their sliced time (farm.state.printer_speed).
     """
     bed_s = max(0.0, profile.bed.compute_heating_s(bed_c) - HOMING_S)
     return (

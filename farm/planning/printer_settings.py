@@ -15,7 +15,7 @@ from slicing.settings import EngineSettings, Resources, SettingsRequest, find_re
 
 
 def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -> list[PrinterSection]:
-    """Return the enabled printers that have a job's material and colour; with `only`, those that it names.
+    """Return the enabled printers that have a job's material and colour and that its option `only` allows.
 
     Raises
     ------
@@ -76,8 +76,8 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
     Raises
     ------
     FarmError
-        `refused` if no printer of the fleet matches, `settings` if the quality does not exist for a printer,
-        `engine` if Cura's files are missing.
+        With code `refused` if no printer of the fleet matches, `settings` if the quality does not exist for a
+        printer, `engine` if Cura's files are missing.
     """
     with translate_errors():
         resources = find_resources()

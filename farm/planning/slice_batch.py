@@ -69,7 +69,7 @@ def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
     Raises
     ------
     FarmError
-        `engine` if there is no CuraEngine, `settings` if the settings cannot be resolved.
+        With code `engine` if there is no CuraEngine, `settings` if the settings cannot be resolved.
     """
     with translate_errors():
         resources, engine = find_resources(), find_engine()

@@ -1,4 +1,7 @@
-"""Planning functions that run in worker processes. Only the workers import their modules, which load numpy.
+"""Planning functions that run in worker processes.
+
+The modules of these functions load numpy, so only the workers import them.
+
 
 A function whose files are listed by one of the functions below can also run on another computer.
 """
@@ -79,7 +82,7 @@ def list_slice_files(task: SliceTask) -> TaskFiles:
 
 
 def list_cut_files(task: ReplanTask) -> TaskFiles:
-    """List the files of `cut_part`: all parts of that copy of the model, reports, and the pieces' folder."""
+    """List the files of `cut_part`: the parts of a copy of the model, reports, and the new parts' folder."""
     names = (*(part.file for part in (task.part, *task.other_parts)), *task.reports)
     return TaskFiles(input_files=tuple(task.files / name for name in names), output_folders=(task.folder,))
 

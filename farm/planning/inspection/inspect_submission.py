@@ -72,8 +72,8 @@ def inspect_model(
     Raises
     ------
     FarmError
-        `model` with the reason, if the model is not a solid and cannot be repaired; `limit` if this process
-        has too little memory for it; `engine` if CuraEngine is missing.
+        With code `model` and the reason if the model is not a solid and cannot be repaired; `limit` if this
+        process has too little memory for it; `engine` if CuraEngine is missing.
     """
     with translate_errors():
         find_engine()

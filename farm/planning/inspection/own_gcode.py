@@ -70,8 +70,9 @@ def inspect_gcode(
     Raises
     ------
     FarmError
-        `settings` for an option that does not apply to G-code, `refused` if no printer matches, `gcode`
-        with the line and the reason, `no_fit` if the print does not fit any matching printer.
+        With code `settings` if an option does not apply to G-code, `refused` if no printer matches, `gcode`
+        if the G-code is refused (the message has the line and the reason), `no_fit` if the print does not
+        fit any matching printer.
     """
     _check_options(options)
     matching_printers = list_matching_printers(printers, options)
@@ -310,7 +311,7 @@ class _FileLines:
 
 
 class FirmwareTimeEstimator:
-    """Estimator of the time that the firmware's motion planner needs for moves that all arrive in time."""
+    """Estimator of the time that the firmware's motion planner needs for moves if none is received late."""
 
     def __init__(self, profile: Profile) -> None:
         self._planner = Planner(

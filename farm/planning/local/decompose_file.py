@@ -177,7 +177,7 @@ def _decompose(
     cost: CostModel,
     executor: Executor,
 ) -> Decomposition:
-    """Decompose a model for equal printers, which can print a part if it fits into one of the sizes.
+    """Decompose a model for identical printers, which can print a part that fits into one of the sizes.
 
     Raises
     ------

@@ -140,7 +140,7 @@ def _read_model(path: Path, options: SliceOptions, on_step: StepListener) -> Mod
 def _find_usable_volumes(
     name: str, model: Model, settings: EngineSettings, profile: Profile
 ) -> tuple[UsableVolume, ...]:
-    """Return the usable volumes beside the brim. Raises FarmError if the model fits into none of them."""
+    """Return the volumes that the brim leaves free. Raises FarmError if the model fits into none of them."""
     usable_volumes = list_usable_volumes(profile, settings.brim_width_mm)
     size_mm = _compute_printed_size_mm(model, settings)
     if place_part(size_mm, usable_volumes) is None:

@@ -1,4 +1,4 @@
-"""Slicing of parts, and moves of the cuts until the slices take equal times (`farm decompose --slice`)."""
+"""Slicing of parts, and moves of the cuts to even out their sliced times (`farm decompose --slice`)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class SlicedParts:
 
 @dataclass(frozen=True, slots=True)
 class PartSlicer:
-    """Slicer of parts for equal printers.
+    """Slicer of parts for identical printers.
 
     Attributes
     ----------
@@ -66,7 +66,8 @@ class PartSlicer:
         Raises
         ------
         FarmError
-            `engine` or `slice` with CuraEngine's error, `settings` for an unknown quality.
+            With code `engine` if CuraEngine is missing or fails, `slice` if a check rejects a slice,
+            `settings` if the quality is unknown.
         """
         with translate_errors():
             stored_decomposition = write_decomposition(decomposition, folder)
@@ -99,12 +100,12 @@ def rebalance_by_slices(
     executor: Executor,
     folder: Path,
 ) -> SlicedParts:
-    """Slice all parts, and move the cuts as long as this may shorten the longest sliced time.
+    """Slice all parts, and move the cuts while this may shorten the longest sliced time.
 
     Parameters
     ----------
     model, cost, executor
-        Model, cost and executor of the decomposition.
+        Model, cost model and executor of the decomposition.
     folder
         Folder for the files of each round.
 
@@ -131,7 +132,7 @@ def rebalance_by_slices(
 
 
 def write_sliced_parts(sliced_parts: SlicedParts, out: Path) -> dict[str, Any]:
-    """Write parts, G-code, report and picture into a folder; return the report with the slices.
+    """Write parts, G-code, report and picture into a folder; return the report with the slices' figures.
 
     Parameters
     ----------

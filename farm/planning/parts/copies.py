@@ -73,7 +73,7 @@ def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
     Raises
     ------
     FarmError
-        `settings` if the plan would have more than `MAX_PLATES` plates.
+        With code `settings` if the plan would have more than `MAX_PLATES` plates.
     """
     copies = task.options.copies
     if copies == 1:

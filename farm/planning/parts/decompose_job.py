@@ -61,7 +61,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedDecomposition:
     TooFewPrinters
         If the model needs more printers; `needed_count` of the error would suffice.
     FarmError
-        `no_fit`, `geometry`, `settings` or `model`, with the reason.
+        With code `no_fit`, `geometry`, `settings` or `model`, and the reason.
     """
     with translate_errors():
         resources = find_resources()
@@ -94,7 +94,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedDecomposition:
 
 
 def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | PausedDecomposition:
-    """Write the parts that a search has found into the task's folder; if it has paused, write its record.
+    """Write the parts that a search has found into the task's folder, or the record of a paused search.
 
     The record is a pickle of the best result, which only workers of the same version can read.
     """

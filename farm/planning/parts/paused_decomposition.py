@@ -46,7 +46,7 @@ def make_attempt(task: DecomposeTask, record: Path, number: int, folder: Path) -
     Raises
     ------
     FarmError
-        `settings` or `model`, with the reason. An attempt without a result is not an error.
+        With code `settings` or `model`, and the reason. An attempt without a result is not an error.
     """
     folder.mkdir(exist_ok=True)
     with _open_search(task, record, folder) as search:

@@ -29,7 +29,7 @@ def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0
     folder
         Folder for the new parts.
     best_ratio
-        Shortest makespan of all slices of the job so far, divided by the makespan of `sliced_job`.
+        Shortest makespan that slicing has given for the job so far, divided by the makespan of `sliced_job`.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0
     Raises
     ------
     FarmError
-        `geometry`, `no_fit` or `settings`, with the reason.
+        With code `geometry`, `no_fit` or `settings`, and the reason.
     """
     task, cut_record = sliced_job.task, sliced_job.decomposed_job.cut_record
     if cut_record is None:

@@ -34,7 +34,8 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     Raises
     ------
     FarmError
-        `no_fit` if the part does not fit on the bed, `engine` or `slice` with CuraEngine's error.
+        With code `no_fit` if the part does not fit on the bed, `engine` if CuraEngine fails, `slice`
+        if a check rejects the slice.
     """
     mesh = trimesh.load_mesh(task.stl)
     scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
@@ -88,9 +89,9 @@ def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSett
 
 
 def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> float | None:
-    """Find a larger support angle for a part whose overhangs above the usual angle are all small; else None.
+    """Find a larger support angle, if the overhangs from the usual angle up to it are small; else None.
 
-    Without it, CuraEngine would build supports from the bed even below an overhang of a few layers.
+    With the usual angle, CuraEngine would build supports from the bed even below an overhang of a few layers.
 
     Parameters
     ----------

@@ -253,7 +253,7 @@ def _has_failed(books: Books, plate: Plate) -> bool:
 
 
 def _may_be_replanned(books: Books, plate: Plate) -> bool:
-    """Return whether a plate may be replaced: it is no user's own G-code, and its plan needs no approval."""
+    """Return whether a plate may be replaced: it is not a user's G-code, and its plan needs no approval."""
     job = books.jobs[plate.job]
     meshes = [books.parts[name].file for name in plate.parts if books.parts[name].file.endswith(".stl")]
     return not job.options.hold and len(plate.parts) == len(meshes) == 1

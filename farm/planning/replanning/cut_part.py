@@ -35,7 +35,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     Raises
     ------
     FarmError
-        `no_fit` if cutting saves no time; see also `decompose_job`.
+        With code `no_fit` if cutting saves no time; see also `decompose_job`.
     """
     with translate_errors():
         resources = find_resources()

@@ -25,7 +25,7 @@ from farm.scheduling import (
 )
 
 MIN_GAIN_SHARE = 0.2
-"""Minimum share of the remaining time of a part that replanning must save."""
+"""Minimum share of a part's remaining time that replanning must save."""
 MIN_GAIN_S = 1800.0
 """Minimum time that replanning must save, because a new plan takes time too."""
 JOINING_TIME_S = 336.0
@@ -123,7 +123,7 @@ def choose_reslice(
     Parameters
     ----------
     plate
-        A waiting plate of the situation that is not assigned now.
+        A plate that waits in the situation and is not assigned now.
     situation
         The current situation.
     free_printers
@@ -156,7 +156,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     Parameters
     ----------
     plate
-        A waiting plate of the situation that failed.
+        A plate that failed and waits in the situation.
     situation
         The current situation.
 

@@ -107,8 +107,8 @@ def store_resliced_part(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedP
     Raises
     ------
     FarmError
-        `slice` if more walls are too thin to print than on the old plate. Both counts are limited to
-        `MAX_WALL_WARNINGS`, because a plate keeps no more warnings.
+        With code `slice` if more walls are too thin to print than on the old plate. Both counts are limited
+        to `MAX_WALL_WARNINGS`, because a plate keeps no more warnings.
     """
     thin_walls = sliced_part.result.unprinted_walls
     known_warnings = [warning for warning in task.plate.warnings if warning != MAY_FALL_WARNING]

@@ -136,7 +136,8 @@ class PlanRevisions:
             if self.is_running(job_id) or (not can_start and candidates.can_use_all(job, job.planned_for)):
                 continue
             idle_printers, usable_printers = candidates.choose_printers(job, plates)
-            # Idle printers change often, so a job that cannot start yet is examined again when it can.
+            # The idle printers change often, so they are ignored for a job that cannot start yet; it is
+            # examined again once it can start.
             key = job_id, job.plan, frozenset(idle_printers if can_start else ()), frozenset(usable_printers)
             if key in self._examined_keys:
                 continue

@@ -319,5 +319,5 @@ def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
 
     asyncio.run(main())
     assert isinstance(results[0], Plan)
-    assert str(results[1]).startswith("its plan was refused: KeyError: 'p07'")
+    assert str(results[1]).startswith("its plan cannot be recorded: KeyError: 'p07'")
     assert len(results) == 2
