@@ -20,7 +20,7 @@ from decompose.bound import bound_makespan
 from decompose.engines.guillotine.exact_search import ExactSearch, build_tables, cut_for_uniform_printers
 from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.engines.guillotine.plane_shift import shift_planes
-from decompose.engines.guillotine.printer_classes import PrinterClass, classify_printers, count_sums
+from decompose.engines.guillotine.printer_classes import PrinterClass, classify_printers, count_divisions
 from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.errors import NoFit, format_size
 from decompose.grid import Box, BoxTables, Grid, index_box
@@ -31,7 +31,8 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 PiecesByBox = Mapping[Box, Sequence[Piece]]
 
 MAX_SUMS = 4e8
-"""Maximum number of sums for each time limit in the search over classes, which takes a few seconds."""
+"""Maximum number of sums for each time limit in the search over classes, a few seconds of work: the boxes in
+the tables, times the ways to divide the printers between the two sides of a cut."""
 MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds with true prices, and of rejected partitions
 MAX_MAKESPAN_SHARE = 0.995  # maximum makespan that is searched for, as a share of the best makespan so far
 TOLERANCE = 0.003  # accuracy of the least makespan, as a share of it
@@ -122,7 +123,8 @@ class _ClassSearch(ExactSearch):
     def run(self, best_known_s: float) -> list[PiecesByBox]:  # type: ignore[override]
         """Find a partition with a shorter makespan than the best known one, at true prices.
 
-        The list is empty if there is no such partition, or if there is only one class.
+        The result is a list of this one partition; it is empty if there is no such partition, or if there is
+        only one class.
         """
         candidates: list[PiecesByBox] = []
         tolerance_s = TOLERANCE * (best_known_s if math.isfinite(best_known_s) else self.min_s)
@@ -235,13 +237,15 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
 
     More printers of the first class, of one other class, or of both are considered.
     """
-    max_sums = MAX_SUMS / len(shared_tables.seconds)
-    classes = classify_printers([replace(printer, time_factor=1.0) for printer in problem.printers], max_sums)
+    max_divisions = MAX_SUMS / len(shared_tables.seconds)
+    classes = classify_printers(
+        [replace(printer, time_factor=1.0) for printer in problem.printers], max_divisions
+    )
     tables = make_class_tables(problem, grid, shared_tables, classes)
     available_counts = [printer_class.count for printer_class in classes]
     shortages: list[tuple[int, list[int]]] = []
     for grown_class in range(1, len(classes)):
-        counts = _grow_counts(available_counts, grown_class, max_sums)
+        counts = _grow_counts(available_counts, grown_class, max_divisions)
         other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], other_classes)
         solver.solve(float(np.finfo(np.float32).max))  # a finite limit, because inf means no fit
@@ -265,7 +269,7 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
     )
 
 
-def _grow_counts(available_counts: Sequence[int], grown_class: int, max_sums: float) -> list[int]:
+def _grow_counts(available_counts: Sequence[int], grown_class: int, max_divisions: float) -> list[int]:
     """Raise the number of printers of one class as far as the search allows.
 
     The returned numbers are those of all classes but the first.
@@ -274,7 +278,7 @@ def _grow_counts(available_counts: Sequence[int], grown_class: int, max_sums: fl
     for _ in range(MAX_ADDED_PRINTERS):
         larger_counts = list(counts)
         larger_counts[grown_class - 1] += 1
-        if count_sums([max(larger_counts), *larger_counts]) > max_sums:
+        if count_divisions([max(larger_counts), *larger_counts]) > max_divisions:
             break
         counts = larger_counts
     return counts

@@ -15,9 +15,11 @@ from decompose.printers import TargetPrinter
 
 BuildVolume = tuple[tuple[float, float, float], ...]  # sizes of boxes in mm, as in `TargetPrinter`
 
-# Maximum loss of throughput when two classes become one, as a share of the throughput of all printers.
+# Two classes become one if at most this share of the throughput of all printers is lost, or if there would be
+# too many ways to divide the printers otherwise.
 MAX_LOSS_SHARE = 0.003
-VOLUME_VALUE = 0.05  # value of a printer's larger build volume, as a share of the printer's throughput
+# Loss that counts for a printer whose build volume shrinks when classes merge, as a share of its throughput.
+VOLUME_VALUE = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +54,16 @@ class PrinterClass:
         return self.count / self.time_factor
 
 
-def classify_printers(printers: Sequence[TargetPrinter], max_sums: float) -> list[PrinterClass]:
+def classify_printers(printers: Sequence[TargetPrinter], max_divisions: float) -> list[PrinterClass]:
     """Divide printers into classes, the largest class first; a single class if all are about equal.
 
     Parameters
     ----------
     printers
         Printers, at least one.
-    max_sums
-        Maximum number of sums (`count_sums`) that the search may compute for each cut; at least 1.
+    max_divisions
+        Maximum number of ways to divide the printers (`count_divisions`) that the search may try for each
+        cut; at least 1.
     """
     printers_by_key: dict[tuple[BuildVolume, float], list[TargetPrinter]] = {}
     for printer in printers:
@@ -71,14 +74,14 @@ def classify_printers(printers: Sequence[TargetPrinter], max_sums: float) -> lis
         loss, a, b = min(
             (_compute_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(classes), 2)
         )
-        if loss > max_loss and count_sums([member.count for member in classes]) <= max_sums:
+        if loss > max_loss and count_divisions([member.count for member in classes]) <= max_divisions:
             break
         merged_class = _merge_classes(classes[a], classes[b])
         classes = [*(member for i, member in enumerate(classes) if i not in (a, b)), merged_class]
     return sorted(classes, key=lambda member: (-member.count, member.box_sizes_mm, member.time_factor))
 
 
-def count_sums(counts: Sequence[int]) -> int:
+def count_divisions(counts: Sequence[int]) -> int:
     """Count the ways to divide the printers of all classes but the largest between the sides of a cut."""
     return prod((count + 1) * (count + 2) // 2 for count in sorted(counts)[:-1])
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from decompose.engines.guillotine import classify_printers
 from decompose.engines.guillotine.partitioner import list_class_states
-from decompose.engines.guillotine.printer_classes import count_sums
+from decompose.engines.guillotine.printer_classes import count_divisions
 from decompose.printers import TargetPrinter
 
 PLUS_BOXES = ((206.9, 190.9, 205.0), (164.9, 206.9, 205.0))
@@ -59,7 +59,7 @@ def test_each_printer_of_a_class_can_print_its_parts(
     result = classify_printers(make_printers(*fleet), max_count)
     members = [printer.name for item in result for printer in item.printers]
     assert sorted(members) == sorted(str(i) for i in range(len(fleet)))
-    assert len(result) == 1 or count_sums([item.count for item in result]) <= max_count
+    assert len(result) == 1 or count_divisions([item.count for item in result]) <= max_count
     for item in result:
         for printer in item.printers:
             assert printer.time_factor <= item.time_factor
@@ -67,5 +67,5 @@ def test_each_printer_of_a_class_can_print_its_parts(
 
 
 @given(counts=st.lists(st.integers(1, 4), min_size=1, max_size=3))
-def test_count_sums_equals_the_sums_of_the_search(counts: list[int]) -> None:
-    assert count_sums(counts) == len(list_class_states(sorted(counts)[:-1])[1])
+def test_count_divisions_equals_the_number_of_sums_in_the_search(counts: list[int]) -> None:
+    assert count_divisions(counts) == len(list_class_states(sorted(counts)[:-1])[1])
