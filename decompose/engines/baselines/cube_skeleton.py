@@ -54,7 +54,8 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     Raises
     ------
     NoFit
-        There is no cube inside, a piece does not fit the printers, or there are more pieces than printers.
+        A piece does not fit the printers, or there are more pieces than printers; with `--faithful` also if
+        there is no room for a cube inside the model.
     """
     model, options, faithful = problem.model, problem.options, problem.options.faithful
     vertices, faces = model.solid.arrays()
@@ -224,8 +225,8 @@ class _PieceMerger:
     def merge_to_count(self, printer_count: int) -> None:
         """Merge the neighbours that print fastest until there is a printer for each group.
 
-        If too many groups remain, the merge is repeated with the groups that have the smallest common
-        bounding box.
+        If too many groups remain, these merges are undone, and the neighbours with the smallest common
+        bounding box are merged instead.
         """
         groups, neighbours = dict(self.groups), {i: set(others) for i, others in self.touching_groups.items()}
         self._merge_cheapest_neighbours(printer_count, lambda a, b: a.seconds + b.seconds)

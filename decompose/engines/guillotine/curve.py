@@ -55,7 +55,8 @@ class _MakespanBounds:
         Returns
         -------
         tuple
-            The limit, whether each fleet (n,) meets it, and the time in s at which the last part ends.
+            The limit, whether each fleet (n,) meets it, and the time in s at which the last part ends at the
+            latest: the limit itself if there are several classes.
         """
         solver = Partitioner(self._first_tables, self._other_classes)
         solver.solve(limit_s)

@@ -289,8 +289,8 @@ class ExactSearch:
         problem, model = self.problem, self.problem.model
         if self.rejections:
             return NoFit(
-                f"every partition has a part that cannot be glued well; in the last of "
-                f"{len(self.rejections)} partitions, one {self.rejections[-1]}: use more printers, "
+                f"no partition was found whose parts can all be glued well; in the last of "
+                f"{len(self.rejections)} that were tried, one part {self.rejections[-1]}: use more printers, "
                 "a larger --longest-side, or (farm decompose) a lower --min-glue"
             )
         # The limit is finite, because inf means no fit.

@@ -1,9 +1,9 @@
 """Neighbourhood search: improvement of a partition near its slowest boxes, not limited to guillotine cuts.
 
-A window consists of the slowest box and a few boxes next to it. The window is cut again into at most as many
-parts, so that its slowest part ends sooner; all other boxes stay as they are. The union of the boxes of a
-window need not be a box. A new cut of a window may move one face, pass a slab from one box to the next, or
-merge boxes and split them elsewhere.
+A window consists of a box and a few faster boxes next to it; windows around the slowest box are tried first.
+The window is cut again into at most as many parts, so that its slowest part ends sooner; all other boxes stay
+as they are. The union of the boxes of a window need not be a box. A new cut of a window may move one face,
+pass a slab from one box to the next, or merge boxes and split them elsewhere.
 
 The tables of a window are those of the grid, but only the cells of its own boxes have to be covered, and a
 box that overlaps a part outside the window is not allowed. The search over guillotine cuts of a window is
@@ -27,7 +27,7 @@ from decompose.problem import Effort, Work
 
 MAX_WINDOWS = 200  # maximum number of windows that one search cuts again
 MAX_BOXES_IN_WINDOW = 5  # maximum number of boxes in a window
-MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box that its windows may contain, the fastest first
+MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box, the fastest first, that form windows with it
 MAX_WINDOWS_PER_BOX = 24  # maximum number of windows around one box, those with the least mean time first
 MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables
 MAX_TIME_RATIO = 0.999  # the new time of a window's slowest part must be below this share of the old time
@@ -202,7 +202,7 @@ class Window:
 
     @property
     def sum_count(self) -> int:
-        """Number of sums in all searches in the window."""
+        """Number of sums of the values of both sides of a cut, in all searches in the window."""
         return self._solver.sum_count
 
     def _mark_cells(self, boxes: Ints) -> Bools:
@@ -214,7 +214,7 @@ class Window:
         return is_inside
 
     def count_fewest_parts(self, limit_s: float) -> int:
-        """Count the parts of a partition with the fewest parts, each of which takes at most `limit_s`.
+        """Find the minimum number of parts of a partition in which each part takes at most `limit_s`.
 
         The number is `UNREACHABLE_COUNT` or higher if there is no such partition.
         """
@@ -332,7 +332,10 @@ def _count_pieces(tables: BoxTables, partition: Iterator[Box] | Sequence[Box] | 
 
 
 def _list_window_boxes(tables: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
-    """Yield the boxes of each window: the slowest central box first, then the least mean time first."""
+    """Yield the boxes of each window, windows around slower boxes first.
+
+    Among the windows around one box, those with the least mean time come first.
+    """
     ends = np.array(parts)
     seconds = np.array([_look_up_seconds(tables, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):

@@ -49,15 +49,19 @@ from decompose.grid import (
     run_shares,
 )
 
-WIDE_RATIO = 2.0  # ratio of the limits of a range above which it is bisected at their geometric mean
+# A range whose limits have a greater ratio than this is bisected at the geometric mean of the limits.
+WIDE_RATIO = 2.0
 LIMIT_STEP_RATIO = 4.0  # growth of the step by which a limit is raised until there is a solution
-# Maximum number of values in all states for which ties are broken, to save memory.
+# With several classes, ties are broken only if all states together have at most this many values, because of
+# the memory.
 MAX_TIE_VALUES = 120_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class OtherClass:
-    """Class of printers other than the first one, whose number is minimised.
+    """Class of printers other than the first.
+
+    The search minimises the number of printers of the first class.
 
     Attributes
     ----------
@@ -77,7 +81,7 @@ class Partitioner:
     If there are several classes of printers, a state is a number of usable printers of each class but the
     first. For each box and state the solver finds the fewest printers of the first class, so the search is
     exact over all ways to distribute the parts. The cost grows with the square of the number of states. The
-    value of a box in a state is this fewest number, or the least key.
+    value of a box in a state is this minimum number, or the least key (see `recursion.make_key`).
 
     Parameters
     ----------
@@ -101,7 +105,7 @@ class Partitioner:
         self._keys: dict[int, int] | None = None  # keys of the boxes that may be chosen, if ties are broken
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *tables.shape)
-        self.sum_count = 0  # number of sums in all searches so far
+        self.sum_count = 0  # number of sums of the values of both sides of a cut, in all searches so far
 
     def solve(self, limit_s: float, break_ties: bool = False) -> int:
         """Find the minimum number of printers of the first class with which no part exceeds a time limit.
@@ -121,7 +125,8 @@ class Partitioner:
             `UNREACHABLE_COUNT` if there is no such partition.
         """
         self._limit_s, self._keys = limit_s, None
-        # With several classes, states are tied too, so all values are keys.
+        # With several classes, different states can give equally good partitions, so the values of all boxes
+        # are keys.
         has_all_keys = break_ties and bool(self.other_classes)
         total = len(self._states) * len(self.tables.seconds)
         self._value = np.empty(total, np.int64) if has_all_keys else np.empty(total, np.int16)
@@ -140,7 +145,7 @@ class Partitioner:
         self._solve_boxes(length, half * count // SHARE_COUNT, (half + 1) * count // SHARE_COUNT)
 
     def _solve_boxes(self, length: int, first: int, end: int) -> None:
-        """Solve the boxes of one length along x that begin at the cells from `first` to before `end`."""
+        """Solve the boxes of one length along x that begin at a cell in the range [`first`, `end`)."""
         nx, ny, nz = self.tables.shape
         size, layer = len(self.tables.seconds), ny * (ny + 1) // 2 * (nz * (nz + 1) // 2)
         start = index_interval(0, length, nx)
@@ -181,7 +186,7 @@ class Partitioner:
 
     @property
     def counts(self) -> npt.NDArray[np.int16]:
-        """Fewest parts (boxes,) of each box in the last solution, by the index of the box.
+        """Minimum number of parts (boxes,) of each box in the last solution, by the index of the box.
 
         Parts that printers of other classes print are not counted.
         """

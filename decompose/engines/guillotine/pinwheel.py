@@ -22,7 +22,7 @@ def find_smallest_pinwheel(
     Parameters
     ----------
     counts
-        (boxes,) int16 fewest parts of each box of the window, by its index.
+        (boxes,) int16 minimum number of parts of each box of the window, by the index of the box.
     wx, wy, wz
         Number of cells of the window along each axis.
 

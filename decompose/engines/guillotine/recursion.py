@@ -20,9 +20,9 @@ Table = npt.NDArray[np.int16] | Ints
 
 @jit
 def _lower_values(value: Table, size: int, start: tuple[int, int, int], count: int, sums: Ints) -> None:
-    """Lower the values of consecutive boxes to those of a cut into a lower and an upper side.
+    """Reduce the values of consecutive boxes to the sums of the values of their two sides at a cut.
 
-    A value that is not above that of the cut stays as it is.
+    A value that is not above its sum stays as it is.
 
     Parameters
     ----------

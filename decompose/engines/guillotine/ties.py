@@ -57,7 +57,7 @@ def _list_tied_boxes(
     Parameters
     ----------
     counts
-        (boxes,) int16 fewest parts of each box.
+        (boxes,) int16 minimum number of parts of each box.
     trimmed_box
         (boxes,) int32 of `BoxTables`.
     shape
@@ -105,7 +105,7 @@ def _compute_least_keys(
     tables
         (boxes,) `seconds`, `trimmed_box`, `piece_counts` and `cut_mm2` of `BoxTables`.
     counts
-        (boxes,) int16 fewest parts of each box.
+        (boxes,) int16 minimum number of parts of each box.
     shape
         Shape of the grid, in cells.
     tied_boxes
@@ -143,7 +143,7 @@ def find_tied_keys(
     tables
         Tables of the grid.
     counts
-        (boxes,) fewest parts of each box.
+        (boxes,) minimum number of parts of each box.
     limit_s
         Maximum time of a part.
     root

@@ -26,7 +26,8 @@ from decompose.geometry import (
 from decompose.grid import find_flat_faces
 from decompose.print_time import POSE_ROTATIONS
 
-MAX_REMAINING_OVERHANG_SHARE = 0.95  # a model is rotated only if less than this share of its overhang remains
+# The axes of the bounding box are used only if less than this share of the overhang remains.
+MAX_REMAINING_OVERHANG_SHARE = 0.95
 MAX_BED_FACE_HEIGHT_MM = 1e-3  # maximum height of a face that lies on the bed
 
 

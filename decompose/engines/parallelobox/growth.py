@@ -2,10 +2,10 @@
 
 Among the blocks that can grow, the cheapest one grows next, in the direction with the best score. The score
 is ``|P + O|`` times the proximity of the block to other blocks, where P and O are the printing price and the
-overhang price of the grown block. The paper calls higher scores better (section "Objective")
-although P and O are costs, so `Score` has both interpretations. A direction is forbidden if the grown block
-would leave the grid, not fit a printer, gain no needed cell, take a cell that has an owner, or consist of
-more pieces than before.
+overhang price of the grown block. The paper calls higher scores better (section "Objective") although P and O
+are costs, so `Score` has both interpretations; if lower scores are better, ``|P + O|`` is divided by the
+proximity. A direction is forbidden if the grown block would leave the grid, not fit a printer, gain no needed
+cell, take a cell that has an owner, or consist of more pieces than before.
 """
 
 from __future__ import annotations

@@ -30,7 +30,8 @@ class GrowthTables:
     piece_counts
         (boxes,) int16 of `BoxTables`.
     printing_prices
-        (boxes,) float32 P, the price of printing a box; it is used for boxes with needed cells at all sides.
+        (boxes,) float32 P, the price of printing a box. It is used only for trimmed boxes, because blocks
+        grow only by layers with needed cells.
     overhang_prices
         (boxes,) float32 O, the least overhang of a box in its six axis poses, which the score adds to P.
     """

@@ -86,9 +86,10 @@ class PartCutter:
         return new_parts
 
     def cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
-        """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
+        """Cut a part again, with its pieces in their old poses; return the part and the poses.
 
-        The list is empty if the number of pieces changes, or if a piece becomes a sliver.
+        A pose is None if the piece no longer fits in it, is less stable, or gets supports that touch a cut
+        face. The list of poses is empty if the number of pieces changes, or if a piece becomes a sliver.
         """
         new_part = self.cut_part(i, box_mm)
         if not new_part.has_similar_pieces(part):

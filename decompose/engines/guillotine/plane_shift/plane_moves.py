@@ -1,8 +1,8 @@
 """Moves of cut planes: groups of faces that move together, and the shifts with the least makespan.
 
-Two faces that touch each other move together. Where four boxes meet along an edge (or two that are opposite
-each other), one of the two planes there must be continuous, so the faces on both sides of the edge also move
-together. Otherwise a corner would belong to no box, or to two boxes.
+Two faces that touch each other move together. Where four boxes meet along an edge, or only two boxes,
+diagonally opposite each other, one of the two planes there must be continuous, so its faces on both sides of
+the edge also move together. Otherwise a corner would belong to no box, or to two boxes.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
 
 
 def find_clear_position_mm(flat_faces: FlatFaces, position_mm: float, target_mm: float) -> float:
-    """Find the position closest to the target of a plane that is clear of all flat faces.
+    """Find the position of a plane that is clear of all flat faces and closest to the plane's target.
 
     Only positions between the current and the target position are considered. If none is clear, the current
     position is returned.

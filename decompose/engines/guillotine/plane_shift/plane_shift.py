@@ -51,7 +51,7 @@ MIN_GAIN = 0.0025  # minimum expected gain of a step, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another search starts from its result
 PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
-# Error of a linear time, as a share of the makespan, above which the time has jumped.
+# A part's time has jumped if it is longer than the slopes predict by more than this share of the makespan.
 MAX_LINEAR_ERROR = 0.005
 MAX_REDUCTIONS = 12  # maximum number of times that the steps of one solution are reduced
 MAX_SOLUTIONS = 4
@@ -253,7 +253,7 @@ class _PlaneShift:
         Returns
         -------
         bool
-            Whether the limits have changed, so that the next step is another one.
+            Whether the limits have changed, so that the next step differs from this one.
         """
         old_limits_mm = self.limits_mm.copy()
         max_s = find_longest_time_s(parts)
