@@ -109,7 +109,8 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     Numbers of printers that are too small for any partition are omitted.
 
     If the printers differ, they are grouped into classes and the grid is coarser, because parts can be
-    distributed among different printers in more ways. Each class is given the mean speed of its printers.
+    distributed among different printers in more ways. A class has the speed of its slowest printer, so each
+    makespan is multiplied by the ratio of the printers' mean time factor to that of their classes.
 
     Parameters
     ----------

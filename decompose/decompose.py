@@ -103,11 +103,10 @@ def run_engine(problem: Problem, get_serial_s: Callable[[], tuple[float, float]]
 def _add_bound(
     problem: Problem, result: Decomposition, get_least_work_s: Callable[[], float | None]
 ) -> Decomposition:
-    """Add the lower bound for all boxes, on a grid or not, to a result of the engine `guillotine`.
+    """Add the lower bound that holds for partitions into any boxes to a result of the engine `guillotine`.
 
-    Nothing is added if no proven bound is requested.
-
-    A model with very many faces is simplified, as for its price.
+    The boxes may be on a grid or not. Nothing is added if no proven bound is requested. A model with very
+    many faces is simplified, as for its price.
 
     Parameters
     ----------
@@ -131,7 +130,10 @@ def _add_bound(
 
 
 def _sum_least_work_s(problem: Problem, triangles: Floats) -> float | None:
-    """Sum the least work of all parts of a mesh (m, 3, 3); None if no proven bound is requested."""
+    """Compute a lower bound on the total work of any parts into which a mesh (m, 3, 3) is cut.
+
+    The result is None if no proven bound is requested.
+    """
     is_bounded = problem.options.prove and problem.options.engine in (Engine.BEST, Engine.GUILLOTINE)
     if not is_bounded:
         return None

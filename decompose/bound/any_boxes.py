@@ -12,13 +12,14 @@ two cut faces at each place, whether the boxes touch or not. If they do not touc
 not printed. This is allowed only far enough from the surface, on at most a length U of the line. Compared
 with the whole line in one box, the extra cost is at least
 
-    min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R.
+    2 k (m - 1) - v U / 3, but never above 0 if L <= R.
 
-Here k is the least price of a mm2 of cut face in any pose, and v is the price of a mm3. A third of v counts
-for each of the three lines through a point. The integral of the extra cost over all lines along the three
-axes is the cost of the cuts minus the savings from hollows. The extra cost increases with L and decreases
-with U. On a grid, therefore, L is the longest run of full cells, and U the length of all cells that may be
-left out. All lines in a row of cells have the same L and U.
+Here m is the least whole number >= 2 for which L - U <= m R, k is the least price of a mm2 of cut face in
+any pose, and v is the price of a mm3. A third of v counts for each of the three lines through a point. The
+integral of the extra cost over all lines along the three axes is the cost of the cuts minus the savings from
+hollows. The extra cost increases with L and decreases with U. On a grid, therefore, L is the longest run of
+full cells, and U the length of all cells that may be left out. All lines in a row of cells have the same L
+and U.
 
 `compute_price_s` subtracts savings from insets and rims from the price of a box. The savings from insets are
 limited by the height of a build volume, and those from rims by the skin that can be printed within the upper

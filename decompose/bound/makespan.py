@@ -26,7 +26,7 @@ from decompose.grid import BoxTables, index_interval, sum_box
 from decompose.jit import jit
 from decompose.print_time import MAX_INSET_SHARE, CostModel
 
-WEIGHT_UNIT = 1 << 24  # weight of a whole part before rounding to whole numbers
+WEIGHT_UNIT = 1 << 24  # whole number that stands for a weight of 1; weights are rounded down to whole numbers
 MAX_LIMITS = 30  # maximum number of limits T that are tested
 FIRST_LIMIT_SHARE = 0.95  # first limit T, as a share of a known partition's makespan
 TOLERANCE = 0.0075  # accuracy of the bound, as a share of it

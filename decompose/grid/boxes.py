@@ -1,9 +1,8 @@
 """Tables of every axis-aligned box of a grid: price, box around the needed cells, and number of pieces.
 
-A box is priced in its six axis poses: in each of them, one of its sides lies on the bed.
-
-There are millions of boxes. The sums over a box are those over the previous box plus those over one layer of
-cells, and layers are added up from rows in the same way, so each box takes only a few dozen additions.
+A box is priced in its six axis poses: in each of them, one of its sides lies on the bed. There are millions
+of boxes. The sums over a box are those over the previous box plus those over one layer of cells, and layers
+are added up from rows in the same way, so each box takes only a few dozen additions.
 """
 
 from __future__ import annotations
@@ -217,14 +216,9 @@ def _compute_min_price_s(
 
 
 class Contents(NamedTuple):
-    """Contents of n cells, rows of cells, or layers of cells.
+    """Contents of n cells, rows of cells, or layers of cells, float64.
 
-    Attributes
-    ----------
-    sums
-        (n, SUM_COUNT) float64, see `grid.clipping`.
-    bounds
-        (n, 12) float64, see `_find_cell_bounds`.
+    `sums` (n, SUM_COUNT) are described in `grid.clipping`, `bounds` (n, 12) in `_find_cell_bounds`.
     """
 
     sums: Floats

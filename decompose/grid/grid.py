@@ -75,7 +75,7 @@ class Grid:
         (nx, ny, nz) int8 `Cell` classes.
     is_needed
         (nx, ny, nz) bool, true for cells that must be printed: those that contain the model's surface, and
-        those of the wall behind it.
+        those of the wall behind it, or all cells with solid if the interior is kept.
     sums
         (nx, ny, nz, SUM_COUNT) float64, see the column constants of `clipping`.
     area_mm2

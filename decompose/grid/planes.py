@@ -10,7 +10,8 @@ from decompose.arrays import Floats
 
 PLANE_CLEARANCE_MM = 2.0
 """Minimum distance of planes from flat faces, where possible, so that cuts leave no slivers."""
-MIN_SLIVER_MM2 = 25.0  # minimum area of the flat faces on one plane from which cuts keep the full distance
+# Cuts keep the full distance from the flat faces on one plane if these have at least this area together.
+MIN_SLIVER_MM2 = 25.0
 SMALL_CLEARANCE_MM = 0.1  # minimum distance from smaller flat faces, so that they are not taken for cut faces
 # Decimal places of coordinates in mm; flat faces that agree to these places lie on one plane.
 COORDINATE_DECIMALS = 6

@@ -9,7 +9,9 @@ SHARE_COUNT = 2  # number of shares into which work is divided
 
 
 def run_shares(executor: Executor | None, work: Callable[[int], None]) -> None:
-    """Call a function for each share; an executor runs the second share if it starts in time.
+    """Call a function for each share.
+
+    The current thread runs the first share, and then the second one, unless the executor has started that.
 
     Parameters
     ----------

@@ -49,9 +49,10 @@ class JointFace:
     normal, offset_mm
         (3,) unit normal n of the plane, and its offset: ``n @ x == offset_mm``.
     axes
-        (2, 3) unit vectors u and w in the plane: a point of the outline is ``(u, w) @ axes + offset_mm * n``.
+        (2, 3) unit vectors in the plane: the point with the coordinates u and w along them is
+        ``(u, w) @ axes + offset_mm * n``.
     outline
-        Polygons with coordinates along u and w in mm.
+        Polygons with coordinates u and w in mm.
     """
 
     normal: Floats
