@@ -225,7 +225,7 @@ def _engrave_text(workpieces: Workpieces, side: Side, text: _TextLayout, lines_m
 
 
 def _find_up_direction(side: Side) -> Floats:
-    """Find the direction (3,) of the arrow on a face: to the model's top, or on a level face to its back."""
+    """Find the direction (3,) of an arrow: to the model's top, or, on a level face, to the model's back."""
     target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL_COS else 2]
     projection = target - (target @ side.face.normal) * side.face.normal
     return np.asarray(projection / np.linalg.norm(projection))

@@ -1,8 +1,8 @@
 """Repair of a surface that intersects itself: its branches are united into one solid.
 
 Branches are regions of one connected solid, such as two limbs of a figure, that pass through each other.
-Their common volume counts twice. Vertical rays find such places. The solid is cut there, so that the branches
-become separate pieces, and the pieces are united.
+Their common volume counts twice. Vertical rays find the places of overlap. The solid is cut there, so that
+the branches become separate pieces, and the pieces are united.
 """
 
 from __future__ import annotations

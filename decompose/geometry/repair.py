@@ -250,8 +250,8 @@ def _is_far(mesh: Any, other: Any) -> Bools:
 def _is_inside(points: Floats, triangles: Floats) -> Bools:
     """Check for each point (n, 3) whether it lies inside a closed surface (m, 3, 3).
 
-    A ray from such a point meets the surface an odd number of times. The ray is tilted by an irregular angle,
-    to avoid the edges of boxes.
+    A ray from a point inside meets the surface an odd number of times. The ray is tilted by an irregular
+    angle, to avoid the edges of boxes.
     """
     tilt = np.array([0.0123456789, 0.0345678912])
     points = np.column_stack([points[:, :2] - points[:, 2:] * tilt, points[:, 2]])

@@ -21,7 +21,7 @@ SAMPLES_PER_ROUND = 100  # number of normals in a round
 # Angles of the cones of normals around the best one, in the rounds after the first.
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)
 MAX_MIRRORED_VERTICES = 1000  # maximum number of vertices whose mirror images are measured, for a whole model
-MAX_MIRRORED_VERTICES_OF_PART = 300  # maximum number of such vertices for a part
+MAX_MIRRORED_VERTICES_OF_PART = 300  # the same for a part
 TOLERANCE = 0.01  # maximum mean distance of mirror images, as a share of the bounding box's diagonal
 SAME_AXIS_RAD = 0.01  # a normal closer to an axis is replaced by the axis if the axis is nearly as good
 MIN_ANGLE_RAD = 0.5  # minimum angle between the normals of two planes of one part

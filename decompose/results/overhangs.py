@@ -79,9 +79,9 @@ def measure_ceiling_mm2(
 
 
 def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[int, shapely.Geometry]:
-    """Cut a hollow at heights (n,); of successive layers without corners, cut only two at each end.
+    """Cut a hollow at heights (n,); of a run of layers without corners, cut only two at each end.
 
-    All layers of such a run are cut if an outline at one end is so short that the slicer leaves it out.
+    All layers of a run are cut if an outline at one end is so short that the slicer leaves it out.
 
     Returns
     -------

@@ -72,7 +72,7 @@ def _mark_outer_columns(is_standing: Bools) -> Bytes:
     Returns
     -------
     ndarray
-        (nx, ny) int8: `OUTSIDE` for such a column, else 0.
+        (nx, ny) int8: `OUTSIDE` for a marked column, else 0.
     """
     nx, ny = is_standing.shape
     kind = np.zeros((nx, ny), np.int8)
