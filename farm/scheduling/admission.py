@@ -146,13 +146,15 @@ def choose_printers(request: JobRequest, availability: Availability) -> PrinterC
     if min_parts > count:
         max_parts = request.limit_printer_count(len(usable_printers))
         if min_parts > max_parts:
-            return PrinterChoice(
-                tuple(p.name for p in candidates[:count]), round_count=-(-min_parts // count)
-            )
+            return PrinterChoice(_choose_largest(candidates, count), round_count=-(-min_parts // count))
         candidates, count = usable_printers, max_parts
-    # The largest first, so that two requested printers are the two largest.
-    largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
-    return PrinterChoice(tuple(sorted(p.name for p in largest[:count])))
+    return PrinterChoice(_choose_largest(candidates, count))
+
+
+def _choose_largest(printers: Iterable[FleetPrinter], count: int) -> tuple[str, ...]:
+    """Choose the tallest printers, so that two requested printers are the two largest; sort their names."""
+    tallest_first = sorted(printers, key=lambda p: (-p.capabilities.height_mm, p.name))
+    return tuple(sorted(p.name for p in tallest_first[:count]))
 
 
 def list_usable_printers(

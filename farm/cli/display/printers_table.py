@@ -34,8 +34,9 @@ def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int |
 
 
 def compute_urgency_s(printer: api.PrinterView) -> float:
-    """Return the seconds until a print ends; -1 if the column ACTION is not empty, infinity if idle."""
-    if _format_action(printer):
+    """Return the seconds until a print ends; -1 if a person has to act, infinity if idle."""
+    needs_person = printer.hold is not None or printer.state == PrintState.PAUSED
+    if needs_person and _format_action(printer):
         return -1.0
     return printer.print.remaining_s if printer.print is not None else float("inf")
 

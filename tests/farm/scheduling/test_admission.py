@@ -56,6 +56,8 @@ def test_first_job_uses_all_idle_and_clear_printers():
 def test_largest_printers_are_chosen_if_fewer_are_requested():
     fleet = [make_printer("a"), make_printer("b", boxes=TALL_BOXES)]
     assert choose_order(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PrinterChoice(("b",))
+    in_rounds = choose_order(ANY_PRINTER, 1, 3, fleet, frozenset(), True)
+    assert in_rounds == PrinterChoice(("b",), round_count=3)
 
 
 def test_job_waits_for_connecting_printers():

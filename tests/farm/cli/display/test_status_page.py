@@ -1,6 +1,7 @@
 """Status page: tasks, last night, jobs, printers."""
 
 import io
+import math
 
 import pytest
 
@@ -8,6 +9,7 @@ from books.example_night import PRINTERS, make_night_books, make_status, make_vi
 from books.make_books import apply_events, make_job, make_plan_event
 from farm import api
 from farm.cli.display.console import open_console
+from farm.cli.display.printers_table import compute_urgency_s
 from farm.cli.display.status_page import format_night, render_status, shorten_names
 from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
 from farm.state import events as ev
@@ -38,6 +40,13 @@ def test_row_of_a_free_printer_shows_its_reservation():
     printers = [*view.printers[:1], reserved_printer, *view.printers[2:]]
     lines = render_page(view.model_copy(update={"printers": printers}), width=160)
     assert next(line for line in lines if line.endswith("kept for 6/03")).startswith("um2-02")
+
+
+def test_reserved_printer_is_not_as_urgent_as_one_that_needs_a_person():
+    held_printer = make_status(make_night_books()).printers[1]
+    reserved_printer = held_printer.model_copy(update={"hold": None, "kept_for": "6/03"})
+    assert compute_urgency_s(held_printer) == -1.0
+    assert compute_urgency_s(reserved_printer) == math.inf
 
 
 def test_manually_used_printer_needs_an_inspection_with_its_time():
