@@ -19,7 +19,9 @@ from decompose.problem import Problem
 
 COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are searched
 MAX_HALVINGS = 8  # maximum number of times that the range of sizes is halved
-CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
+# The search ends when the smallest size without a result is at most this multiple of the largest one with a
+# result.
+CLOSE_RATIO = 1.005
 MAX_TRIALS = 4  # maximum number of decompositions at full granularity, each of a smaller model
 TRIAL_SIZE_RATIO = 0.96  # ratio of the size in a trial to the size in the previous trial
 TRIAL_BUDGET_S = 2.0  # budget of a trial: enough to find some result

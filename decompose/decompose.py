@@ -22,9 +22,11 @@ from decompose.printers import TargetPrinter
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, add_connector_prices, finish_result
 
-# Maximum number of faces of a model to price; twice as many change the price by 0.5 %.
+# A model with more faces than this is simplified before it is priced; twice as many faces would change the
+# price by 0.5 %.
 MAX_PRICED_FACES = 300_000
-PRICE_TOLERANCES_MM = (0.02, 0.05)  # tolerances of the simplification, tried in this order
+# Tolerances of the simplification, tried in this order until there are few enough faces.
+PRICE_TOLERANCES_MM = (0.02, 0.05)
 
 
 def decompose_model(
@@ -103,9 +105,9 @@ def run_engine(problem: Problem, get_serial_s: Callable[[], tuple[float, float]]
 def _add_bound(
     problem: Problem, result: Decomposition, get_least_work_s: Callable[[], float | None]
 ) -> Decomposition:
-    """Add the lower bound that holds for partitions into any boxes to a result of the engine `guillotine`.
+    """Add to a result of the engine `guillotine` the lower bound for partitions into boxes of any kind.
 
-    The boxes may be on a grid or not. Nothing is added if no proven bound is requested. A model with very
+    The boxes may be on the grid or not. Nothing is added if no proven bound is requested. A model with very
     many faces is simplified, as for its price.
 
     Parameters

@@ -105,8 +105,8 @@ class Rule(StrEnum):
     FITS = "fits"  # each part fits its printer, in its pose
     OWN_PRINTER = "own-printer"  # no printer gets more parts than it may print
     NO_OVERLAP = "no-overlap"
-    SURFACE = "surface"  # the original surface is covered exactly once
-    WALL = "wall"  # hollows keep their distance from the original surface
+    SURFACE = "surface"  # the parts cover the original surface exactly once
+    WALL = "wall"  # hollows are at least the minimum wall thickness away from the original surface
     INTERIOR = "inside"  # parts and hollows together are exactly the model
     # Rules of pins and marks; a part that breaks one of these is printed without pins and marks.
     ONLY_HOLES_REMOVED = "drilled"  # only the holes and marks are removed, and a part stays one piece
@@ -114,7 +114,7 @@ class Rule(StrEnum):
     PIN_WALLS = "skin"
     # Each pin can be inserted, and no glued group of parts fits in a wrong rotation or a wrong place.
     PINS_UNAMBIGUOUS = "pinned"
-    PIN_DIRECTIONS = "order"  # each pin is parallel to the direction in which its step joins the parts
+    PIN_DIRECTIONS = "order"  # each pin is parallel to the direction in which its two parts are joined
     SUPPORT_FREE = "support-free"  # the ceilings of holes and grooves need no support
     STL = "stl"  # the file, when read back, is watertight and has the part's volume
 

@@ -130,7 +130,8 @@ class Options:
     min_wall_mm
         Minimum thickness of the wall around a hollow.
     min_glue_mm2
-        Minimum area of a glued joint that counts as holding; the joint must also be two walls wide.
+        Minimum area of a glued joint that counts as holding. The joint must also be as wide as two lines of
+        wall (`pieces.joints.TWO_WALLS_MM`).
     seed
         Seed of the random numbers of the engines; the engine `guillotine` uses none.
     faithful

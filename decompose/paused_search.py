@@ -1,7 +1,7 @@
 """Paused search of the engine `best`: the attempts of its next round, and its continuation.
 
-With `BestOptions.pauses`, `decompose_model` returns the result of such a search (see
-`Decomposition.open_printers`). The attempts of a round may run anywhere, in any order.
+With `BestOptions.pauses`, `decompose_model` may return the best result so far of such a search; its
+`Decomposition.open_printers` are then not empty. The attempts of a round may run anywhere, in any order.
 """
 
 from __future__ import annotations

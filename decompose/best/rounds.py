@@ -17,12 +17,13 @@ from decompose.options import Engine
 from decompose.problem import MAX_GRANULARITY, WORK_NS, Problem, Work, choose_granularity
 from decompose.results import Attempt, Decomposition
 
-# Maximum share of the budget for the first grid: its tables, the searches in them and its bound.
+# If the tables of the first grid, the searches in them and its bound would need more than this share of the
+# budget, a coarser grid is used.
 GRID_SHARE = 0.5
 USUAL_SEARCH_COUNT = 30  # usual number of searches on a grid, each for another time limit
 # Minimum remaining budget for another attempt, as a share of the first attempt's effort.
 MIN_START_SHARE = 0.5
-OTHER_GRID_RATIOS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
+OTHER_GRID_RATIOS = (1.1, 0.95, 0.9)  # ratios of the granularities of other grids to that of the first grid
 # Rotations of the model about z; after a quarter turn the grid is the same.
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
 # Minimum gain from a rotation, as a share of the makespan: cuts along the model's sides are easier to glue.
@@ -92,12 +93,13 @@ class SearchState:
 def plan_next_round(problem: Problem, state: SearchState) -> tuple[PlannedAttempt, ...]:
     """Plan the attempts that follow those of a state; none at the end of the search.
 
-    The first grid is tried alone. It is coarser than the usual grid if the budget is small. If it then gives
-    no sound result, the usual grid follows with the whole budget, then the engine `parallelobox`, because any
-    result is better than none. The next rounds try other grids, then rotations of the model about z, then
-    other grids at the best angle. The attempts of a round have equal shares of the remaining budget. A round
-    has at least one attempt, but only so many that each can spend as much effort as the first attempt. The
-    other attempts form the next round, with the rest of the budget.
+    The usual grid is that of the requested granularity. The first grid is tried alone; it is coarser than the
+    usual one if the budget is small. If it then gives no sound result, the usual grid follows with the whole
+    budget, then the engine `parallelobox`, because any result is better than none. The next rounds try other
+    grids, then rotations of the model about z, then other grids at the best angle. The attempts of a round
+    have equal shares of the remaining budget. A round has at least one attempt, but only so many that each
+    can spend as much effort as the first attempt. The other attempts form the next round, with the rest of
+    the budget.
 
     Parameters
     ----------

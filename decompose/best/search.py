@@ -33,8 +33,8 @@ def continue_rounds(problem: Problem, run_engine: EngineRunner, state: SearchSta
     """Run the rounds that follow those of a state, as `find_best_result` does.
 
     With `BestOptions.pauses`, the function returns early: once it has a result without faults, it returns
-    that result before the next round of several attempts, which the caller can run elsewhere. Its
-    `open_printers` are then the printers for which the search continues.
+    that result before the next round of several attempts, which the caller can run elsewhere. The
+    `open_printers` of this result are the printers for which the search continues.
 
     Parameters
     ----------

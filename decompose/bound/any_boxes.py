@@ -1,29 +1,30 @@
 """Lower bound on the makespan of all partitions into axis-parallel boxes, on a grid or not.
 
-The work of all boxes together is bounded from below. One of n boxes has at least an n-th of it or, if the
-printers differ in speed, at least its printer's share.
+The work (print time) of all boxes together is bounded from below. One of n boxes has at least an n-th of it.
+If the printers differ in speed, one box has at least the share of its printer, in proportion to the speed.
 
-Surface and volume: each face of the model is printed once, and costs at least its price in its cheapest axis
-pose. Each mm3 of solid in a box is also printed once.
+Surface and volume: each face of the model is printed once. It costs at least its price in the cheapest axis
+pose, in which an axis of the grid points up. Each mm3 of solid in a box is also printed once.
 
-Cut faces: a line along an axis runs through a length L of solid. A box is at most R long, the longest side of
-a build volume. So m >= L / R boxes share the line. At m - 1 places one box ends and the next one begins, with
-two cut faces at each place, whether the boxes touch or not. If they do not touch, the solid between them is
-not printed. This is allowed only far enough from the surface, on at most a length U of the line. Compared
-with the whole line in one box, the extra cost is at least
+Cut faces: a line along an axis runs through a length L of solid. At most a length U of it, far enough from
+the surface, need not be printed. A box is at most R long, the longest side of a build volume. So the line is
+shared by m >= (L - U) / R boxes. At m - 1 places one box ends and the next one begins. There are two cut
+faces at each place, whether the boxes touch or not. If they do not touch, the solid between them is not
+printed. Compared with the whole line in one box, the extra cost is at least
 
     2 k (m - 1) - v U / 3, but never above 0 if L <= R.
 
 Here m is the least whole number >= 2 for which L - U <= m R, k is the least price of a mm2 of cut face in
 any pose, and v is the price of a mm3. A third of v counts for each of the three lines through a point. The
 integral of the extra cost over all lines along the three axes is the cost of the cuts minus the savings from
-hollows. The extra cost increases with L and decreases with U. On a grid, therefore, L is the longest run of
-full cells, and U the length of all cells that may be left out. All lines in a row of cells have the same L
-and U.
+hollows. The extra cost increases with L and decreases with U, so the bound also holds if L is too small or
+U too large. In each row of cells of a grid, L is the longest run of full cells, and U the length of all cells
+that may be left out.
 
-`compute_price_s` subtracts savings from insets and rims from the price of a box. The savings from insets are
-limited by the height of a build volume, and those from rims by the skin that can be printed within the upper
-limit of the bound.
+`compute_price_s` subtracts two savings from the price of a box. Insets: inner walls are shorter than outer
+walls; this saving is limited by the height of a build volume. Rims: along the edges of skin, walls are
+printed instead of it; this saving is limited by the skin that can be printed within the upper limit of the
+bound.
 
 As in the tables of a grid (`grid.boxes`), a box is priced as one part in an axis pose, even if its solid is
 in several pieces. Supports, brims and minimum layer times only add to the price.
@@ -43,13 +44,15 @@ from decompose.print_time import MEAN_SIDE_SHARE, CostModel
 from decompose.printers import TargetPrinter
 
 CELLS_PER_SIDE = 64  # cube root of the number of cells; enough for a wall of 10 mm in a model of 450 mm
-UNREACHABLE_COS = 1.0  # limit of a cosine that no face exceeds: no skin and no overhangs are counted
+UNREACHABLE_COS = 1.0  # no face has a cosine above this limit, so no skin and no overhangs are counted
 
 
 def sum_least_work_s(
     triangles: Floats, printers: Sequence[TargetPrinter], cost: CostModel, wall_mm: float
 ) -> float:
-    """Sum the least time of all parts of a solid, without the fixed time and the savings of each part.
+    """Compute a lower bound on the total time of any boxes into which a solid is cut.
+
+    It does not include the fixed time and the savings (insets and rims) of each box.
 
     Parameters
     ----------
@@ -60,7 +63,8 @@ def sum_least_work_s(
     cost
         Cost model for print times.
     wall_mm
-        Distance from the surface within which all solid must be in a box; inf if all solid must be in one.
+        Thickness of the wall: solid that is this close to the surface must be in a box. Inf if no solid may
+        be left out.
 
     Returns
     -------
@@ -88,7 +92,7 @@ def bound_shared_work_s(
     Parameters
     ----------
     work_s
-        Result of `sum_least_work_s`, which the printers share.
+        Work that the printers share: the result of `sum_least_work_s`.
     printers
         Printers, each of which prints at most one box; their heights and their speeds count.
     cost
@@ -125,14 +129,15 @@ def _compute_min_surface_price_s(triangles: Floats, cost: CostModel) -> float:
 def _price_cuts_s_per_mm2(
     solid_mm: Floats, hollow_mm: Floats, max_length_mm: float, cost: CostModel
 ) -> Floats:
-    """Compute the least extra cost of cut lines, in s per mm2 of their cross-section.
+    """Compute the least extra cost of lines that several boxes share, in s per mm2 of cross-section.
 
-    The cost is compared with that of each line in a single box.
+    The extra cost is the cost minus that of the whole line in a single box.
 
     Parameters
     ----------
     solid_mm, hollow_mm
-        (k,) minimum length L of solid on each line, and maximum length U of it that need not be printed.
+        (k,) minimum length L of the solid on each line, and maximum length U of the solid that need not be
+        printed.
     max_length_mm
         Maximum length of a box.
     cost
@@ -149,7 +154,7 @@ def _price_cuts_s_per_mm2(
 def _compute_max_rim_savings_s(cost: CostModel, makespan_s: float) -> float:
     """Compute the maximum time in s that `compute_price_s` subtracts for the rims of a part.
 
-    The part takes at most the makespan.
+    Only parts that take at most `makespan_s` are considered.
     """
     if not cost.skin_s_per_mm2:
         return 0.0

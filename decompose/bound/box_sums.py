@@ -1,4 +1,8 @@
-"""Sums of cell values in each box, and of box shares over each cell, by summed-area tables."""
+"""Sums over cells and boxes, by summed-area tables.
+
+The values of the cells in each box are added, and for each cell the shares of the boxes that cover it. The
+share of a box is the fraction of it that a covering uses (`bound.covering`).
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,7 @@ def sum_in_boxes(cells: Floats, corners: Ints, sums: Floats, box_sums: Floats) -
     corners
         (k, 8) int64 from `find_corners`.
     sums
-        (nx + 1, ny + 1, nz + 1) float64 workspace for the summed-area table; its first layers are 0.
+        (nx + 1, ny + 1, nz + 1) float64 workspace for the summed-area table; 0 where any index is 0.
     box_sums
         (k,) float64 sums, filled in.
     """

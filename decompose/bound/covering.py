@@ -1,9 +1,11 @@
 """Fractional covering of cells with the fewest boxes: a linear programme over all boxes within a time limit.
 
-Only the boxes within the limit that are not part of a larger one are used. There are tens of thousands of
-them, and they contain too many cells for a simplex method, but a summed-area table gives the sum over a box
-in constant time. So the programme is solved by the primal-dual hybrid gradient method (Chambolle and Pock
-2011), with averages, restarts and a balance of primal and dual steps (the primal weight) as in PDLP
+A fractional covering uses a share of each box. Over each cell, the shares of the boxes add up to at least 1.
+
+Boxes that a larger box within the limit can replace are not used (`largest_boxes`). The other boxes are still
+tens of thousands. They contain too many cells for a simplex method, but a summed-area table gives the sum
+over a box in constant time. So the programme is solved by the primal-dual hybrid gradient method (Chambolle
+and Pock 2011), with averages, restarts and a balance of primal and dual steps (the primal weight) as in PDLP
 (Applegate et al. 2021).
 """
 
@@ -22,12 +24,12 @@ from decompose.grid import BoxTables
 from decompose.jit import jit
 
 MAX_RESTARTS, RESTART_STEPS = 60, 100  # maximum number of restarts, and number of steps between them
-# Until the next restart, a box without a share takes part only if its weight is at least this fraction of its
-# maximum weight.
+# A box with a share of 0 is left out of the steps until the next restart if the weight in it is below this
+# fraction of the maximum (its number of pieces).
 MIN_ACTIVE_FRACTION = 0.9
-# The search stops when the minimum number of pieces exceeds the number of printers by this fraction.
+# The search stops when the lower bound on the number of pieces exceeds the number of printers by this share.
 TOLERANCE = 1e-4
-# The search stops when the bounds on the minimum number of pieces differ by this fraction.
+# The search stops when the bounds on the minimum number of pieces differ by less than this fraction.
 BOUND_TOLERANCE = 1e-3
 
 
@@ -38,13 +40,14 @@ class Covering:
     Attributes
     ----------
     weights
-        (nx, ny, nz) float64 weights of needed cells, at least 0. The weight in a box within the limit is at
-        most its number of pieces (except for rounding), so the sum of all weights is a lower bound on the
-        number of pieces of any covering.
+        (nx, ny, nz) float64 weights of needed cells, at least 0. The total weight in a box within the limit
+        is at most the number of pieces of the box (except for rounding). So the sum of all weights is a lower
+        bound on the number of pieces of any covering.
     boxes
-        (k, 6) int16 boxes within the limit that are not part of a larger one.
+        (k, 6) int16 boxes within the limit that no larger box can replace.
     shares
-        (k,) float64 share of each box in the covering; the sum of shares times pieces is near its minimum.
+        (k,) float64 share of each box in the covering. Each share is multiplied by the number of pieces of
+        the box; the sum of these products is near its minimum.
     """
 
     weights: Floats
@@ -53,7 +56,7 @@ class Covering:
 
 
 class _Programme(NamedTuple):
-    """Linear programme: cover the needed cells with the least sum of shares of boxes times their pieces.
+    """Linear programme: cover the needed cells with the fewest pieces, each box counted by its share.
 
     Attributes
     ----------
@@ -66,7 +69,7 @@ class _Programme(NamedTuple):
     needed_counts
         (k,) float64 number of needed cells in each box.
     overlap
-        (nx, ny, nz) float64 number of boxes over each cell.
+        (nx, ny, nz) float64 number of boxes that contain each cell.
     """
 
     is_needed: Bools
@@ -203,7 +206,7 @@ def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterat
 def _find_best_iterate(p: _Programme, work: _Workspace, printer_count: int, iterate: _Iterate) -> _Iterate:
     """Find the best feasible weights and shares by the primal-dual method.
 
-    The search ends when it is known whether more pieces are needed than there are printers.
+    The search ends early if it becomes known whether more pieces are needed than there are printers.
 
     Parameters
     ----------
@@ -264,7 +267,7 @@ def _solve_programme(
     is_needed, corners, piece_counts, overlap
         Arrays of `_Programme`.
     printer_count
-        Maximum number of pieces; the search ends when it is known whether more are needed.
+        Maximum number of pieces; the search ends early if it becomes known whether more are needed.
     weights
         (nx, ny, nz) float64 initial weights, updated in place.
     """
@@ -296,7 +299,7 @@ def cover_cells(
     limit_s
         Maximum time of a box.
     printer_count
-        Maximum number of pieces; the search ends when it is known whether more are needed.
+        Maximum number of pieces; the search ends early if it becomes known whether more are needed.
     weights
         (nx, ny, nz) float64 initial weights, 0 if a cell is not needed.
 

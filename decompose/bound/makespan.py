@@ -4,8 +4,9 @@ The bound from the tables holds for all partitions of the grid into boxes.
 
 The certificate of the bound is a weight for each needed cell. If n parts contain all the weight, one of them
 contains at least an n-th of it. So the makespan is at least the time of the fastest box that contains an n-th
-of the weight; a box of k pieces counts as k parts, and has to contain k times as much. This is true for any
-weights. The weights are whole numbers, so that comparisons are exact, and every box of the grid is examined.
+of the weight. A box of k pieces counts as k parts, so it has to contain k n-ths of the weight. This is true
+for any weights. The weights are whole numbers, so that comparisons are exact. Every box of the grid is
+examined.
 
 Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with the
 fewest boxes, or fractions of boxes, that each take at most T seconds. If more than n boxes are needed, the
@@ -60,7 +61,7 @@ def _find_bound_s(
 ) -> float:
     """Find the time of the fastest box that contains enough weight for its number of pieces.
 
-    A box needs the total weight divided by the number of printers for each of its pieces.
+    For each of its pieces, a box must contain the total weight divided by the number of printers.
 
     Parameters
     ----------
@@ -108,8 +109,9 @@ def bound_makespan(tables: BoxTables, is_needed: Bools, printer_count: int, make
     Parameters
     ----------
     tables
-        Tables for which the proof holds: the time of a box is that of its best axis pose, with supports
-        down to the bed, and the box consists of as many pieces as the tables say.
+        Tables for which the proof holds. It assumes that a box takes the time of its best axis pose (one of
+        its sides lies on the bed), with supports down to the bed, and that it consists of as many pieces as
+        the tables say.
     is_needed
         (nx, ny, nz) bool, true for cells that must be in a box; at least one.
     printer_count
@@ -146,7 +148,8 @@ def compute_surface_bound_s(area_mm2: float, volume_mm3: float, printer_count: i
     In the best case, all of the surface is either horizontal skin or the flattest slope without skin. Cuts,
     supports, brims and minimum layer times only add to the time. At most `printer_count` parts share the
     work, and each part takes its fixed time in addition. The bound subtracts the time that each part saves
-    because its inner walls are shorter, and because walls cover the rim of its skin.
+    because its inner walls are shorter than its outer walls, and because walls are printed instead of skin
+    along the edges of its skin.
 
     Parameters
     ----------

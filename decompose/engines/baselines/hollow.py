@@ -15,7 +15,7 @@ from decompose.pieces import list_box_planes
 MAX_GROWTH_CELLS = 2.0  # maximum growth of a cube on each side, as a multiple of a cell's longest side
 ACCURACY_MM = 0.2  # accuracy of the cube's size
 MARGIN_MM = 0.01  # margin above the minimum thickness of the wall, because distances are rounded
-ROUND_COUNT = 2  # number of rounds of growth in every direction
+ROUND_COUNT = 2  # maximum number of rounds, in each of which the cube grows in every direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +29,7 @@ class Shell:
     cavity
         (nx, ny, nz) bool, true for the cells that were removed.
     planes
-        (k, 4) planes of the sides of the cavity: rows nx, ny, nz, and d in mm.
+        (k, 4) planes of the sides of the cavity: in each row the unit normal (3,), and its offset in mm.
     boxes_mm
         (b, 2, 3) corners of boxes that cover the shell; empty if nothing was removed.
     """
@@ -41,7 +41,7 @@ class Shell:
 
 
 def hollow_model(solid: Solid, grid: Grid, cube: Box | None = None) -> Shell:
-    """Remove the cells of a cube, and those further from the surface than the minimum thickness of a wall.
+    """Remove from a solid a cube, and all cells further from the surface than the minimum wall thickness.
 
     Parameters
     ----------

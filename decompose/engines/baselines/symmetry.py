@@ -39,7 +39,8 @@ MAX_REFINED_PLANES = 3  # maximum number of refined planes of a part
 REFINEMENT_SAMPLES = 25  # number of normals in a round of the refinement
 # Minimum volume of a half in the authors' program, as a share of the mean volume of the parts.
 MIN_HALF_SHARE = 1.0 / 1.5
-# Offsets of a plane from the boundary between two blocks, as shares of the length of a block.
+# Offsets of a plane from the boundary between two blocks, as shares of the length of a block. Blocks are
+# equal lengths of a side that fit the build volume.
 OFFSET_SHARES: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])
 # Minimum volume of a part, as a share of the mean volume of the parts, or of the piece that is cut if that is
 # smaller.

@@ -1,9 +1,9 @@
 """Curve of the makespan over the number of printers, and the number of printers that suits a goal.
 
 One search serves all numbers of printers. A search for a time limit finds the fewest parts that meet it, and
-so shows for every number of printers whether it is enough. Thus each search narrows the bounds of many
-numbers. The same holds for classes of printers: a search finds the fewest printers of the first class for any
-numbers of printers of the other classes.
+so shows for every number of printers whether it is enough. Thus each search narrows the bounds on the
+makespans of many numbers of printers. The same holds for classes of printers: a search finds the fewest
+printers of the first class for any numbers of printers of the other classes.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class _MakespanBounds:
         self.lower_bounds_s[~is_feasible] = np.maximum(self.lower_bounds_s[~is_feasible], limit_s)
 
     def choose_limits_s(self) -> list[float]:
-        """Choose the next limits to solve for, in the widest gaps; choose none if all gaps are narrow."""
+        """Choose the next limits to solve for, in the widest gaps between bounds; none if all are narrow."""
         is_reached = np.isfinite(self.upper_bounds_s)
         gaps: dict[tuple[float, float], float] = {}
         for low_s, high_s in zip(
@@ -95,7 +95,7 @@ class _MakespanBounds:
 def compute_makespan_curve(
     tables: Sequence[BoxTables], fleets: Ints, executor: Executor | None = None
 ) -> tuple[CurvePoint, ...]:
-    """Compute the least makespan of guillotine partitions for each of several fleets of printers.
+    """Compute the least makespan of guillotine partitions for each of several fleets (sets of printers).
 
     Each makespan is accurate to `TOLERANCE`. Fleets that are too small for any partition are omitted.
 

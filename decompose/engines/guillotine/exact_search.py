@@ -1,8 +1,9 @@
 """Exact search of the engine `guillotine` for uniform printers.
 
-All boxes of a grid are priced, and the best guillotine partition into boxes is found exactly. Then the true
-prices of its boxes are computed, and the search is repeated with them. Afterwards, the partition is improved
-with cuts that are not guillotine cuts, and its planes are moved off the grid.
+All boxes of a grid are priced, and the best guillotine partition into boxes is found exactly. Then its boxes
+are cut out of the model, the prices of the pieces replace those from the grid (true prices), and the search
+is repeated. Afterwards, the partition is improved with cuts that are not guillotine cuts, and its planes are
+moved off the grid.
 """
 
 from __future__ import annotations
@@ -29,16 +30,21 @@ MAX_ROUNDS = 8  # maximum number of rounds; each one chooses boxes, and computes
 MAX_REJECTIONS = 40  # maximum number of partitions rejected because of a sliver or a weak joint
 # Another round follows if the true makespan is more than this multiple of the expected one.
 RETRY_RATIO = 1.01
-TOLERANCE_S = 1.0  # highest accuracy of the least makespan according to the tables
-TOLERANCE = 5e-4  # accuracy as a share of the makespan; the errors of the tables' prices are larger
+# The least makespan according to the tables is searched to an accuracy of `TOLERANCE_S`, or of the share
+# `TOLERANCE` of the makespan if that is longer; the errors of the tables' prices are larger.
+TOLERANCE_S = 1.0
+TOLERANCE = 5e-4
 # Share of the unreserved budget for the exact search; the rest is for the neighbourhood search.
 SEARCH_SHARE = 0.75
 LATE_TOLERANCE = 0.02  # accuracy as a share of the makespan, once the budget is spent without a result
-# Time limits of looser partitions, between the least makespan with all printers (0) and with one fewer (1).
+# Time limits of looser partitions, which may be a little slower than the best one on the grid: 0 is the least
+# makespan with all printers, 1 the least makespan with one printer fewer.
 LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
-MAX_LIMIT_RATIO = 1.06  # maximum ratio of a limit to the least makespan if one printer fewer is not enough
+# If one printer fewer is not enough, 1 is this multiple of the least makespan with all printers.
+MAX_LIMIT_RATIO = 1.06
 MAX_KEPT_FACES = 300_000  # maximum number of faces of the pieces that are kept for later rounds
-CLOSE_RATIO = 1.03  # a result is improved only if its makespan is below this multiple of the one to beat
+# Looser partitions are tried only if the makespan of the result is below this multiple of the one to beat.
+CLOSE_RATIO = 1.03
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
@@ -88,10 +94,10 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
 class ExactSearch:
     """Exact search, with true prices and numbers of pieces for the boxes that it chooses.
 
-    The tables may count too few pieces in a box, and price it in its axis poses, even if it is not stable in
-    them. The true numbers of pieces and the true prices of the chosen boxes are written into the tables where
-    they are higher, and the search is repeated. A box with a piece that cannot be glued well is excluded.
-    Prices and numbers of pieces only grow, so the makespan only grows.
+    The tables may count too few pieces in a box. They price the box in an axis pose (one of its sides lies on
+    the bed), even if it is not stable in it. The true numbers of pieces and the true prices of the chosen
+    boxes are written into the tables where they are higher, and the search is repeated. A box with a piece
+    that cannot be glued well is excluded. Prices and numbers of pieces only grow, so the makespan only grows.
     """
 
     def __init__(self, problem: Problem, grid: Grid, tables: BoxTables, bound_s: float) -> None:
@@ -179,9 +185,10 @@ class ExactSearch:
                 yield {box: self.cut_box(box) for box in boxes}
 
     def _find_partition_within_limit(self, limit_s: float) -> list[Box]:
-        """Find a partition with about the least work whose true times are at most a limit, or a little more.
+        """Find a partition with about the least work among those within a time limit.
 
-        The list is empty if there is no such partition.
+        At true prices, its boxes may take a little longer than the limit. The list is empty if there is no
+        such partition.
         """
         best_boxes: list[Box] = []
         for _ in range(MAX_ROUNDS):

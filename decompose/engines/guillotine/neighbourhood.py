@@ -1,13 +1,14 @@
 """Neighbourhood search: improvement of a partition near its slowest boxes, not limited to guillotine cuts.
 
 A window consists of a box and a few faster boxes next to it; windows around the slowest box are tried first.
-The window is cut again into at most as many parts, so that its slowest part ends sooner; all other boxes stay
-as they are. The union of the boxes of a window need not be a box. A new cut of a window may move one face,
-pass a slab from one box to the next, or merge boxes and split them elsewhere.
+The window is cut again so that its slowest part ends sooner; all other boxes stay as they are. The window may
+get no more parts than it has, plus one for each spare printer. The union of the boxes of a window need not be
+a box. A new cut of a window may move one face, pass a slab from one box to the next, or merge boxes and split
+them elsewhere.
 
-The tables of a window are those of the grid, but only the cells of its own boxes have to be covered, and a
-box that overlaps a part outside the window is not allowed. The search over guillotine cuts of a window is
-exact. In addition, the window as a whole may be cut as a pinwheel (`pinwheel`).
+The tables of a window are cut out of those of the grid. Only the cells of the window's own boxes have to be
+covered, and a box that overlaps another box of the partition is not allowed. The search over guillotine cuts
+of a window is exact. In addition, the window as a whole may be cut as a pinwheel (`pinwheel`).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ MAX_WINDOWS = 200  # maximum number of windows that one search cuts again
 MAX_BOXES_IN_WINDOW = 5  # maximum number of boxes in a window
 MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box, the fastest first, that form windows with it
 MAX_WINDOWS_PER_BOX = 24  # maximum number of windows around one box, those with the least mean time first
-MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables
+MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables; larger windows are left out
 MAX_TIME_RATIO = 0.999  # the new time of a window's slowest part must be below this share of the old time
 TOLERANCE = 0.002  # accuracy of the least makespan of a window, as a share of it
 
@@ -107,7 +108,7 @@ def _fill_tables(
     own_cells
         (wx, wy, wz) bool, true for cells of the window to be covered.
     other_sums
-        (wx + 1, wy + 1, wz + 1) int64 summed-area table of the cells of other parts.
+        (wx + 1, wy + 1, wz + 1) int64 summed-area table of the cells that boxes outside the window occupy.
     place
         First cell x, y, z of the window on the grid, and the grid's shape.
     grid_tables
@@ -202,7 +203,7 @@ class Window:
 
     @property
     def sum_count(self) -> int:
-        """Number of sums of the values of both sides of a cut, in all searches in the window."""
+        """Number of additions of the values of both sides of a cut, in all searches in the window."""
         return self._solver.sum_count
 
     def _mark_cells(self, boxes: Ints) -> Bools:
@@ -279,7 +280,7 @@ def improve_locally(
     max_windows
         Maximum number of windows to cut again.
     effort
-        Effort in which the work is recorded, with its budget.
+        Effort in which the work is recorded, and whose budget limits the search; None for no limit.
     """
     effort = effort or Effort()
     parts = list(partition)

@@ -1,19 +1,20 @@
 """Exact solver of the engine `guillotine`: the partition by recursive cuts with the least makespan.
 
-For a time limit T, the minimum number of parts that cover all needed cells of a box is 0 if the box has no
-needed cell. Otherwise it is the least of two numbers: the number of pieces of the uncut box, if the box takes
-at most T, and the least sum of the numbers of both sides over all cuts of the box. Bisection over T gives the
-least makespan for a number of printers. This is the hierarchical
-bipartition HIER-OPT of Saule, Bas and Catalyurek (2012), in three dimensions, with a cost that is not
-additive.
+For a time limit T, each box has a minimum number of parts that cover all its needed cells. It is 0 if the box
+has no needed cell. Otherwise it is the smaller of two numbers. One is the number of pieces of the uncut box,
+if the box takes at most T. For the other one, the minimum numbers of the two sides are added for each cut of
+the box; the least of these sums counts. Bisection over T gives the least makespan for a number of printers.
+This is the hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek (2012), in three dimensions, with a
+cost that is not additive.
 
 Among partitions with equally few parts, the solver takes the one with the least sum of times and, among
 those, the one with the least area of cuts. These three quantities are digits of one whole number
 (`recursion.make_key`), and the sum of these numbers is minimised.
 
 Printers that differ are grouped into classes. For a time limit T, the number of printers of the first class
-that a box needs depends on how many printers of each other class it may use. For a cut, it is the least sum
-of the numbers of both sides, over all ways to divide the printers of the other classes between the sides.
+that a box needs depends on how many printers of each other class it may use. For a cut, the numbers of both
+sides are added; the least sum counts, over all ways to divide the printers of the other classes between the
+sides.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ from decompose.grid import (
 
 # A range whose limits have a greater ratio than this is bisected at the geometric mean of the limits.
 WIDE_RATIO = 2.0
-LIMIT_STEP_RATIO = 4.0  # growth of the step by which a limit is raised until there is a solution
+LIMIT_STEP_RATIO = 4.0  # factor by which the next step of a limit grows as long as there is no solution
 # With several classes, ties are broken only if all states together have at most this many values, because of
 # the memory.
 MAX_TIE_VALUES = 120_000_000
@@ -78,10 +79,11 @@ class OtherClass:
 class Partitioner:
     """Exact solver for the tables of one grid; it keeps its last solution.
 
-    If there are several classes of printers, a state is a number of usable printers of each class but the
-    first. For each box and state the solver finds the fewest printers of the first class, so the search is
-    exact over all ways to distribute the parts. The cost grows with the square of the number of states. The
-    value of a box in a state is this minimum number, or the least key (see `recursion.make_key`).
+    If there are several classes of printers, a state says how many printers of each class but the first are
+    usable. For each box and state, the solver finds the minimum number of printers of the first class that
+    are needed in addition. So the search is exact over all ways to distribute the parts. Its time grows with
+    the square of the number of states. The value of a box in a state is this minimum number, or the least key
+    (see `recursion.make_key`).
 
     Parameters
     ----------
@@ -105,7 +107,7 @@ class Partitioner:
         self._keys: dict[int, int] | None = None  # keys of the boxes that may be chosen, if ties are broken
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *tables.shape)
-        self.sum_count = 0  # number of sums of the values of both sides of a cut, in all searches so far
+        self.sum_count = 0  # number of additions of the values of both sides of a cut, in all searches so far
 
     def solve(self, limit_s: float, break_ties: bool = False) -> int:
         """Find the minimum number of printers of the first class with which no part exceeds a time limit.
@@ -115,8 +117,8 @@ class Partitioner:
         limit_s
             Maximum time of a part.
         break_ties
-            Whether to choose, among such solutions, the one with the least work, then with the least area of
-            cuts.
+            Whether to choose, among the solutions with this number, the one with the least work and, among
+            those, the one with the least area of cuts.
 
         Returns
         -------
@@ -320,7 +322,7 @@ class Partitioner:
         return max((float(times_s.max()) for times_s in finite_times_s if len(times_s)), default=-math.inf)
 
     def _find_reached_limit_s(self, limit_s: float) -> float:
-        """Find the lowest limit that the last solution meets."""
+        """Find the lowest limit that the last solution meets; with several classes, the given limit."""
         return limit_s if self.other_classes else min(limit_s, self.find_longest_time_s())
 
     def find_longest_time_s(self) -> float:
@@ -329,12 +331,12 @@ class Partitioner:
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
-    """List the states (numbers of usable printers of each class), and all pairs of states with their sum.
+    """List the states (numbers of usable printers), and all pairs of states with their sum.
 
     Parameters
     ----------
     counts
-        Number of printers of each class.
+        Number of printers of each class but the first.
 
     Returns
     -------

@@ -9,7 +9,8 @@ from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.grid import Box, index_interval
 from decompose.jit import jit
 
-# Extrusion axis, whether the pinwheel is mirrored, and positions p1, p2, q1 and q2 of the cuts.
+# Axis along which all five boxes are as long as the window, whether the pinwheel is mirrored, and positions
+# of the cuts along the two other axes: p1 and p2 along the next axis, q1 and q2 along the one after it.
 Pinwheel = tuple[int, int, int, int, int, int]
 
 

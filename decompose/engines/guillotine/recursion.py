@@ -10,7 +10,7 @@ from decompose.grid import Shape, index_interval
 from decompose.jit import jit
 
 UNREACHABLE_COUNT = 16_000  # more than the printers of any fleet; twice this number fits into an int16
-PART_WEIGHT = 1 << 46  # weight of a part in a key
+PART_WEIGHT = 1 << 46  # weight of a part in a key (`make_key`)
 SECOND_WEIGHT = 1 << 20  # weight of a rounded second in a key; the lowest digit is the area of the cuts
 AREA_UNIT_MM2 = 64.0  # unit of the area of cuts in a key
 MAX_KEY_TIME_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
@@ -51,7 +51,7 @@ def _lower_values(value: Table, size: int, start: tuple[int, int, int], count: i
 
 @jit
 def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first: int, end: int) -> None:
-    """Lower the values of boxes of one length along x, in place, to the least sums of their partitions.
+    """Lower the values of boxes of one length along x, in place, to the values of their best partitions.
 
     All shorter boxes must have been processed first; boxes of the same length do not depend on each other.
     Boxes of one length along an axis are adjacent in the tables, so the sums for boxes of one size are
@@ -113,7 +113,9 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
 
 @jit
 def _lower_along_z(value: Table, sums: Ints, nz: int, rows: int) -> None:
-    """Lower the values of boxes of one length along x and y, in place, to those of cuts perpendicular to z.
+    """Lower the values of boxes in place to the least sums of both sides, over cuts perpendicular to z.
+
+    All boxes have one length along x, and one length along y.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
 def _list_tied_boxes(
     counts: npt.NDArray[np.int16], trimmed_box: npt.NDArray[np.int32], shape: Shape, root: int
 ) -> Ints:
-    """List the boxes that occur in any partition of a box into the fewest parts.
+    """List the tied boxes: those that occur in at least one partition of a box into the fewest parts.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def _list_tied_boxes(
     shape
         Shape of the grid, in cells.
     root
-        Index of the box that is partitioned; it must be trimmed.
+        Index of the box that is partitioned; it must be trimmed to its needed cells.
 
     Returns
     -------

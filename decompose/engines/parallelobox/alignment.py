@@ -26,7 +26,7 @@ from decompose.geometry import (
 from decompose.grid import find_flat_faces
 from decompose.print_time import POSE_ROTATIONS
 
-# The axes of the bounding box are used only if less than this share of the overhang remains.
+# The axes of the bounding box are used only if less than this share of the overhanging area remains then.
 MAX_REMAINING_OVERHANG_SHARE = 0.95
 MAX_BED_FACE_HEIGHT_MM = 1e-3  # maximum height of a face that lies on the bed
 
@@ -63,7 +63,8 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     seed
         Seed of the random planes among which the plane of symmetry is searched.
     overhang_cos
-        Cosine of the angle between normal and downward direction above which a face counts as an overhang.
+        A face counts as an overhang if the cosine of the angle between its normal and the downward direction
+        is above this value.
     """
     vertices, faces = model.solid.arrays()
     mirror = find_mirror(vertices, np.random.default_rng(seed))
@@ -93,7 +94,8 @@ def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
     triangles
         (m, 3, 3) in mm; the faces point outward.
     overhang_cos
-        Cosine of the angle between normal and downward direction above which a face counts as an overhang.
+        A face counts as an overhang if the cosine of the angle between its normal and the downward direction
+        is above this value.
     """
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(cross, axis=1)  # twice the area

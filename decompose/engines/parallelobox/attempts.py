@@ -1,7 +1,7 @@
 """Metaheuristic: the best of many attempts, with several random sets of seeds for each number of seeds.
 
-The numbers of seeds decrease. With fewer seeds, more printers remain for filling voids, so an attempt
-succeeds more often.
+The number of seeds decreases from one group of attempts to the next. With fewer seeds, more printers remain
+for filling voids, so an attempt succeeds more often.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def draw_seed_sets(
 ) -> list[Seeds]:
     """Draw random sets of seeds from which blocks grow: several sets for each number of seeds.
 
-    The numbers of seeds decrease from `printer_count` to 1.
+    The number of seeds decreases from `printer_count` to 1.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def run_attempts(
     score: Score,
     map_function: MapFunction = map,
 ) -> list[BlockPartition]:
-    """Run attempts; return those that cover the model, sorted by P, then by the number of parts.
+    """Run attempts; return those that cover the model, sorted by `max_price`, then by the number of parts.
 
     Parameters
     ----------

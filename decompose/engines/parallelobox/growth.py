@@ -109,10 +109,10 @@ def claim_cells(block: Ints, number: int, owner: Ints) -> None:
 def _compute_proximity(blocks: Ints, number: int, direction: int, grid_length: int) -> float:
     """Compute the proximity of a block to the other blocks in its direction of growth, the paper's S_prox.
 
-    It is 0.5 if one of these blocks touches the block, and 1 if none is within the length of the grid. The
-    gap is the L1 distance of the centres minus half the sizes, as in the paper. The paper's program divides
-    the gap by twice the length of the grid, and adds 0.5; otherwise a touching block would prevent all
-    growth.
+    The proximity is 0.5 if another block in this direction touches the block, and 1 if none is within the
+    length of the grid. The gap between two blocks is the L1 distance of their centres, minus half the sum of
+    all their sides, as in the paper. The paper's program divides the gap by twice the length of the grid, and
+    adds 0.5; otherwise a touching block would prevent all growth.
 
     Parameters
     ----------

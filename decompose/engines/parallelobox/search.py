@@ -3,9 +3,10 @@
 The engine follows the sections of the paper: orientation and symmetry cut (`alignment`), then, for each half,
 seeds, growth and filling of voids (`growth`), repeated in many attempts (`attempts`).
 
-With `--faithful`, the result is the best attempt by the paper's prices. Otherwise blocks are also grown from
-the same seeds with prices in seconds and with both interpretations of the score, on a finer grid, and without
-the symmetry cut. The engine then takes the attempt, by the paper's prices or by times, whose pieces have the
+With `--faithful`, the result is the best attempt by the paper's prices. Otherwise more attempts are made:
+from the same seeds with prices in seconds and with both interpretations of the score, on a finer grid, and
+without the symmetry cut. On each grid, with the symmetry cut and without it, the best partition by the
+paper's prices and the fastest one are cut. Of all these, the engine takes the one whose pieces have the
 shortest makespan in their printing poses.
 """
 
@@ -34,7 +35,8 @@ from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
 MAX_CUT_PARTITIONS = 12  # maximum number of partitions that are cut to count their pieces, the best first
-MAX_HALF_ATTEMPTS = 100  # maximum number of attempts on a half to combine with those on the other half
+# Maximum number of attempts on each half, the best first, that are combined with those on the other half.
+MAX_HALF_ATTEMPTS = 100
 
 
 def apply_paper_settings(options: Options) -> Options:
@@ -86,7 +88,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SearchSpace:
-    """Frame, the grid in it, and the growth tables of the grid.
+    """Frame in which the model is cut, the grid in this frame, and the growth tables of the grid.
 
     Attributes
     ----------

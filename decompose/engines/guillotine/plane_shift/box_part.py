@@ -24,7 +24,7 @@ class BoxPart:
     box_mm
         (2, 3) lower and upper corner of the box.
     pieces, poses
-        Connected pieces, and the pose of each piece that fits its printer.
+        Connected pieces, and the poses of those pieces that fit their printers.
     seconds
         Time of the slowest piece on its printer; inf if a piece does not fit.
     """

@@ -18,7 +18,9 @@ PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
 
 
 class PartCutter:
-    """Cutter of the parts of a partition, whose boxes may change; each part is given by its number.
+    """Cutter that cuts the parts of a partition again when their boxes change.
+
+    Each part is given by its number.
 
     Parameters
     ----------
@@ -113,7 +115,7 @@ class PartCutter:
         return measure_pose(vertices, faces, is_cut, rotation, self._problem.cost, options.fit_first_layer)
 
     def measure_slopes(self, i: int, part: BoxPart, is_fixed: Bools) -> Floats:
-        """Measure the change (2, 3) of a part's time in s/mm as each of its faces moves along its axis.
+        """Measure the change (2, 3) of a part's time, in s for each mm by which one face moves up its axis.
 
         Parameters
         ----------

@@ -20,7 +20,9 @@ from decompose.grid import SAME_PLANE_MM, Box, FlatFaces, Grid, NeededCells, ref
 from decompose.options import Interior
 from decompose.problem import Problem
 
-MAX_CELL_BOXES = 20_000_000  # maximum number of fine cells times boxes when a partition is checked
+# Maximum number of fine cells, multiplied by the number of boxes, for which a check of a partition is quick
+# enough; the needed cells are refined only up to it.
+MAX_CELL_BOXES = 20_000_000
 MIN_GAIN_S_PER_MM = 0.05  # minimum gain for each mm of a move, so that no face moves without a gain
 # Moves much shorter than this barely change the slopes: support volume, and so print time, changes in steps.
 NOISE_MM = 2.0
@@ -167,7 +169,7 @@ def _number_face(box: int, side: int, axis: int) -> int:
 
 
 def _find_facing_face(boxes_mm: Floats, box: int, other_box: int, axis: int) -> int:
-    """Find the face of a box on the plane, perpendicular to an axis, at which it meets another box."""
+    """Find the face of a box that looks along an axis towards another box, as a number (`_number_face`)."""
     return _number_face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other_box, 0, axis]), axis)
 
 
@@ -307,7 +309,7 @@ def solve_plane_shifts(
 
 
 def _build_constraints(slopes_s_per_mm: Floats, groups: Ints, count: int) -> Floats:
-    """Build the left-hand sides of the constraints on the shifts, their lengths, and the makespan.
+    """Build the left-hand sides of the constraints on the shifts, their absolute values, and the makespan.
 
     Parameters
     ----------
@@ -320,7 +322,7 @@ def _build_constraints(slopes_s_per_mm: Floats, groups: Ints, count: int) -> Flo
     -------
     ndarray
         (7 n + 2 groups, 2 groups + 1): rows for the time, the growth and the shrinkage of each part, then for
-        the lengths of the shifts; columns for the shifts, their lengths, and the makespan.
+        the absolute values of the shifts; columns for the shifts, their absolute values, and the makespan.
     """
     n = len(slopes_s_per_mm)
     parts, sides, axes = np.nonzero(groups >= 0)

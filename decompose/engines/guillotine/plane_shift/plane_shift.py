@@ -2,10 +2,11 @@
 
 On the grid, a face can only move by a whole layer of cells, which is a large share of a part. Here all groups
 of faces that can move (`plane_moves`) move at once. A linear programme finds short steps that minimise the
-makespan as if every part's time were linear in the positions of its faces. The parts are then priced at the
-new positions, which corrects the slopes of the times. After `STEPS_PER_ROUND` steps all parts that moved get
-new poses; until then each part keeps its pose, because pricing it in a known pose is much faster. One such
-search is made even if the budget is spent, because it gains more in the same time than most other searches.
+makespan as if every part's time were linear in the positions of its faces. The slopes are the changes of a
+part's time for each mm by which one of its faces moves. The parts are then priced at the new positions, and
+the slopes are corrected accordingly. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
+then each part keeps its pose, because pricing it in a known pose is much faster. One such search is made even
+if the budget is spent, because it gains more in the same time than most other searches.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from decompose.problem import WORK_NS, Problem, Work
 
 Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
 
-MAX_MOVE_SHARE = 0.9  # maximum total move of a plane, as a share of a cell
+MAX_MOVE_SHARE = 0.9  # maximum total move of a plane, as a share of the shortest cell along the same axis
 FIRST_STEP_SHARE = 0.5  # maximum length of the first step, as a share of a plane's maximum total move
 TRIAL_MM = 0.4  # length of a trial move, which shows whether a group is free to move
 MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
@@ -53,9 +54,10 @@ PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 # A part's time has jumped if it is longer than the slopes predict by more than this share of the makespan.
 MAX_LINEAR_ERROR = 0.005
-MAX_REDUCTIONS = 12  # maximum number of times that the steps of one solution are reduced
+MAX_REDUCTIONS = 12  # maximum number of times that steps are reduced until the boxes remain a partition
 MAX_SOLUTIONS = 4
-"""Maximum number of times that a step is solved; in each solution, flat faces stop more planes."""
+"""Maximum number of times that the linear programme of a step is solved. Before each further time, the planes
+that flat faces have stopped are fixed."""
 SAFE_SHARES = (0.5, 0.25, 0.1)  # shares of a move that are tried if a face cannot make all of it
 MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a part, for slopes and after moves
 
@@ -87,7 +89,7 @@ def shift_planes(
 
 
 def estimate_shift_s(problem: Problem, part_count: int) -> float:
-    """Estimate the effort in s of the first search, which is always made, for a number of parts."""
+    """Estimate the effort in s, for a number of parts, of the one search that is always made."""
     faces = problem.model.solid.face_count
     measured_ns = WORK_NS[Work.PIECE_MEASURED] * part_count + WORK_NS[Work.FACE_MEASURED] * 2.0 * faces
     return (MEAN_PRICING_COUNT * measured_ns + WORK_NS[Work.FACE_GRIDDED] * faces) / 1e9
@@ -307,10 +309,10 @@ class _PlaneShift:
     def _solve_valid_step(
         self, parts: list[BoxPart], slopes_s_per_mm: Floats, step_mm: Floats
     ) -> tuple[Floats, float]:
-        """Compute the best boxes as `_solve_step` does, with steps so short that they remain a partition.
+        """Compute the best boxes as `_solve_step` does; reduce steps until the boxes remain a partition.
 
-        The step of each group whose move alone would break the partition is reduced, in place. If only the
-        moves of several groups together would break it, the steps of all groups are reduced.
+        The maximum steps `step_mm` are reduced in place: those of the groups whose move alone would break the
+        partition, or those of all groups if only several moves together would break it.
 
         Returns
         -------
