@@ -60,7 +60,7 @@ def format_planning(progress: PlanProgress) -> str:
         return f"decomposing{share}" + (
             f", at most {format_duration(remaining_s)} left" if remaining_s >= 1.0 else ""
         )
-    if progress.step is PlanStep.LEVELLING:
+    if progress.step is PlanStep.REBALANCING:
         return "balancing the parts by their sliced times"
     if progress.step is PlanStep.NO_ROOM:
         return "waiting for space on the disk"

@@ -114,7 +114,7 @@ class Job(Entity):
     hold: Hold | None = None  # reason why its planning has not started, or why it is held after planning
     error: ErrorCode | None = None
     reason: str | None = None
-    repairs: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = ()  # repairs of the model, and other notices on the model or the plan
     scale: float | None = None  # factor by which the model is scaled
     not_before_s: float | None = None  # time before which none of its plates starts
     done_by_s: float | None = None
@@ -189,7 +189,7 @@ class PlanStep(StrEnum):
     WAITING = "waiting"  # waits for a worker
     DECOMPOSING = "decomposing"
     SLICING = "slicing"
-    LEVELLING = "levelling"  # moving the cuts according to the sliced times
+    REBALANCING = "levelling"  # moving the cuts according to the sliced times; the value is an older name
     NO_ROOM = "no_room"  # the disk was full; planning restarts when there is space
 
 

@@ -133,7 +133,7 @@ class PlanBuilder:
         for _ in range(_MAX_REBALANCES):
             if not sliced_job.should_rebalance():
                 break
-            self._on_progress(PlanProgress(step=PlanStep.LEVELLING))
+            self._on_progress(PlanProgress(step=PlanStep.REBALANCING))
             folder = sliced_job.task.folder / "rebalanced"
             try:
                 decomposed_job = await self._move_cuts(sliced_job, best_job, folder)

@@ -42,7 +42,8 @@ def test_progress_of_a_plan_is_formatted():
     assert format_planning(progress) == "decomposing 42 %, at most 95 s left"
     assert format_planning(PlanProgress(step=PlanStep.WAITING)) == "waiting for a worker"
     assert (
-        format_planning(PlanProgress(step=PlanStep.LEVELLING)) == "balancing the parts by their sliced times"
+        format_planning(PlanProgress(step=PlanStep.REBALANCING))
+        == "balancing the parts by their sliced times"
     )
     slicing_progress = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
     assert format_planning(slicing_progress) == "slicing 3 of 8"

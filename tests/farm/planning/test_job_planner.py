@@ -120,8 +120,8 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     reports, result = plan_job(state, bar)
     assert isinstance(result, Plan), result
     steps = [step_progress.step for step_progress in reports]
-    assert steps.count(PlanStep.LEVELLING) >= 1
-    assert steps.index(PlanStep.LEVELLING) > steps.index(PlanStep.SLICING)
+    assert steps.count(PlanStep.REBALANCING) >= 1
+    assert steps.index(PlanStep.REBALANCING) > steps.index(PlanStep.SLICING)
     first_s, second_s = (plate.sliced_s for plate in result.plates)
     assert second_s == pytest.approx(first_s, abs=2.0 * MIN_REBALANCE_DELAY_S)
     left_part, right_part = sorted(result.parts, key=lambda part: part.geometry.volume_mm3)
@@ -163,7 +163,7 @@ def test_useless_rebalance_is_discarded(state, bar, error, monkeypatch):
     )
     reports, result = plan_job(state, bar)
     assert isinstance(result, Plan), result
-    assert PlanStep.LEVELLING in [step_progress.step for step_progress in reports]
+    assert PlanStep.REBALANCING in [step_progress.step for step_progress in reports]
     assert any("rebalanced" in str(stl) for stl in requests)
     first_part, second_part = result.parts
     assert first_part.geometry.volume_mm3 == pytest.approx(second_part.geometry.volume_mm3, rel=0.05)

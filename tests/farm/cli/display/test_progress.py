@@ -40,7 +40,7 @@ def test_search_prints_a_line_for_each_quarter():
         make_progress(0.3, 28.0),
         make_progress(1.0, 0.2),
     ]
-    assert print_progress(*steps, PlanProgress(step=PlanStep.LEVELLING)) == [
+    assert print_progress(*steps, PlanProgress(step=PlanStep.REBALANCING)) == [
         "decomposing",
         "decomposing 0 %",
         "decomposing 25 %, at most 30 s left",
