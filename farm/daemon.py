@@ -314,7 +314,7 @@ class Daemon:
         ):
             if asyncio.get_running_loop().time() > deadline_s:
                 log.error(
-                    "not shutting down: %s did not end within %g s",
+                    "not shutting down: the prints on %s did not end within %g s",
                     " ".join(printing_printers),
                     _ABORT_TIMEOUT_S,
                 )

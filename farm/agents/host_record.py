@@ -8,7 +8,7 @@ from enum import StrEnum
 from drivers.host import AgentPhase, HostState, Update, UpdatePhase
 
 LOSS_DELAY_S = 10.0
-"""Wall seconds without a connection after which a host counts as lost, which is then reported."""
+"""Wall seconds without a connection after which a host counts as lost and its loss is reported."""
 FIRST_LOSS_DELAY_S = 45.0
 """The same for the first connection. It takes longer: many hosts are connected at the same time over ssh."""
 
@@ -94,7 +94,8 @@ class HostRecord:
         waiting_agents = [agent for agent in self.state.agents if agent.phase is AgentPhase.WAITING]
         if waiting_agents:
             names = " ".join(agent.printer for agent in waiting_agents)
-            return f"agents that have to start again: {names} ({waiting_agents[0].reason or 'soon'})"
+            reason = waiting_agents[0].reason
+            return f"agents that have to start again: {names}{f' ({reason})' if reason else ''}"
         return self.state.update.reason
 
     def find_change(self, now_s: float, time_scale: float) -> HostChange | None:

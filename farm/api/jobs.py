@@ -68,7 +68,7 @@ class JobOverview(View):
     submitted: str
     submitted_by: str | None  # name of the user or key that submitted it
     options: JobOptions
-    repairs: list[str]
+    repairs: list[str]  # repairs of the model, and other notices on the model or the plan
     scale: float | None
     plan: str | None  # hash of the plan, by which `farm approve` names it
     starts: str | None  # earliest start time

@@ -86,7 +86,7 @@ class PrinterView(PrinterReadings, View):
 
     name: str
     model: str
-    state: str
+    state: str  # the state `look` means that a person must inspect the printer
     bed: Bed
     filament: FilamentState
     reel: Reel

@@ -58,7 +58,7 @@ def fetch_files(
     number
         Number of the job.
     folder
-        Folder to write, which is created if it is missing.
+        Folder to write to; it is created if it is missing.
     force
         True to overwrite files with other content.
     select

@@ -21,7 +21,7 @@ class Pool(Protocol):
 
     @property
     def start_step(self) -> str | None:
-        """Current step while the workers on this computer start, as text; None once one of them is ready."""
+        """Current step in starting the workers on this computer, as text; None once one of them is ready."""
         ...
 
     @property

@@ -109,7 +109,7 @@ class WorkerPool:
 
     @property
     def start_step(self) -> str | None:
-        """Current step while the workers start, as text; None once one of them is ready."""
+        """Current step in starting the workers, as text; None once one of them is ready."""
         steps = [worker.start_step for worker in self._live_workers]
         return steps[0] if steps and all(steps) else None
 

@@ -39,7 +39,7 @@ class RaisedError:
 
 
 class Worker:
-    """Handle of one process, which runs one call at a time.
+    """Handle to a process, which runs one call at a time.
 
     Create it on the daemon's main thread, because the kernel kills the process when the thread that
     started it ends.
@@ -67,7 +67,7 @@ class Worker:
 
     @property
     def start_step(self) -> str | None:
-        """Current step while the process starts, as text; None once it is ready."""
+        """Current step in starting the process, as text; None once it is ready."""
         try:
             return (self.folder / _STEP_FILE).read_text() or "starting"
         except OSError:
@@ -146,7 +146,10 @@ def _run_call(request: bytes) -> bytes:
 
 
 def _prepare_process(daemon_pid: int, folder: Path, memory_bytes: int) -> None:
-    """Lower the priority, limit memory, set the temporary folder, and end the process with the daemon."""
+    """Lower the priority, limit memory, set the temporary folder, and tie the process to the daemon.
+
+    The kernel kills the process when the daemon's thread that started it ends.
+    """
     os.nice(_START_NICE)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -156,7 +159,7 @@ def _prepare_process(daemon_pid: int, folder: Path, memory_bytes: int) -> None:
     with contextlib.suppress(OSError):  # if memory runs out, the kernel ends this process, not the daemon
         Path("/proc/self/oom_score_adj").write_text("800")
     tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
-    # Set only the soft limit, because CuraEngine has a separate limit (slicing.engine), and raises this one.
+    # Set only the soft limit: slicing.engine raises it for CuraEngine, which has a limit of its own.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     soft = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))

@@ -55,7 +55,7 @@ class InspectedSubmission:
     file
         Name in the file store.
     repairs
-        Repairs and other changes, in sentences.
+        Repairs, other changes and warnings, in sentences.
     scale
         Factor by which the model was scaled.
     """

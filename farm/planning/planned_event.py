@@ -28,7 +28,7 @@ def build_planned_event(
     """Build the event that records a plan, with its expected time on idle printers.
 
     If a printer prints several plates, or fleet.yaml limits heating, the time includes the waits between
-    rounds of printing, for permitted hours, and for the heating limit.
+    a printer's plates, and the waits because of attended hours, quiet hours and the heating limit.
     """
     used_printers = {plate.printer for plate in plan.plates}
     printers = list(printers)
@@ -48,7 +48,7 @@ def build_planned_event(
             "`--material` selects one.",
         )
     if job.done_by_s is not None or job.assembled_by_s is not None:
-        # Deadlines depend on the present state of the printers; the forecast above assumes idle printers.
+        # Deadlines depend on the current state of the printers; the forecast above assumes idle printers.
         print_end_s = forecast_prints(situation.with_printers(tuple(printers))).end_s
         gluing_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
         notices = (*notices, *_describe_missed_deadlines(job, print_end_s, gluing_s, rules, now_s))
@@ -59,7 +59,7 @@ def build_planned_event(
         job=job.id,
         parts=plan.parts,
         plates=plan.plates,
-        repairs=notices,
+        repairs=notices,  # the field also stores notices that are not repairs
         scale=plan.scale,
         serial_s=plan.serial_s,
         expected_s=plan.expected_s if uses_plan_time else forecast.end_s - forecast.start_s,

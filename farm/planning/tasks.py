@@ -2,8 +2,7 @@
 
 The modules of these functions load numpy, so only the workers import them.
 
-
-A function whose files are listed by one of the functions below can also run on another computer.
+A function can also run on another computer if a `list_*_files` function below lists its files.
 """
 
 from __future__ import annotations
@@ -82,7 +81,7 @@ def list_slice_files(task: SliceTask) -> TaskFiles:
 
 
 def list_cut_files(task: ReplanTask) -> TaskFiles:
-    """List the files of `cut_part`: the parts of a copy of the model, reports, and the new parts' folder."""
+    """List the files of `cut_part`: all parts of one copy to print, the reports, and the pieces' folder."""
     names = (*(part.file for part in (task.part, *task.other_parts)), *task.reports)
     return TaskFiles(input_files=tuple(task.files / name for name in names), output_folders=(task.folder,))
 

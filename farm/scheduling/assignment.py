@@ -1,4 +1,4 @@
-"""Assignment of waiting plates to printers, and reasons for the plates that still wait. Pure."""
+"""Assignment of waiting plates to printers, and reasons why the other plates still wait. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import find_filament_shortage
 
 LARGE_FLEET_SIZE = 200
-"""Number of printers above which the scheduler runs only once a second, because a run takes long."""
+"""Number of printers above which the scheduler runs only once a second, because a run takes a long time."""
 MAX_STARTS = 15
 """Maximum number of starts in one commit. The daemon handles messages between two commits."""
 

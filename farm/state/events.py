@@ -72,7 +72,7 @@ class JobPlanned(Event):
     job: int
     parts: tuple[Part, ...]
     plates: tuple[Plate, ...]
-    repairs: tuple[str, ...]
+    repairs: tuple[str, ...]  # repairs of the model, and other notices, such as deadlines that will be missed
     scale: float
     serial_s: float
     expected_s: float

@@ -55,7 +55,7 @@ def find_printers_lost_together(
 def find_first_host_loss_s(
     at_s: float, losses: Iterable[HostLoss], window_s: float = OUTAGE_WINDOW_S
 ) -> float:
-    """Find the time of the first of several losses of hosts that have a common cause.
+    """Find when the first of several host losses with a common cause occurred.
 
     Parameters
     ----------
@@ -71,5 +71,5 @@ def find_first_host_loss_s(
     float
         Time of the first loss, seconds since the epoch; `at_s` if the window contains no earlier loss.
     """
-    # A loss at the end of the window is too late: the notice of the first loss is sent at that moment.
+    # A loss at the end of the window is too late for the notice of the first loss, which is sent just then.
     return min((loss.at_s for loss in losses if 0.0 <= at_s - loss.at_s < window_s), default=at_s)

@@ -13,7 +13,7 @@ _MAX_NAMED_HOSTS = 8
 
 
 def list_lost_printers(fleet: Fleet, books: Books) -> list[Printer]:
-    """List the enabled printers whose host is lost, except those that were since moved to another host."""
+    """List the enabled printers whose host is lost, except those moved to another host since then."""
     entries = ((section, books.get_printer(section.name)) for section in fleet.printers if section.enabled)
     return [entry for section, entry in entries if entry.host_loss and entry.host_loss.host == section.host]
 

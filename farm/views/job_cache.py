@@ -18,7 +18,7 @@ MAX_JOBS = 1000
 
 @dataclass(slots=True)
 class PartsAndPlates:
-    """Views of the parts and plates of a job; the code that reads them also updates the plates' holds."""
+    """Views of a job's parts and plates; `describe_jobs` updates the plates' holds before it uses them."""
 
     parts: list[api.PartView]
     plates: list[api.PlateStatus]

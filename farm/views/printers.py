@@ -122,6 +122,7 @@ def _describe_progress(context: ViewContext, attempt: Print) -> api.PrintProgres
 def _derive_printer_state(
     entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, is_enabled: bool
 ) -> str:
+    """Derive the state for `--json`; `look` means that a person must inspect the printer."""
     if not is_enabled:
         return "disabled"
     if snapshot.alarm is not None:

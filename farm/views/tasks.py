@@ -35,7 +35,7 @@ _RANKS = {
     "outage": 2,
     "host": 2,
     "replace": 2,
-    "look": 2,
+    "look": 2,  # inspect a printer
     "connect": 3,
     "resume": 4,
     "hours": 4,

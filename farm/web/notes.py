@@ -53,7 +53,7 @@ class Notes:
         self._notes: dict[str, Note] = {}
 
     def put(self, user_id: str, note: Note) -> None:
-        """Store the note of a user, whose id is that of the user's key or session."""
+        """Store the note of a user; `user_id` is the id of the user's key or session."""
         self._notes.pop(user_id, None)
         self._notes[user_id] = note
         if len(self._notes) > _MAX_USERS:

@@ -133,7 +133,7 @@ class Client:
     def prune(self, dry_run: bool) -> api.PruneResponse:
         """Delete expired files, or only list them in a dry run.
 
-        This may take long, because the daemon draws the parts of a job before it deletes the job's files.
+        This may take a long time: the daemon draws the parts of a job before it deletes the job's files.
         """
         body = api.PruneRequest(dry_run=dry_run)
         return _validate_response(

@@ -107,7 +107,8 @@ def _commission_printer(
     if section is None and not target.startswith(("/", NET_PREFIX)):
         names = " ".join(section.name for section in sections)
         raise NotFoundError(
-            f"there is no printer {target}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
+            f"there is no printer {target} (the fleet has {names or 'none'}); "
+            "give the name of a printer, or a port such as /dev/ttyUSB0"
         )
     if section is not None and section.host is not None:
         raise RefusedError(
@@ -134,7 +135,7 @@ def _commission_printer(
         print(_format_entry(_make_name({section.name for section in sections}), model, target))
     elif section.model != model:
         raise FarmError(
-            f"{section.name} is of the model {model}, but fleet.yaml says {section.model}: correct it there",
+            f"the model of {section.name} is {model}, but fleet.yaml says {section.model}: correct it there",
             ErrorCode.FLEET_FILE,
         )
 

@@ -259,7 +259,7 @@ def worker(
     slots: Annotated[
         int | None,
         typer.Option(
-            min=1, max=_MAX_SLOTS, help="Number of tasks at the same time; default: one for each core."
+            min=1, max=_MAX_SLOTS, help="Maximum number of simultaneous tasks; default: one for each core."
         ),
     ] = None,
     memory_gb: Annotated[

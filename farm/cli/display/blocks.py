@@ -34,7 +34,7 @@ class Block:
 
 
 def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
-    """Return at most `height` lines of the blocks, in order; None for no limit.
+    """Return at most `height` lines of the blocks, in order; return all lines if `height` is None.
 
     The last line of a shortened block states the number of omitted lines.
     """

@@ -24,7 +24,7 @@ _COLUMNS = (
     Column("BED", rank=5),
     Column("ACTION", rank=1, min_width=18),
 )
-_STATE_NAMES = {"look": "inspect"}
+_STATE_NAMES = {"look": "inspect"}  # a person must inspect the printer
 """States whose names in the table differ from those in `--json`."""
 
 

@@ -107,7 +107,7 @@ class ClusterPool:
 
     @property
     def start_step(self) -> str | None:
-        """Current step while the workers on this computer start; see `WorkerPool.start_step`."""
+        """Current step in starting the workers on this computer; see `WorkerPool.start_step`."""
         return self._local_pool.start_step
 
     @property

@@ -25,7 +25,7 @@ class ClusterWorker:
     Attributes
     ----------
     slot_count
-        Number of tasks at the same time.
+        Maximum number of tasks that it runs at the same time.
     refusal_reason
         Reason why it gets no tasks, as text; None if it gets tasks.
     """
@@ -84,7 +84,7 @@ class ClusterState:
 
 
 def describe_place(place: Place, scheduler: str) -> str:
-    """Describe the new place of work for the log."""
+    """Describe for the log where tasks run from now on, or that they wait."""
     if place is Place.CLUSTER:
         return f"tasks run on the workers of {scheduler}"
     reason = f"no worker of {scheduler} can be used"
@@ -95,7 +95,7 @@ def describe_place(place: Place, scheduler: str) -> str:
 
 
 def choose_place(unusable_s: float) -> Place:
-    """Choose the place of new work from the time since the cluster last had a usable worker."""
+    """Choose where new tasks run, from the time since the cluster last had a usable worker."""
     if unusable_s <= 0.0:
         return Place.CLUSTER
     return Place.WAITING if unusable_s < WORKER_TIMEOUT_S else Place.THIS_COMPUTER

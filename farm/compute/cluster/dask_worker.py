@@ -27,7 +27,7 @@ class FarmWorker(Worker):  # type: ignore[misc]
     executor
         Executor that runs the tasks. Clients compare the versions of its installation with theirs.
     slot_count
-        Number of tasks at the same time.
+        Maximum number of tasks that it runs at the same time.
     folder
         Folder for Dask's files.
     security

@@ -28,7 +28,7 @@ class WorkerOptions:
     folder
         Folder for caches and tasks, used by this worker only.
     slot_count
-        Number of tasks at the same time.
+        Maximum number of tasks that the worker runs at the same time.
     memory_gb
         Memory limit of each task; None for a share of the machine's memory.
     """

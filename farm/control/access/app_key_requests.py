@@ -80,7 +80,9 @@ class AppKeyRequests:
             (request for request in self.list_open_requests(now_s) if request.code == code), None
         )
         if app_request is None:
-            raise NotFoundError(f"no program is requesting a key with the code {code}; `farm key` lists them")
+            raise NotFoundError(
+                f"there is no open request with the code {code}; `farm key` lists the open requests"
+            )
         return app_request
 
     def grant(

@@ -27,7 +27,7 @@ def write_coupon(out: Path, pin_mm: float | None) -> dict[str, Any]:
     """
     if pin_mm is None:
         raise FarmError(
-            "--pins none: a coupon is for pins; give filament or a diameter in mm", ErrorCode.SETTINGS
+            "--pins none: a coupon needs pins; use --pins filament, or a diameter in mm", ErrorCode.SETTINGS
         )
     with translate_errors():
         coupon = make_coupon(pin_mm)

@@ -59,7 +59,7 @@ class DecomposeRequest:
     Attributes
     ----------
     printer_count
-        Number of printers; None for as many as save time, up to `MAX_PRINTERS`.
+        Number of printers; None for the number that saves the most time, at most `MAX_PRINTERS`.
     volume_mm
         Build volume of a printer: x, y, z.
     interior, engine, score

@@ -30,7 +30,9 @@ from slicing.settings import find_resources
 
 
 def cut_part(task: ReplanTask) -> Pieces:
-    """Cut a part into pieces for several of the task's printers, as many as save time.
+    """Cut a part into pieces for several of the task's printers.
+
+    The number of printers is chosen so that printing and a person's work take the least time in total.
 
     Raises
     ------
@@ -71,7 +73,7 @@ def cut_part(task: ReplanTask) -> Pieces:
 
 
 def read_pin_distances_mm(task: ReplanTask) -> tuple[float, ...]:
-    """Read the distances between the pins of the job's parts, in mm, which new pairs of pins must avoid."""
+    """Read the pin distance of each existing pair of pins, in mm; new pairs must have other distances."""
     reports = ((task.files / name).read_text(encoding="utf-8") for name in task.reports)
     return tuple(
         distance_mm for report in reports for distance_mm in read_pair_distances_mm(json.loads(report))

@@ -38,7 +38,7 @@ class PlannedJob:
     print_deadline_s
         Time by which its last part must be printed; None for no limit.
     end_s
-        Time at which it ends if all of its plates start now; None if some do not.
+        Time at which it ends if all of its plates start now; None if some of them cannot.
     """
 
     id: int
@@ -144,7 +144,8 @@ def _may_be_better(job: PlannedJob, names: Sequence[str], current_end_s: float) 
         return False
     if math.isinf(current_end_s):
         return True
-    if len(job.plates) > len(job.planned_for):  # it prints in rounds, and cannot be cut into fewer parts
+    # Some printers print several of its plates in turn, because fewer and larger parts would not fit.
+    if len(job.plates) > len(job.planned_for):
         return len(names) >= len(job.plates)
     # If the plan did not use all of its printers, a plan for more printers would not use them either.
     if len(names) > len(job.plates):

@@ -52,7 +52,7 @@ def list_timings(books: Books, printer: Printer) -> list[Timing]:
 
 
 def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Timing]:
-    """List the latest usable timings of plates sliced for the same printer family as one plate.
+    """List the latest usable timings of plates sliced for the same printer family as `plate`.
 
     The ratios are scaled to the time factor of `printer`.
     """

@@ -102,7 +102,7 @@ def _find_end_s(context: ViewContext, attempt: Print, start_s: float) -> float:
 
 
 def list_spans(hours: Hours, begin_s: float, end_s: float) -> list[tuple[float, float]]:
-    """List the spans of weekly hours within an interval, clipped to the interval."""
+    """List the spans of `hours` within an interval, clipped to the interval."""
     spans, at_s = [], begin_s
     while at_s < end_s:
         span = hours.find_span(at_s) or hours.find_next_span(at_s)

@@ -1,4 +1,4 @@
-"""View of the fleet's timeline: rows of printers, bars of prints, and bands of weekly hours. Pure."""
+"""View of the fleet's timeline: rows of printers, bars of prints, bands of attended and quiet hours. Pure."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Band in the background of the chart for a span of weekly hours; lengths in px."""
+    """Band in the background of the chart for a span of attended or quiet hours; lengths in px."""
 
     x: float
     width: float

@@ -157,7 +157,7 @@ def _estimate_remaining_s(context: ViewContext, plates: Sequence[_PlateInState])
 
 
 def _is_end_known(context: ViewContext, job: Job, plates: Sequence[_PlateInState]) -> bool:
-    """Return whether no plate waits for its first forecast, or for a person to resume it."""
+    """Return True unless a plate waits for the farm's first forecast, or for a person to resume it."""
     waiting_plates = (plate for plate, state in plates if state is PlateState.WAITING)
     return not any(job.paused or plate.paused or context.awaits_forecast for plate in waiting_plates)
 

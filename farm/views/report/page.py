@@ -123,7 +123,7 @@ def _list_steps(report: Report) -> list[tuple[str, ...]]:
 
 
 def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
-    """List the part, printer, end, outcome and reason of each failed, bad or cancelled print, by end."""
+    """List the part, printer, end, outcome and reason of failed, bad and cancelled prints, sorted by end."""
     failures = [
         (attempt.ended or "", attempt, outcome)
         for attempt in job.prints

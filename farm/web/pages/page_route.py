@@ -24,7 +24,7 @@ EMPTY_FIELD_VALIDATOR = BeforeValidator(lambda value: None if value == "" else v
 
 
 def read_query(model: type[_Query], text: str) -> _Query:
-    """Parse the query of a URL for a page that is rendered without a request. Raises FarmError."""
+    """Parse the query of a URL when a live page is rendered anew, without a request. Raises FarmError."""
     try:
         return model.model_validate(dict(parse_qsl(text, max_num_fields=_MAX_FIELDS)))
     except ValidationError as error:

@@ -31,7 +31,7 @@ NAVIGATION: tuple[tuple[str, str, Role], ...] = (
 )
 """Links of the navigation, each with the path of a page, a label, and the role that the page requires."""
 _VALUE_TEXTS = {
-    "look": "inspect",
+    "look": "inspect",  # state of a printer that a person must inspect; unrelated to `Role.LOOK`
     "ready": "idle",
     "absent": "not connected",
     "at_nozzle": "at the nozzle",
@@ -91,7 +91,11 @@ def render_page(
 
 
 def render_login(farm_name: str, user: str, role: Role) -> str:
-    """Render the page that a login link opens. Only its button logs in: a preview leaves the link valid."""
+    """Render the page that a login link opens.
+
+    Only the button on the page logs the user in, and uses up the link: a program that opens the link for a
+    preview leaves it valid.
+    """
     return load_template("login.html").render(title=farm_name, user=user, role=role)
 
 

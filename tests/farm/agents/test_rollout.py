@@ -1,9 +1,10 @@
 """Update of the agents of all hosts."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.host import HostState, Update, UpdatePhase
+from drivers.host import AgentPhase, AgentState, HostState, Update, UpdatePhase
 from farm.agents.host_record import HostChange, HostRecord
 from farm.agents.hosts import compute_report_interval_s
 from farm.agents.rollout import RolloutStep, plan_rollout
@@ -108,6 +109,16 @@ def test_loss_is_reported_once_after_ten_seconds_and_the_return_once():
     record.on_state(301.0, HostState(pid=2))
     assert record.find_change(301.0, 1.0) is HostChange.RECONNECTED
     assert record.describe_wait() is None
+
+
+@pytest.mark.parametrize(
+    ("reason", "suffix"), [("its agent ended with 1", " (its agent ended with 1)"), (None, "")]
+)
+def test_wait_for_agents_names_them_with_the_reason_if_it_is_known(reason: str | None, suffix: str) -> None:
+    record = HostRecord("pc-b", ("a", "b"), 100.0)
+    agents = [AgentState(printer=name, phase=AgentPhase.WAITING, reason=reason) for name in ("a", "b")]
+    record.on_state(101.0, HostState(pid=1, agents=agents))
+    assert record.describe_wait() == f"agents that have to start again: a b{suffix}"
 
 
 def test_report_interval_limits_the_reports_of_the_fleet_to_200_a_second():

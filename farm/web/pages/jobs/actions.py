@@ -1,4 +1,4 @@
-"""Buttons for a job and its parts, chosen by the states of job and parts, and by the user's role. Pure."""
+"""Buttons for a job and its parts, according to the states of both and to the user's role. Pure."""
 
 from __future__ import annotations
 
