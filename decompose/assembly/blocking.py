@@ -15,14 +15,17 @@ from decompose.assembly.shadow import MAX_TOUCH_OVERLAP_MM, cast_shadow
 from decompose.geometry import Solid
 from decompose.pieces import CutSolid, Joint
 
-SAME_AXIS_SIN = 1e-4  # maximum sine of the angle between two directions that count as one
-MAX_AXES = 9
+# Maximum sine of the angle between two directions along the same axis, and maximum cosine of that between two
+# perpendicular directions.
+SAME_AXIS_SIN = 1e-4
+MAX_AXES = 9  # maximum number of normals that are used as axes
 
 
 def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
     """List the axes along which parts may be separated: the normals of the joints, then those of other cuts.
 
-    The normals of the largest joints come first. Three orthogonal axes are always included.
+    The first three axes are orthogonal: the normal of the largest face of a joint, and two axes that complete
+    it to a frame. Of the other normals of joints, those of larger faces come first.
 
     Parameters
     ----------
@@ -61,8 +64,8 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
     -------
     Bools
         (2 k, n, n) bool: ``[d, i, j]`` is true if part i blocks part j along ``[axes, -axes][d]``. The
-        bounding boxes of two parts, aligned with the axis, decide this unless they overlap; if they do, the
-        shadows of the parts are compared.
+        bounding boxes of two parts, aligned with the axis, decide this unless they overlap. If they overlap,
+        the shadows of the parts are compared (`shadow.Shadow`).
     """
     count = len(solids)
     blocking = np.zeros((2 * len(axes), count, count), dtype=np.bool_)
@@ -73,11 +76,12 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
         lo_mm = np.array([points_mm.min(axis=0) for points_mm in rotated_mm])
         hi_mm = np.array([points_mm.max(axis=0) for points_mm in rotated_mm])
         overlap_mm = _compute_overlap_mm(lo_mm[:, 1:], hi_mm[:, 1:])
-        is_beside = (overlap_mm > MAX_TOUCH_OVERLAP_MM).all(axis=2) & ~np.eye(count, dtype=np.bool_)
+        overlaps_across = (overlap_mm > MAX_TOUCH_OVERLAP_MM).all(axis=2) & ~np.eye(count, dtype=np.bool_)
         # [i, j] is true if the whole of part i lies beyond part j along the axis.
         is_beyond = lo_mm[:, None, 0] >= hi_mm[None, :, 0] - MAX_TOUCH_OVERLAP_MM
-        blocking[k], blocking[k + len(axes)] = is_beside & is_beyond, is_beside & is_beyond.T
-        needs_shadows = is_beside & ~is_beyond & ~is_beyond.T
+        blocking[k] = overlaps_across & is_beyond
+        blocking[k + len(axes)] = overlaps_across & is_beyond.T
+        needs_shadows = overlaps_across & ~is_beyond & ~is_beyond.T
         shadows = {
             i: cast_shadow(solids[i], frame) for i in np.flatnonzero(needs_shadows.any(axis=0)).tolist()
         }
@@ -108,7 +112,10 @@ def _compute_overlap_mm(lo_mm: Floats, hi_mm: Floats) -> Floats:
 
 
 def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floats, Floats]:
-    """Choose two unit vectors (3,) perpendicular to an axis and to each other, one of `axes` if possible."""
+    """Choose two unit vectors (3,) perpendicular to an axis and to each other.
+
+    The first one is the direction of one of `axes` if possible.
+    """
     across = next((other for other in axes if abs(float(other @ axis)) < SAME_AXIS_SIN), None)
     if across is None:
         across = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)

@@ -1,10 +1,11 @@
 """Order of assembly: a tree of steps, each of which joins two bodies along one direction.
 
-The search begins with the complete assembly and takes it apart. A set of parts is split into two sets that
-can be moved apart along an axis and are each held together by glue, until only single parts remain. The steps
-of the assembly are these splits in reverse order.
-A partition into boxes of one frame can always be split in this way; in other partitions, a set that cannot be
-split is a fault.
+A body is a single part, or several parts that are already glued. The search begins with the complete assembly
+and takes it apart: a set of parts is split into two sets that can be moved apart along an axis, until only
+single parts remain. If possible, each of the two sets is held together by glue. The steps of the assembly are
+these splits in reverse order.
+A partition into boxes of one frame can always be split in this way. In other partitions, there may be sets
+that cannot be split; they are reported as `Assembly.locked_sets`.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class Assembly:
     steps
         Steps in the order of work, each after the steps that make its bodies.
     locked_sets
-        Sets of parts that cannot be joined by straight moves of two bodies.
+        Sets of parts that cannot be taken apart by straight movements, so that no step joins them.
     """
 
     steps: tuple[AssemblyStep, ...] = ()
@@ -89,7 +90,7 @@ class Assembly:
 
     @property
     def total_s(self) -> float:
-        """Time of one person from the first step to the end of the last one, with the drying of glue."""
+        """Time until the end of the last step if one person does all the work, with waits for glue to dry."""
         return max((step.start_s + step.work_s for step in self.steps), default=0.0)
 
     @property

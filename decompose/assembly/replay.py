@@ -12,7 +12,7 @@ from decompose.assembly.shadow import cast_shadow
 from decompose.geometry import Solid
 from decompose.pieces import Joint
 
-SAME_AXIS_COS = 1.0 - 1e-9  # minimum cosine of the angle between two directions that count as one
+SAME_AXIS_COS = 1.0 - 1e-9  # minimum absolute cosine between two directions along the same axis
 
 
 def find_order_faults(solids: Sequence[Solid], joints: Sequence[Joint], assembly: Assembly) -> list[str]:
@@ -36,7 +36,11 @@ def find_order_faults(solids: Sequence[Solid], joints: Sequence[Joint], assembly
 
 
 def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> Iterator[str]:
-    """Join the bodies step by step; yield sides of steps that are not one body, and joints without a step."""
+    """Join the bodies step by step, and yield a sentence for each fault.
+
+    A fault is a moved or fixed body of a step that is not exactly one body at that time, or a joint whose
+    parts no step joins.
+    """
     bodies = {number: frozenset({number}) for number in range(count)}
     for group in assembly.locked_sets:
         bodies |= dict.fromkeys(group, frozenset(group))
@@ -56,7 +60,7 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
 
 
 def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> Iterator[str]:
-    """Move the bodies of each step apart, and yield collisions.
+    """Move the bodies of each step apart, and yield a sentence for each collision.
 
     The axes are examined one after another, because shadows take a lot of memory.
     """

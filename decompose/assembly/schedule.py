@@ -1,7 +1,7 @@
 """Schedule of an assembly: the time of each step, and an order in which a person can work while glue dries.
 
-The times are estimates. For models with 6 to 12 parts, their sum agrees with the 3.6 minutes per part in the
-literature (`engines.guillotine.ASSEMBLY_S`).
+The times are estimates. For models with 6 to 12 parts, their sum divided by the number of parts agrees with
+the 3.6 minutes per part in the literature (`engines.guillotine.ASSEMBLY_S`).
 """
 
 from __future__ import annotations

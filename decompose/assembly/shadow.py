@@ -1,4 +1,4 @@
-"""Shadows of parts along an axis: the ends of each part on a grid of parallel lines.
+"""Shadows of parts along an axis: where a part begins and ends on each line of a grid parallel to the axis.
 
 A part that is moved along an axis without limit collides with another part if, on some line parallel to the
 axis, the other part has material ahead of it. The ends of both parts on all lines are enough to decide this.
@@ -21,7 +21,7 @@ MAX_TOUCH_OVERLAP_MM = 0.05  # maximum overlap of parts that only touch
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shadow:
-    """Ends of a part on the lines that meet it.
+    """Least and greatest coordinate of a part on each line of the grid near it; these are its ends.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
 
 @jit
 def _extend_ends(triangles: Floats, low_mm: Floats, high_mm: Floats) -> None:
-    """Extend the ends on all lines to include some triangles.
+    """Extend the ends of a part on all lines so that they include some triangles of the part.
 
     Parameters
     ----------

@@ -1,13 +1,13 @@
 """Search for the split of a set of parts into two sets that can be moved apart.
 
 When two bodies are joined along a direction, glued faces that are perpendicular to it close: they meet only
-at the end of the movement. Other glued faces, oblique or parallel to it, slide over each other. Faces that
-close can have pins and keys, and keep their glue.
+at the end of the movement. Other glued faces, oblique or parallel to it, slide over each other. Only faces
+that close can have pins in holes, and only on these faces does the glue stay in place.
 
-A split whose faces all close is never worse than another one, because any way to take the whole set apart
-also takes its two halves apart, along the same faces or fewer of them. So the choice matters only if every
-split slides. In that case, the splits with the smallest sliding area are compared by the total sliding area
-of all steps that take the set apart into single parts.
+A split whose faces all close is never worse than another one. After such a split, each half can be taken
+apart by the same movements as the whole set, and no additional faces slide. So the choice matters only if
+every split slides. In that case, the splits with the smallest sliding area are compared by the total sliding
+area of all steps that take the set apart into single parts.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from decompose.assembly.shadow import MAX_TOUCH_OVERLAP_MM
 from decompose.pieces import Joint
 
 MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glued area closes
-MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of a step
+MIN_ALIGNED_COS = 0.999  # minimum absolute cosine between a step and the normal of a face that closes
 MAX_COMPARED_SPLITS = 8  # maximum number of sliding splits that are compared by taking the set apart
-# Maximum number of sets that are taken apart for this comparison; after that, only the sliding area of the
-# split itself is compared.
+# Maximum number of sets that are taken apart for this comparison; beyond it, splits are compared only by
+# their own sliding area.
 MAX_EXAMINED_SETS = 400
 
 
@@ -197,8 +197,9 @@ class SplitSearch:
     def _list_movable_sets(self, direction_number: int, numbers: Ints) -> Iterator[Bools]:
         """List the sets of parts that can be moved along a direction, as masks over `numbers`.
 
-        These sets are: each part with all parts that block it, directly or through others; the parts beyond a
-        plane that cuts no part; and single bodies of these sets that no other body blocks.
+        There are three kinds of sets: a part with all parts that block it, directly or through others; the
+        parts beyond a plane that is perpendicular to the direction and cuts no part; and single bodies of
+        those sets that no part outside the body blocks.
         """
         blocked_by = self.blocking[direction_number][np.ix_(numbers, numbers)].T | np.eye(
             len(numbers), dtype=np.bool_

@@ -1,4 +1,4 @@
-"""Sample points of the glued area of an assembly step, and those of them that its pins do not reach.
+"""Sample points of the glued area of an assembly step, and the points that no pin of the step reaches.
 
 A pin reaches the glued area around it, up to a distance at which it still aligns the faces well.
 """
@@ -31,7 +31,7 @@ class Site:
 
 
 def sample_glue(sides: Sequence[Side]) -> Floats:
-    """List sample points (n, 3) in mm of all glued faces, also of those that slide over each other."""
+    """List sample points (n, 3) in mm of all glued faces, including those that slide over each other."""
     return np.concatenate(
         [sample_points(side, side.face.outline, GLUE_PITCH_MM) for side in sides] or [np.zeros((0, 3))]
     )

@@ -14,7 +14,8 @@ from decompose.geometry import Solid, choose_plane_axes, compute_cross_product
 from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
-SLAB_DEPTH_MM = 8.0  # depth down to which the gaps below a face are found and cached; few tools are deeper
+# Depth below a face down to which the gaps, the space outside the part, are cached; few tools are deeper.
+SLAB_DEPTH_MM = 8.0
 # Depth at which the search for gaps begins: at the face itself, rounding errors leave thin films.
 FILM_DEPTH_MM = 0.05
 # Minimum sine of the angle between the vertical and a face that counts as level: more than 30 degrees.
@@ -246,19 +247,19 @@ class Workpieces:
 
 
 def _get_key(side: Side) -> _SideKey:
-    """Get the key of a side. It contains the `id` of the face, which exists longer than the workpieces."""
+    """Get the key of a side, with the `id` of its face: faces exist longer than the workpieces."""
     return side.part, id(side.face)
 
 
 def _build_slab(side: Side, depth_mm: float) -> Solid:
-    """Build the solid with the outline of a face that extends from just below the face down to a depth."""
+    """Build the solid with the outline of a face, between just below the face and a depth below it."""
     frame = np.vstack([side.face.axes, side.face.normal])
     ends_mm = side.face.offset_mm + side.sign * np.array([FILM_DEPTH_MM, depth_mm])
     return Solid.prism(list_rings(side.face.outline), frame, float(ends_mm.min()), float(ends_mm.max()))
 
 
 def erode_area(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
-    """Erode an area by a convex shape: find where the origin of the shape may be so that it stays inside.
+    """Erode an area by a convex shape: find the positions of its origin at which it is inside the area.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from decompose.pieces import Joint
 
 UPRIGHT_SIN = 0.02  # maximum sine of the angle between an upright face and the vertical
 PLACE_PITCH_MM = 4.0  # distance between the places that are tried
-MIN_RANGE_MM = 15.0  # minimum range of heights that a gutter covers in addition to the earlier ones
+MIN_RANGE_MM = 15.0  # minimum range of heights that a gutter adds to those of the earlier gutters
 MAX_GUTTERS = 3  # maximum number of gutters of a part
 MIN_GAIN_SHARE = 0.7  # minimum additional range of a gutter, as a share of the largest possible one
 # Directions perpendicular to the infill lines of two successive layers; the first and the last infill line
@@ -100,7 +100,7 @@ def _make_span(place: _Place) -> shapely.LineString:
 
 
 def _trim_place(place: _Place, covered_span: shapely.Geometry) -> _Place:
-    """Trim a place to the longest part of its height that no other gutter covers."""
+    """Trim a place to the longest interval of its heights that no other gutter covers."""
     new_span = _make_span(place).difference(covered_span)
     longest = max(getattr(new_span, "geoms", [new_span]), key=lambda span: span.length)
     low_mm, _, high_mm, _ = longest.bounds
@@ -110,7 +110,7 @@ def _trim_place(place: _Place, covered_span: shapely.Geometry) -> _Place:
 
 
 def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
-    """Yield the places on a side where a gutter is far enough from the rim and from other tools."""
+    """Yield the places on a side where the wall around a gutter is thick enough, also to other tools."""
     margin_mm = GUTTER_DEPTH_MM + LIP_MM + RIM_MM + ROUNDING_MARGIN_MM
     free_area = workpieces.find_tool_area(side, GUTTER_DEPTH_MM).buffer(-margin_mm)
     if free_area.is_empty:

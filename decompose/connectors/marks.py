@@ -1,7 +1,7 @@
 """Places of marks: on both faces of each joint, the number of the other part and an upward arrow.
 
-On one face of each part, the part's own number precedes the other number. It is on one face only, because
-each digit takes print time, and on a face that stands upright in the print if the part has one.
+On one face of each part, the part's own number precedes the other number. Only one face has it, because each
+digit takes print time. If possible, this face is upright while the part is printed.
 """
 
 from __future__ import annotations
@@ -42,9 +42,10 @@ LEVEL_COS = 0.99
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TextLayout:
-    """A text of letters with this height and grooves with this depth.
+    """A text, the height of its letters and the depth of its grooves.
 
-    It consists of strokes (k, 2, 2) around the origin; their bounding box has these half extents (2,).
+    Its strokes (k, 2, 2) are around the origin; `half_extents_mm` (2,) are half the sides of their bounding
+    box.
     """
 
     text: str
@@ -179,7 +180,7 @@ def _place_text(workpieces: Workpieces, side: Side, texts: Sequence[_TextLayout]
     """Place the first text that fits on a side of a joint, horizontally or rotated by 90 degrees."""
     if _needs_support(workpieces, side):
         return None
-    # Use the area for gutters, which is cached: to find an area takes longer than to place a text.
+    # Use the area for gutters, which is cached: finding an area takes longer than placing a text.
     depth_mm = max(GUTTER_DEPTH_MM, *(text.depth_mm for text in texts))
     free_area = workpieces.find_tool_area(side, depth_mm)
     up_direction = _find_up_direction(side)
@@ -225,7 +226,7 @@ def _engrave_text(workpieces: Workpieces, side: Side, text: _TextLayout, lines_m
 
 
 def _find_up_direction(side: Side) -> Floats:
-    """Find the direction (3,) of an arrow: to the model's top, or, on a level face, to the model's back."""
+    """Find the direction (3,) of an arrow: to the model's top; on a horizontal face, to the model's back."""
     target = np.eye(3)[1 if abs(side.face.normal[2]) > LEVEL_COS else 2]
     projection = target - (target @ side.face.normal) * side.face.normal
     return np.asarray(projection / np.linalg.norm(projection))

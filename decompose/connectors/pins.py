@@ -34,7 +34,7 @@ from decompose.pieces import Joint, list_polygons
 
 SHALLOW_DEPTH_RATIO = 1.05  # depth of the shallow hole of a pair, as a multiple of the diameter of the pin
 MIN_DEPTH_MM = 2.5  # minimum depth of a hole
-EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap if a body is rotated by 180 degrees
+EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap of a joint with a rotated body
 END_GAP_MM = 0.5  # gap at each end of a pin
 # Minimum difference between the pin distances of two pairs, in addition to twice the fit.
 MIN_DISTANCE_DIFFERENCE_MM = 0.7
@@ -43,11 +43,12 @@ MIN_SLOT_DISTANCE_MM = 80.0  # minimum distance between two pins for which one h
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
 PLACE_PITCH_MM = 15.0  # distance between the places that are tried for further pins of a step
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
-EXTRA_MARGIN_MM = 2.0  # additional distance of a pair from the rim, if the pins still are far enough apart
-EXTRA_MARGIN_SHARE = 0.8  # minimum distance of a pair with this margin, as a share of the distance without it
+# Additional distance of a pair from the border of the face. The pair has it only if the distance between its
+# pins is then still at least this share of the distance without it.
+EXTRA_MARGIN_MM, EXTRA_MARGIN_SHARE = 2.0, 0.8
 ROUNDING_MARGIN_MM = 0.03  # margin for shapely's buffers, which may cut off inner corners
 MIN_CORNER_MM = 0.5  # corners of a hull that protrude by less are ignored
-MIN_ALIGNED_COS = 0.999  # minimum cosine between a face's normal and the direction of the step
+MIN_ALIGNED_COS = 0.999  # minimum cosine between a step's direction and the normal of a face that closes
 SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and the direction of the step
 NO_PERPENDICULAR_FACE_REASON = "no glued face is perpendicular to the direction in which the parts are joined"
 
@@ -120,7 +121,10 @@ def place_pins(
 def _find_sites(
     pairs: Sequence[tuple[Side, Side]], step: AssemblyStep, *, is_sliding: bool = False
 ) -> list[Site]:
-    """Find the faces that close along the direction of a step, or that slide along it.
+    """Find the faces that close along the direction of a step, or those that slide along it.
+
+    Faces that close are perpendicular to the direction, and meet only at the end of the movement. Faces that
+    slide are parallel to it, and move over each other.
 
     Parameters
     ----------
@@ -297,7 +301,7 @@ class _PinPlacer:
         return []
 
     def _compute_slot_mm(self, point_mm: Floats, end_mm: Floats) -> Floats:
-        """Compute the elongation (3,) in mm of a hole towards a hole that is far away; 0 if it is near."""
+        """Compute the elongation (3,) in mm of a hole along the line to another hole; 0 if that is near."""
         offset_mm, direction = end_mm - point_mm, self.step.direction
         separation_vector_mm = offset_mm - (offset_mm @ direction) * direction
         separation_mm = float(np.linalg.norm(separation_vector_mm))
@@ -362,7 +366,10 @@ class _PinPlacer:
         return []
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place the shallow pin that reaches most of the area that no other reaches; None if too little."""
+        """Place a shallow pin where it reaches most of the area that no pin reaches so far.
+
+        None if no place for a pin gains enough area.
+        """
         unreached_points_mm = find_unreached_glue(self.glue_points_mm, pins)
         if not len(unreached_points_mm):
             return None

@@ -9,9 +9,9 @@ import numpy as np
 
 from decompose.arrays import Floats
 
-RIM_MM = 1.2  # minimum distance of a tool from the outside of its part, and from another tool
-KEY_RIM_MM = 0.8  # minimum distance of a key's groove from the outside: the width of two lines
-SLIDING_COS = 0.999  # minimum cosine between a key that slides and the direction of its step
+RIM_MM = 1.2  # minimum wall around a tool: its distance from the outside of its part, and from another tool
+KEY_RIM_MM = 0.8  # minimum wall around a key's groove: the width of two printed lines
+SLIDING_COS = 0.999  # minimum absolute cosine between a key that slides and the direction of its step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,11 +60,12 @@ class Pin:
     length_mm
         Length to which the pin is cut; it is shorter than its two holes together.
     is_slotted
-        Whether one hole is elongated towards the other pin of the pair, because the parts may shrink.
+        Whether one hole is elongated along the line to the other pin of the pair (`find_pairs`), because the
+        parts may shrink.
     holes
         Holes, or grooves, in the moved part and in the fixed one.
     key_direction
-        (3,) unit vector along which a key lies; None for a pin in holes. If it is the direction of the step,
+        (3,) unit vector along which a key lies; None for a pin in holes. If it is parallel to the step,
         the faces slide over each other, and one of the grooves has an exit through which the key enters.
     """
 
@@ -99,10 +100,10 @@ class Mark:
     part, joint
         Number of the part that has the mark, and number of the joint.
     text
-        Number of the neighbour after a hyphen (`-14`), and `^`, an arrow to the top of the model (on level
-        faces, to its back), if there is space for it. On one face of each part, the part's own number comes
-        first (`10-14`), or stands alone (`10`). If no digits fit, the text consists of full stops, which are
-        printed as dots; both faces of the joint have the same number of them.
+        Number of the neighbour after a hyphen (`-14`). If there is space, `^` follows: an arrow to the top of
+        the model, or, on faces that are horizontal in the model, to its back. On one face of each part, the
+        part's own number comes first (`10-14`), or stands alone (`10`). If no digits fit, the text consists
+        of full stops, which are printed as dots; both faces of the joint have the same number of them.
     height_mm
         Height of the letters.
     lines_mm

@@ -1,7 +1,7 @@
-"""Redundant pins, which can be left out because enough of the glue of all steps together is near other pins.
+"""Redundant pins, which can be left out because other pins reach enough of the glued area of all steps.
 
-Each step gets pins until enough of its own glue is near them. Some of these pins reach only a corner of a
-face, but their holes take as long to print as those of other pins.
+Each step gets pins until they reach enough of its own glued area (`coverage`). Some of these pins reach only
+a corner of a face, but their holes take as long to print as those of other pins.
 """
 
 from __future__ import annotations
@@ -16,15 +16,20 @@ from decompose.connectors.coverage import REACH_MM
 from decompose.connectors.faces import Workpieces
 from decompose.connectors.records import Pin, find_pairs
 
-MIN_TOTAL_SHARE = 0.96  # minimum share of the glue of all steps that is near a pin
-MIN_STEP_SHARE = 0.8  # minimum share of the glue of each single step that is near a pin
-LEVEL_COST = 4.0  # print time of a groove on a level face, as a multiple of that on an upright face
+# Minimum share of the glued area of all steps, and of each single step, that the remaining pins reach. If a
+# share is smaller already, no pin is left out that would reduce it.
+MIN_TOTAL_SHARE, MIN_STEP_SHARE = 0.96, 0.8
+# Print time of a groove on a level face (`Workpieces.is_level`), as a multiple of that on an upright face.
+LEVEL_COST = 4.0
 
 
 def find_redundant_pins(
     workpieces: Workpieces, glue_points_mm: Sequence[Floats], pins: Sequence[Pin]
 ) -> list[Pin]:
-    """Find the pins that can be left out, first those that reach little glue but take much print time.
+    """Find the pins that can be left out.
+
+    They are chosen one after another: the pin with the smallest ratio of the glued area that only this pin
+    reaches to its print time.
 
     Print time counts more in parts with many pins, because the job ends with the slowest part. The first two
     pins of a step, which align its parts, always stay.

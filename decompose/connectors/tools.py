@@ -14,7 +14,8 @@ from decompose.connectors.records import Tool
 from decompose.geometry import choose_plane_axes, compute_cross_product
 
 LIP_MM = 0.1  # distance by which a tool extends beyond its face, so that no film remains
-# Maximum sine of the angle between the ceiling of a hole and the vertical.
+# The ceiling of a hole or groove consists of the sides that overhang it in the pose of the part. This is the
+# maximum sine of the angle between the ceiling of a hole and the vertical.
 MAX_HOLE_SIN = math.sin(math.radians(40.0))
 # Maximum sine of this angle for a groove; the slicer supports ceilings of 50 degrees or more.
 MAX_GROOVE_SIN = math.sin(math.radians(47.5))
@@ -80,10 +81,11 @@ def make_hole(
     width_mm, depth_mm = size_mm
     inner_mm = width_mm / 2.0
     upwards, across = _choose_cross_axes(inward_normal, up_direction)
-    ring = _make_hexagon(upwards, across, inner_mm)
-    ring = np.concatenate([ring + elongation_mm, ring - elongation_mm]) if elongation_mm.any() else ring
+    corners = _make_hexagon(upwards, across, inner_mm)
+    if elongation_mm.any():
+        corners = np.concatenate([corners + elongation_mm, corners - elongation_mm])
     for roof, tip in _CEILINGS:
-        section = np.vstack([ring, roof * inner_mm * upwards]) if roof else ring
+        section = np.vstack([corners, roof * inner_mm * upwards]) if roof else corners
         points = np.concatenate([section - LIP_MM * inward_normal, section + depth_mm * inward_normal])
         if tip:
             ridge = HALF_RIDGE_MM * np.array([[-1.0], [1.0]]) * across
@@ -110,7 +112,7 @@ def make_groove(
     part
         Number of the part.
     ends_mm
-        (2, 3) ends of the bottom of the groove, on the face.
+        (2, 3) ends of the groove's centre line, on the face; at each end, a half cone follows.
     inward_normal
         (3,) unit vector from the face into the part.
     depth_mm

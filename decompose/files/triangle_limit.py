@@ -19,7 +19,7 @@ _OFF_COUNTS_PATTERN = re.compile(rb"(?:\s|#[^\n]*\n)*C?OFF(?:\s|#[^\n]*\n)+\d+\s
 
 
 def check_head(name: str, head: bytes, size_bytes: int, suffix: str, memory_bytes: int) -> None:
-    """Refuse a file whose first bytes give more triangles than fit in memory.
+    """Refuse a file whose first bytes state more triangles than fit in memory.
 
     Parameters
     ----------
@@ -30,10 +30,10 @@ def check_head(name: str, head: bytes, size_bytes: int, suffix: str, memory_byte
     size_bytes
         Number of bytes of the whole file.
     suffix
-        Format of the file, such as `.stl`. Files whose first bytes do not give the number of triangles are
+        Format of the file, such as `.stl`. Files whose first bytes do not state the number of triangles are
         not refused.
     memory_bytes
-        Memory of the process that will read it.
+        Memory of the process that will read the file.
 
     Raises
     ------

@@ -34,8 +34,8 @@ class KeyPlacer:
     pins
         Pins and keys of the step so far; new keys are added.
     used_distances_mm, min_difference_mm
-        Distances between the two pins or keys of other steps and of parts drilled before, and the minimum
-        difference of the distance of a new pair from each of them.
+        Distances between the two pins or keys of earlier pairs: of other steps, and of parts drilled before.
+        The distance of a new pair differs from each of them by more than `min_difference_mm`.
     """
 
     maker: KeyMaker

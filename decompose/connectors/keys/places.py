@@ -34,11 +34,14 @@ from decompose.geometry import compute_cross_product
 from decompose.pieces import list_polygons
 
 SHORT_KEY_MM = 5.0  # length of the shorter key of a pair, and of additional keys
-EXCESS_MM = 1.0  # the long key is longer than the mouth of the short groove by this, so that it does not fit
+# Minimum length of the long key beyond the short key and its diameter, so that the long key does not fit into
+# the groove of the short one.
+EXCESS_MM = 1.0
 END_GAP_MM = 0.25  # gap at each end of a key
 DEPTH_SAMPLES = 6  # number of depths at which the wall around a groove is examined
-RIM_PITCH_MM = 1.0  # minimum distance between points on the rim; grooves are tried between pairs of points
-MAX_RIM_POINTS = 150  # maximum number of these points on a face
+# Grooves are tried between pairs of points on the boundary of a polygon: minimum distance between successive
+# points, and maximum number of points.
+BOUNDARY_PITCH_MM, MAX_BOUNDARY_POINTS = 1.0, 150
 PLACE_PITCH_MM = 3.0  # distance between the places that are tried on faces that slide
 ROUNDING_MARGIN_MM = 0.05  # tolerance for the rounded corners of shapely's buffers
 MAX_EXIT_DISTANCE_MM = 80.0  # maximum distance that a key slides through its groove
@@ -65,7 +68,10 @@ def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
 
 
 def compute_bottom_length_mm(key_mm: float, depth_mm: float, length_mm: float) -> float:
-    """Compute the length of the bottom of a groove, whose ends rise from the bottom to the ends of the key.
+    """Compute the length of the bottom of a groove.
+
+    The ends of the groove slope by 45 degrees. At the depth of the key's lowest line, which is the radius of
+    the key, the groove is longer than the key by a gap at each end.
 
     Parameters
     ----------
@@ -210,10 +216,10 @@ class KeyMaker:
         return compute_bottom_length_mm(self.key_mm, self._compute_depth_mm(site), length_mm)
 
     def _find_places_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
-        """Yield the places on a site where both ends of a groove's bottom are on the rim of the free area."""
+        """Yield the places on a site where both ends of a groove's bottom are on the boundary of an area."""
         bottom_mm = self._compute_bottom_mm(site, length_mm)
         for polygon in list_polygons(self._find_common_area(site)):
-            points, pitch_mm = _sample_rim(polygon)
+            points, pitch_mm = _sample_boundary(polygon)
             distances_mm = np.triu(cdist(points, points))
             first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < min(pitch_mm, PLACE_PITCH_MM) / 2.0)
             if not len(first):
@@ -228,7 +234,7 @@ class KeyMaker:
                 yield KeyPlace(site, site.moved_side.compute_points_mm(middles[n]), direction)
 
     def _find_sliding_middles(self, site: Site, length_mm: float) -> Floats:
-        """Find the middles (n, 3) of keys along the direction of the step with enough wall around them."""
+        """Find the middles (n, 3) of keys in the direction of the step that have enough wall around them."""
         area = self._find_common_area(site)
         middles = site.moved_side.project_onto_face(sample_points(site.moved_side, area, PLACE_PITCH_MM))
         half_mm = (
@@ -299,9 +305,9 @@ def _build_hull(points: Floats) -> shapely.Geometry:
     return shapely.MultiPoint(points).convex_hull
 
 
-def _sample_rim(polygon: shapely.Polygon) -> tuple[Floats, float]:
+def _sample_boundary(polygon: shapely.Polygon) -> tuple[Floats, float]:
     """Sample points (n, 2) along the boundary of a polygon; return the points and their spacing in mm."""
     rings = [polygon.exterior, *polygon.interiors]
-    pitch_mm = max(RIM_PITCH_MM, sum(ring.length for ring in rings) / MAX_RIM_POINTS)
+    pitch_mm = max(BOUNDARY_PITCH_MM, sum(ring.length for ring in rings) / MAX_BOUNDARY_POINTS)
     points = [shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, pitch_mm)) for ring in rings]
     return np.asarray(shapely.get_coordinates(np.concatenate(points))), pitch_mm
