@@ -44,7 +44,7 @@ def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
     Returns
     -------
     list of str
-        A clause for each fault.
+        A phrase that describes each fault.
     """
     reader = _Reader()
     reader.feed(page)

@@ -29,8 +29,8 @@ TURNED_OVER_ELEVATIONS_DEG = (35.0, 60.0)  # elevations of the views of the move
 BEST_TILT_COS = 0.5
 TURN_COST = 0.1  # cost of each 45 degrees between the azimuth of the eye and that in the previous step
 PIN_GAIN = 0.5  # gain if all pins are visible
-MAX_DRAWN_VIEWS = 5  # maximum number of views that are drawn in a small size to find hidden faces and pins
-DRAWN_VIEW_PX = 160
+# Maximum number of views that are drawn in a small size to find hidden faces and pins, and this size.
+MAX_DRAWN_VIEWS, DRAWN_VIEW_PX = 5, 160
 # Gap below the moved body, as a share of the glued faces' extent perpendicular to the step's direction.
 GAP_SHARE = 0.7
 BOTH_BODIES_PX, MOVED_BODY_PX = 860, 520  # longer sides of the pictures

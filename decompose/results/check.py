@@ -19,10 +19,12 @@ from decompose.printers import TargetPrinter
 from decompose.results.decomposition import Part
 from decompose.results.records import Coverage
 
-# Maximum error of the area of the surface, and of the missing volume, as a share of those of the model.
+# Maximum error of the area of the parts' uncut surface, as a share of the model's area, and of the missing
+# volume, as a share of the model's volume.
 MAX_ERROR_SHARE = 1e-6
 MAX_OVERLAP_MM3 = 1e-3  # maximum volume that two parts share, due to rounding
-# Minimum volume of a hollow, as a share of the model; a smaller one is a rounding error.
+# Minimum volume of all hollows, as a share of the model's volume; a smaller one is a rounding error. A hollow
+# is a space inside the model that no box covers, so that it is not printed.
 MIN_HOLLOW_SHARE = 1e-12
 MAX_STL_ERROR_SHARE = 1e-5  # maximum error of the volume of an STL file, due to single precision
 FIT_TOLERANCE_MM = 1e-6  # length by which a part may exceed its build volume, or a wall may be too thin
@@ -55,7 +57,7 @@ def check_result(
     Returns
     -------
     Coverage
-        Relative error of the surface's area, and total volume of overlaps.
+        Relative error of the area of the parts' uncut surface, and total volume of overlaps.
 
     Raises
     ------
@@ -63,7 +65,9 @@ def check_result(
         A rule is broken; the error names the first such rule, and the part.
     """
     printer_by_name = {p.name: p for p in printers}
-    free_counts = Counter(p.name for p in printers)  # a printer is listed once for each of its rounds
+    free_counts = Counter(
+        p.name for p in printers
+    )  # a printer is listed once for each part that it may print
     for part in parts:
         check_part(part, printer_by_name)
         free_counts[part.printer] -= 1
@@ -147,7 +151,7 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
 
 
 def check_missing_volume(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
-    """Check that nothing is missing but hollows outside the boxes, and that these are far from the surface.
+    """Check that only the hollows outside the boxes are missing, and that they are far from the surface.
 
     Parameters
     ----------

@@ -18,7 +18,8 @@ from decompose.results.hidden_sides import list_hidden_grooves, list_hidden_rece
 def connect_parts(decomposition: Decomposition) -> Decomposition:
     """Cut holes for pins, and marks, into the parts of a result whose assembly is planned.
 
-    Parts that would break a rule get neither holes nor marks, and the reason is in `Connectors.failures`.
+    Parts that would break a rule get neither holes nor marks. If pins of several parts break a rule together,
+    no part gets pins. The reasons are in `Connectors.failures`.
 
     Parameters
     ----------

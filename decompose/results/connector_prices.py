@@ -1,7 +1,7 @@
 """Print time that connectors add to a part, fitted to sliced parts (`bench.prices.joint_costs`).
 
 Until the places of the connectors are known, this time is estimated by the area of the cut faces, so that the
-partition balances it too.
+search for a partition takes it into account.
 """
 
 from __future__ import annotations
@@ -31,9 +31,12 @@ PRICES_S = {
     "mark top": 7.0,
     "mark bed": 6.0,
     "gutter mm": 0.03,
-    "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
+    "sliding mm": 0.6,  # length by which the groove of a sliding key exceeds the key
 }
-"""Seconds for each tool, by its kind and its face; for gutters and the grooves of keys that slide, per mm."""
+"""Seconds for each hole, mark, and groove of a key, by the face in which it is: upright, top, or on the bed.
+
+For gutters, and for the additional groove of a key that slides, seconds per mm of length.
+"""
 
 
 class AreaPrices(NamedTuple):
@@ -61,7 +64,8 @@ def add_connector_prices(cost: CostModel, options: ConnectorOptions) -> CostMode
 def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     """Count the tools of a part by the names of their prices.
 
-    Gutters, and the grooves of keys that slide, are counted by their length in mm.
+    Gutters are counted by their length in mm. For a sliding key, the length by which its groove exceeds the
+    key is counted in addition.
 
     Parameters
     ----------

@@ -29,9 +29,12 @@ from decompose.pieces import Joint
 from decompose.results.overhangs import measure_ceiling_mm2
 from decompose.results.removed_material import EPS_MM3, find_other_changes, is_thick
 
-# Maximum area of the ceiling of a layer that may lack support: in a hole, and where strokes of a mark cross.
+# Maximum area in one layer, in the ceiling of a tool, that may be left without support: in a hole or groove,
+# and where strokes of a mark cross. The ceiling of a tool consists of the sides that overhang it.
 EPS_MM2, SPECK_MM2 = 0.005, 0.3
-RIM_MM = 1.15  # minimum wall around a tool, and between two tools: the rim of the search minus a margin
+# Minimum wall around a tool, and between two tools. The search for places keeps a slightly thicker wall
+# (`connectors.records.RIM_MM`).
+RIM_MM = 1.15
 FILM_MM = 0.06  # depth below a face down to which nothing is checked, because of rounding errors
 # Maximum angles between a ceiling and the vertical; the slicer supports ceilings of 50 degrees or more.
 MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0
@@ -39,7 +42,7 @@ MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the 
 KEY_END_GAP_MM = 0.25  # gap at each end of a key
 KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
 ARC_SEGMENTS = 4  # number of sides of a polygon around a circle, for each quarter of it
-COAXIAL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
+PARALLEL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
 IN_PLANE_SIN = 1e-6  # maximum sine of the angle between a face and a direction that lies in it
 OUTSIDE_DISTANCE_MM = 2000.0  # distance that is larger than any model
 MIN_OPENING_MM = 1.0  # minimum gap that a joint must show if one of its bodies is rotated by 180 degrees
@@ -95,7 +98,7 @@ class DrilledParts:
             )
 
     def _check_part(self, part: int, groups: Sequence[_ToolGroup]) -> Iterator[tuple[Rule, str]]:
-        """Check a drilled part; yield each broken rule, and a clause on the problem."""
+        """Check a drilled part; yield each broken rule, and words that describe the problem."""
         undrilled_solid, drilled_solid = self.blanks[part].solid, self.drilled_solids[part]
         for problem in find_other_changes(
             undrilled_solid, drilled_solid, [tool for group in groups for tool in group.tools]
@@ -133,7 +136,7 @@ class DrilledParts:
         return solid
 
     def _check_pin(self, pin: Pin) -> Iterator[tuple[Rule, str]]:
-        """Check that a pin can be inserted; yield each broken rule, and a clause on the problem."""
+        """Check that a pin can be inserted; yield each broken rule, and words that describe the problem."""
         step = self.steps[pin.step]
         moved, fixed = pin.holes
         if (
@@ -165,13 +168,13 @@ class DrilledParts:
 def _inserts_pin(pin: Pin, step: AssemblyStep) -> bool:
     """Check whether a movement along the direction of a step inserts a pin into its holes.
 
-    A key that slides has one groove with an exit: an exit of the moved part points against the direction, and
-    an exit of the fixed part points along it.
+    Exactly one groove of a sliding key has an exit. It points against the direction if the groove is in the
+    moved part, and along the direction if the groove is in the fixed part.
     """
     moved, fixed = pin.holes
     if (
-        float(pin.axis @ step.direction) < COAXIAL_COS
-        or float(-moved.inward_normal @ fixed.inward_normal) < COAXIAL_COS
+        float(pin.axis @ step.direction) < PARALLEL_COS
+        or float(-moved.inward_normal @ fixed.inward_normal) < PARALLEL_COS
     ):
         return False
     exits = [
@@ -179,10 +182,10 @@ def _inserts_pin(pin: Pin, step: AssemblyStep) -> bool:
         for hole in pin.holes
     ]
     if not pin.slides:
-        return exits == [None, None] and float(moved.inward_normal @ step.direction) >= COAXIAL_COS
+        return exits == [None, None] and float(moved.inward_normal @ step.direction) >= PARALLEL_COS
     return abs(float(moved.inward_normal @ step.direction)) < IN_PLANE_SIN and (
-        (exits[1] is None and exits[0] is not None and exits[0] < -COAXIAL_COS)
-        or (exits[0] is None and exits[1] is not None and exits[1] > COAXIAL_COS)
+        (exits[1] is None and exits[0] is not None and exits[0] < -PARALLEL_COS)
+        or (exits[0] is None and exits[1] is not None and exits[1] > PARALLEL_COS)
     )
 
 
@@ -196,7 +199,7 @@ def _build_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
 
 
 def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()) -> list[str]:
-    """Find pairs of pins with which a body also fits when it is rotated by 180 degrees, or in a wrong place.
+    """Find pairs of pins that also let a body fit when it is rotated by 180 degrees, or in a wrong place.
 
     Parameters
     ----------
@@ -208,7 +211,7 @@ def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()
     Returns
     -------
     list of str
-        A clause for each fault.
+        A phrase that describes each fault.
     """
     faults = []
     pairs = find_pairs(pins)
@@ -275,7 +278,7 @@ class _ToolGroup:
 
     @property
     def max_ceiling_mm2(self) -> float:
-        """Maximum area of a layer's ceiling without support; larger where the strokes of a mark cross."""
+        """Maximum area in one layer of the ceiling that may be left without support; larger for a mark."""
         return SPECK_MM2 if self.kind == "mark" else EPS_MM2
 
     @cached_property
@@ -335,7 +338,7 @@ class _ToolGroup:
             outline = build_polygons(wall.project(np.vstack([across, inward_normal])))
         for face in self.joint.faces:
             along = float(face.normal @ inward_normal)
-            if abs(along) < COAXIAL_COS or abs(face.offset_mm * along - self.tools[0].face_offset_mm) > 1e-6:
+            if abs(along) < PARALLEL_COS or abs(face.offset_mm * along - self.tools[0].face_offset_mm) > 1e-6:
                 continue
             face_outline = shapely.transform(
                 face.outline,
@@ -348,7 +351,7 @@ class _ToolGroup:
         return False
 
     def measure_ceiling_mm2(self, up_direction: Floats) -> float:
-        """Measure the largest area of a layer above the tools that needs support."""
+        """Measure the area that needs support in each layer above the tools, and return the largest."""
         first = self.tools[0]
         tools = [tool.points_mm for tool in self.tools]
         return measure_ceiling_mm2(
@@ -366,7 +369,7 @@ class _ToolGroup:
             normals = normals[sizes > 1e-6] / sizes[sizes > 1e-6, None]
             is_open = normals @ tool.inward_normal <= MAX_MOUTH_COS
             if tool.exit_direction is not None:
-                is_open |= normals @ tool.exit_direction > COAXIAL_COS
+                is_open |= normals @ tool.exit_direction > PARALLEL_COS
             sides = normals[~is_open]
             overhang_rad = max(overhang_rad, float((sides @ up_direction).max()))
         return math.asin(min(1.0, overhang_rad))

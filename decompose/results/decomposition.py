@@ -182,28 +182,28 @@ class Decomposition:
     serial_s, serial_as_is_s
         Time of the whole model on one imaginary large printer: in its best pose, and in the pose of its file.
     makespan_s, sum_s
-        Time when the last part ends, if each part is on its printer and printed at that printer's speed; sum
-        of the prices of all parts, without the speeds of printers.
+        Longest time of a part on its printer, at the speed of that printer; sum of the prices of all parts,
+        without the speeds of printers.
     grid_makespan_s
-        Time of the slowest box of the partition according to the table of prices: in the best of its
-        axis-aligned poses, with supports down to the bed and the brim of the print quality. If poses were
-        found for the pieces of a box, the price of the box is at least that of each of these poses.
-        `makespan_s` refers to the printing poses, and may be less or more.
+        Makespan of the boxes of the partition according to the table of prices. The table prices each box in
+        the best of its axis-aligned poses. It assumes supports down to the bed, and the brim of the print
+        quality. If poses were found for the pieces of a box, the price of the box is at least the highest
+        price of these poses. `makespan_s` refers to the printing poses, and may be less or more.
     lower_bound_s
-        Proven bound: no partition into boxes of this grid, into at most as many pieces as there are printers,
-        has a lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an
+        Proven bound (`bound`): no partition into boxes of this grid has a lower `grid_makespan_s`, if it has
+        no more pieces than there are printers. The bound does not hold for other grids, cuts or poses. For an
         engine without a grid, no partition that prints the whole surface has a lower makespan. Both bounds
-        hold for these printers, and assume that all of them are as fast as the fastest one.
+        assume that all printers are as fast as the fastest one.
     any_boxes_bound_s
-        Proven bound: no partition into boxes along these axes, on any grid or none, has a lower makespan, if
-        boxes are priced as in `grid_makespan_s`. It is computed only for the engine `guillotine`, alone or in
-        `best`, and if a bound was requested; otherwise None.
+        Proven bound: no partition into boxes along these axes, whether on a grid or not, has a lower
+        makespan, if boxes are priced as in `grid_makespan_s`. It is computed only if a bound was requested
+        and the engine is `guillotine`, alone or in `best`; otherwise None.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
     parts
         Parts in the order of their numbers.
     coverage
-        Error of the surface's area, and volume of overlaps.
+        Error of the area of the parts' uncut surface, and volume of overlaps.
     cells
         Shape of the grid; None without a grid.
     joints
@@ -228,8 +228,8 @@ class Decomposition:
     attempts
         Attempts of `best`, in order; empty for a single engine.
     open_printers
-        Printers of a search that has paused before a round of several attempts; empty if the search has
-        ended.
+        Printers of a search by `best` that has paused before several attempts, which can run side by side;
+        empty if the search has ended.
     compute_s
         Wall time by stage of the engine of the result; ``total`` includes all attempts of `best`.
     """

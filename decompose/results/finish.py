@@ -50,7 +50,7 @@ def finish_result(
     Raises
     ------
     NoFit
-        The parts do not fit the printers with one part on each.
+        Not all parts can be assigned to printers that they fit, with at most one part on each printer.
     GeometryError
         The result breaks a geometry rule.
     """
@@ -69,7 +69,7 @@ def finish_result(
 def _record_cutting(
     problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats, parts: Sequence[Part]
 ) -> Cutting | None:
-    """Record the boxes of the engine `guillotine`, to move the planes again; None without a box per piece."""
+    """Record the boxes of the engine `guillotine`, to move the planes again; None if a piece has no box."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
     cut_for = tuple(piece.printer for piece in pieces)
@@ -152,7 +152,7 @@ def _find_steady_poses(
 ) -> list[Pose]:
     """Find steadier poses for the pieces that end before the slowest one.
 
-    A printer with several rounds has no spare time between its rounds.
+    A printer that prints several parts one after another has no spare time.
     """
     ratios = [
         piece.time_ratio * printer.time_factor

@@ -17,7 +17,9 @@ MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright s
 MAX_REVERSED_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
 MIN_SIDE_MM2 = 100.0  # minimum area of a side; smaller sides save no time
 ADJACENCY_TOLERANCE_MM = 1e-3
-MIN_NORMAL_COS = 1.0 - 1e-6  # minimum cosine between the normals of a side and of a face with a groove
+# Minimum cosine between the normals of a side and of a face with a groove, and between the vertical and the
+# normal of a level face.
+MIN_NORMAL_COS = 1.0 - 1e-6
 
 
 def add_hidden_sides(parts: Sequence[Part], model: Solid) -> list[Part]:
@@ -108,8 +110,8 @@ def list_hidden_recesses(part: Part, recesses: Sequence[Sequence[Tool]]) -> Floa
     Returns
     -------
     ndarray
-        (k, 6) in printing pose, in mm: the box min_x, min_y, max_x, max_y of a recess, and the heights of the
-        face in which it is and of its bottom.
+        (k, 6) in printing pose, in mm: the box min_x, min_y, max_x, max_y of a recess, the height of the face
+        in which the recess is, and the height of the bottom of the recess.
     """
     rows = []
     for tools in recesses:

@@ -38,7 +38,7 @@ def measure_ceiling_mm2(
     up_direction: Floats,
     exit_direction: Floats | None = None,
 ) -> float:
-    """Measure the largest area of a layer above a hollow that needs support.
+    """Measure the area that needs support in each layer above a hollow, and return the largest.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def measure_ceiling_mm2(
     up_direction
         (3,) upward direction of the bed in the pose of the part, in the same frame.
     exit_direction
-        (3,) unit vector along which the tools leave the part through another face, above which nothing is
+        (3,) unit vector along which the tools leave the part through another face, beyond which nothing is
         printed; None if the tools open in one face only.
     """
     rise = float(inward_normal @ up_direction)
@@ -79,9 +79,11 @@ def measure_ceiling_mm2(
 
 
 def _cut_layers(hollow: Solid, frame: Floats, layer_heights_mm: Floats) -> dict[int, shapely.Geometry]:
-    """Cut a hollow at heights (n,); of a run of layers without corners, cut only two at each end.
+    """Cut a hollow at heights (n,), but leave out layers that are similar to others.
 
-    All layers of a run are cut if an outline at one end is so short that the slicer leaves it out.
+    A run consists of successive layers between which the hollow has no corner. Only the first two and the
+    last two of them are cut, unless an outline in the first or the last one is so short that the slicer
+    leaves it out.
 
     Returns
     -------

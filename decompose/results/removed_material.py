@@ -16,7 +16,7 @@ MIN_THICKNESS_MM = 0.05
 
 
 def find_other_changes(undrilled_solid: Solid, drilled_solid: Solid, tools: Sequence[Tool]) -> Iterator[str]:
-    """Find changes other than the removal of the material inside the tools; yield a clause for each.
+    """Find changes other than the removal of the material inside the tools, and yield a phrase for each.
 
     Parameters
     ----------
