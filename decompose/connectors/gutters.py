@@ -110,7 +110,7 @@ def _trim_place(place: _Place, covered_span: shapely.Geometry) -> _Place:
 
 
 def _find_places(workpieces: Workpieces, side: Side) -> Iterator[_Place]:
-    """Yield the places on a side where the wall around a gutter is thick enough, also to other tools."""
+    """Yield the places on a side where a gutter is far enough from the border of the face and other tools."""
     margin_mm = GUTTER_DEPTH_MM + LIP_MM + RIM_MM + ROUNDING_MARGIN_MM
     free_area = workpieces.find_tool_area(side, GUTTER_DEPTH_MM).buffer(-margin_mm)
     if free_area.is_empty:

@@ -19,8 +19,8 @@ from decompose.printers import TargetPrinter
 from decompose.results.decomposition import Part
 from decompose.results.records import Coverage
 
-# Maximum error of the area of the parts' uncut surface, as a share of the model's area, and of the missing
-# volume, as a share of the model's volume.
+# Maximum error of the area of the model's surface on the parts, as a share of the model's area, and of the
+# missing volume, as a share of the model's volume.
 MAX_ERROR_SHARE = 1e-6
 MAX_OVERLAP_MM3 = 1e-3  # maximum volume that two parts share, due to rounding
 # Minimum volume of all hollows, as a share of the model's volume; a smaller one is a rounding error. A hollow
@@ -57,7 +57,7 @@ def check_result(
     Returns
     -------
     Coverage
-        Relative error of the area of the parts' uncut surface, and total volume of overlaps.
+        Relative error of the area of the model's surface on the parts, and total volume of overlaps.
 
     Raises
     ------
@@ -65,9 +65,8 @@ def check_result(
         A rule is broken; the error names the first such rule, and the part.
     """
     printer_by_name = {p.name: p for p in printers}
-    free_counts = Counter(
-        p.name for p in printers
-    )  # a printer is listed once for each part that it may print
+    # A printer is listed once for each part that it may print.
+    free_counts = Counter(p.name for p in printers)
     for part in parts:
         check_part(part, printer_by_name)
         free_counts[part.printer] -= 1

@@ -203,7 +203,7 @@ class Decomposition:
     parts
         Parts in the order of their numbers.
     coverage
-        Error of the area of the parts' uncut surface, and volume of overlaps.
+        Error of the area of the model's surface on the parts, and volume of overlaps.
     cells
         Shape of the grid; None without a grid.
     joints

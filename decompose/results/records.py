@@ -11,7 +11,7 @@ from decompose.printers import TargetPrinter
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Relative error of the area of the parts' uncut surface, and volume in mm3 in which parts overlap."""
+    """Relative error of the area of the model's surface on the parts, and volume in mm3 of overlaps."""
 
     surface_error: float
     overlap_mm3: float
