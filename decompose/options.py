@@ -95,8 +95,8 @@ class ConnectorOptions:
     printer_fits_mm
         Name and fit of each printer whose fit differs from `pin_fit_mm`.
     used_distances_mm
-        Distances between the two pins of joints that already exist, such as those of the neighbours of a
-        part that is cut again; new pairs of pins get other distances.
+        Distances between the two pins in existing joints, for example in the neighbours of a part that is cut
+        again. New pairs of pins get other distances.
     """
 
     pin_mm: float | None = None

@@ -14,12 +14,12 @@ printed. Compared with the whole line in one box, the extra cost is at least
 
     2 k (m - 1) - v U / 3, but never above 0 if L <= R.
 
-Here m is the least whole number >= 2 for which L - U <= m R, k is the least price of a mm2 of cut face in
-any pose, and v is the price of a mm3. A third of v counts for each of the three lines through a point. The
-integral of the extra cost over all lines along the three axes is the cost of the cuts minus the savings from
-hollows. The extra cost increases with L and decreases with U, so the bound also holds if L is too small or
-U too large. In each row of cells of a grid, L is the longest run of full cells, and U the length of all cells
-that may be left out.
+Here m is the least whole number >= 2 for which L - U <= m R. The least price of a mm2 of cut face in any pose
+is k, and the price of a mm3 of solid is v. A third of v counts for each of the three lines through a point.
+The integral of the extra cost over all lines along the three axes is the cost of the cuts minus the savings
+from hollows. The extra cost increases with L and decreases with U, so the bound also holds if L is too small
+or U too large. In each row of cells of a grid, L is the longest run of full cells, and U the length of all
+cells that may be left out.
 
 `compute_price_s` subtracts two savings from the price of a box. Insets: inner walls are shorter than outer
 walls; this saving is limited by the height of a build volume. Rims: along the edges of skin, walls are

@@ -2,11 +2,11 @@
 
 The bound from the tables holds for all partitions of the grid into boxes.
 
-The certificate of the bound is a weight for each needed cell. If n parts contain all the weight, one of them
-contains at least an n-th of it. So the makespan is at least the time of the fastest box that contains an n-th
-of the weight. A box of k pieces counts as k parts, so it has to contain k n-ths of the weight. This is true
-for any weights. The weights are whole numbers, so that comparisons are exact. Every box of the grid is
-examined.
+The certificate of the bound is a weight for each needed cell, that is, each cell that must be printed. If n
+parts contain all the weight, one of them contains at least an n-th of it. So the makespan is at least the
+time of the fastest box that contains an n-th of the weight. A box of k pieces counts as k parts, so it has to
+contain k n-ths of the weight. This is true for any weights. The weights are whole numbers, so that
+comparisons are exact. Every box of the grid is examined.
 
 Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with the
 fewest boxes, or fractions of boxes, that each take at most T seconds. If more than n boxes are needed, the

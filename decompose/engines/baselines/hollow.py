@@ -199,7 +199,7 @@ def _grow_cube(
     Parameters
     ----------
     direction
-        (3,) shares of the growth at the lower sides along x, y and z.
+        (3,) shares of the growth at the lower sides along x, y and z; the rest is at the upper sides.
     max_mm
         Maximum growth.
     leaves_wall

@@ -1,9 +1,9 @@
-"""Exact search of the engine `guillotine` for uniform printers.
+"""Exact search of the engine `guillotine` for uniform printers: those with one build volume and one speed.
 
 All boxes of a grid are priced, and the best guillotine partition into boxes is found exactly. Then its boxes
-are cut out of the model, the prices of the pieces replace those from the grid (true prices), and the search
-is repeated. Afterwards, the partition is improved with cuts that are not guillotine cuts, and its planes are
-moved off the grid.
+are cut out of the model, and their pieces are priced. These true prices replace those from the grid, and the
+search is repeated. Afterwards, the partition is improved with cuts that are not guillotine cuts, and its
+planes are moved off the grid.
 """
 
 from __future__ import annotations
@@ -95,9 +95,10 @@ class ExactSearch:
     """Exact search, with true prices and numbers of pieces for the boxes that it chooses.
 
     The tables may count too few pieces in a box. They price the box in an axis pose (one of its sides lies on
-    the bed), even if it is not stable in it. The true numbers of pieces and the true prices of the chosen
-    boxes are written into the tables where they are higher, and the search is repeated. A box with a piece
-    that cannot be glued well is excluded. Prices and numbers of pieces only grow, so the makespan only grows.
+    the bed), even if it is not stable in it. For the chosen boxes, the true numbers of pieces are written
+    into the tables, and the true prices where they are higher. Then the search is repeated. A box with a
+    piece that cannot be glued well is excluded. Prices and numbers of pieces only grow, so the makespan only
+    grows.
     """
 
     def __init__(self, problem: Problem, grid: Grid, tables: BoxTables, bound_s: float) -> None:

@@ -1,11 +1,11 @@
 """Exact solver of the engine `guillotine`: the partition by recursive cuts with the least makespan.
 
-For a time limit T, each box has a minimum number of parts that cover all its needed cells. It is 0 if the box
-has no needed cell. Otherwise it is the smaller of two numbers. One is the number of pieces of the uncut box,
-if the box takes at most T. For the other one, the minimum numbers of the two sides are added for each cut of
-the box; the least of these sums counts. Bisection over T gives the least makespan for a number of printers.
-This is the hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek (2012), in three dimensions, with a
-cost that is not additive.
+For a time limit T, each box has a minimum number of parts that cover all its needed cells: those that must be
+printed. The number is 0 if the box has no needed cell. Otherwise it is the smaller of two numbers. One is the
+number of pieces of the uncut box, if the box takes at most T. For the other one, the minimum numbers of the
+two sides are added for each cut of the box; the least of these sums counts. Bisection over T gives the least
+makespan for a number of printers. This is the hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek
+(2012), in three dimensions, with a cost that is not additive.
 
 Among partitions with equally few parts, the solver takes the one with the least sum of times and, among
 those, the one with the least area of cuts. These three quantities are digits of one whole number
@@ -13,8 +13,8 @@ those, the one with the least area of cuts. These three quantities are digits of
 
 Printers that differ are grouped into classes. For a time limit T, the number of printers of the first class
 that a box needs depends on how many printers of each other class it may use. For a cut, the numbers of both
-sides are added; the least sum counts, over all ways to divide the printers of the other classes between the
-sides.
+sides are added for each way to divide the printers of the other classes between the sides; the least sum
+counts.
 """
 
 from __future__ import annotations
