@@ -27,10 +27,10 @@ from decompose.printers import TargetPrinter
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
-MAX_SUMS = 1e8
-"""Maximum number of sums for each time limit of the curve, about one second of work: the boxes in the tables,
-times the ways to divide the printers between the two sides of a cut. Classes of printers are merged until the
-number is small enough."""
+MAX_BOX_DIVISIONS = 1e8
+"""Maximum product of two numbers: the boxes in the tables, and the ways to divide the printers between the
+two sides of a cut. With this product, a search for one time limit of the curve takes about one second.
+Classes of printers are merged until the product is small enough."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class CountGoal:
     ----------
     clearing_s, assembly_s
         Time in seconds that a person needs for each part: to take it off the bed, and to glue it. Without a
-        time limit, the sum of printing and handling is minimised.
+        time limit, the sum of the makespan and these times of all parts is minimised.
     time_limit_s
         Time limit in seconds for printing all parts. The fewest printers that meet it are used. If no
         number of printers meets it, the number that finishes first is used.
@@ -73,9 +73,9 @@ def decompose_for_goal(
 ) -> Decomposition:
     """Cut a model for the number of printers that suits a goal.
 
-    The number is chosen from the makespans on the first 1, 2, ... printers, which are computed on a grid for
-    the build volumes and speeds of these printers. If the parts turn out to need more printers, all printers
-    are used.
+    The number is chosen from the makespans on the first 1, 2, ... printers. These makespans are computed on
+    one grid, and take the build volumes and speeds of the printers into account. If the parts turn out to
+    need more printers, all printers are used.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     grid_problem = problem if problem.is_uniform else replace(problem, printers=problem.distinct_printers)
     grid = grid_problem.build_grid(problem.model)
     shared_boxes = problem.price_boxes(grid)
-    classes = classify_printers(printers, MAX_SUMS / len(shared_boxes.seconds))
+    classes = classify_printers(printers, MAX_BOX_DIVISIONS / len(shared_boxes.seconds))
     class_indices = [
         next(i for i, printer_class in enumerate(classes) if printer in printer_class.printers)
         for printer in printers

@@ -42,8 +42,9 @@ def rebalance_planes(
 ) -> Decomposition | None:
     """Move the cut planes so that the part with the longest sliced time ends sooner.
 
-    Where the time of a part jumps, the sliced times after the move may differ from the expected ones, and may
-    even be longer. The next move, which starts from these sliced times, takes the jump into account.
+    Where the time of a part jumps as one of its faces moves, the sliced times after the move may differ from
+    the expected ones, and may even be longer. The next move, which starts from these sliced times, takes the
+    jump into account.
 
     Parameters
     ----------
@@ -59,8 +60,9 @@ def rebalance_planes(
     executor
         Threads for work that may run in parallel; None to run it serially.
     best_ratio
-        Ratio of the least sliced makespan of any decomposition so far to that of the previous one. The ratio
-        is used because the caller's makespans may include other times, such as that of heating up.
+        Least sliced makespan of any decomposition so far, divided by the sliced makespan of
+        `previous_result`. Only the ratio is used, because the caller's makespans may include other times,
+        such as that of heating up.
 
     Returns
     -------
@@ -112,7 +114,7 @@ def _copy_history(previous_result: Decomposition, result: Decomposition, elapsed
         curve=previous_result.curve,
         any_boxes_bound_s=previous_result.any_boxes_bound_s,
         compute_s=previous_result.compute_s
-        | {"again": elapsed_s, "total": previous_result.compute_s["total"] + elapsed_s},
+        | {"rebalance": elapsed_s, "total": previous_result.compute_s["total"] + elapsed_s},
     )
 
 

@@ -30,13 +30,17 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 
 PiecesByBox = Mapping[Box, Sequence[Piece]]
 
-MAX_SUMS = 4e8
-"""Maximum number of sums for each time limit in the search over classes, a few seconds of work: the boxes in
-the tables, times the ways to divide the printers between the two sides of a cut."""
-MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds with true prices, and of rejected partitions
+MAX_BOX_DIVISIONS = 4e8
+"""Maximum product of two numbers: the boxes in the tables, and the ways to divide the printers between the
+two sides of a cut. With this product, a search over classes for one time limit takes a few seconds. Classes
+of printers are merged until the product is small enough."""
+# Maximum number of rounds with true prices (`exact_search`), and maximum number of partitions that are
+# rejected because of a sliver or a weak joint.
+MAX_ROUNDS, MAX_REJECTIONS = 4, 20
 MAX_MAKESPAN_SHARE = 0.995  # maximum makespan that is searched for, as a share of the best makespan so far
 TOLERANCE = 0.003  # accuracy of the least makespan, as a share of it
-MAX_ADDED_PRINTERS = 32  # maximum number of printers added to a class that has too few
+# Maximum number of printers that are added to a class to find how many printers would be enough.
+MAX_ADDED_PRINTERS = 32
 # Another round follows if the true makespan is more than this multiple of the expected one.
 RETRY_RATIO = 1.01
 
@@ -111,7 +115,7 @@ class _ClassSearch(ExactSearch):
     """
 
     def __init__(self, problem: Problem, grid: Grid, shared_tables: BoxTables, min_s: float) -> None:
-        self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared_tables.seconds))
+        self.classes = classify_printers(problem.printers, MAX_BOX_DIVISIONS / len(shared_tables.seconds))
         self.class_tables = make_class_tables(problem, grid, shared_tables, self.classes)
         super().__init__(problem, grid, self.class_tables[0], min_s)
         other_classes = zip(self.class_tables[1:], self.classes[1:], strict=True)
@@ -189,7 +193,7 @@ class _ClassSearch(ExactSearch):
         return np.array(columns).T
 
     def _record_prices(self, pieces_by_box: PiecesByBox) -> None:
-        """Record true prices of pieces in the tables of all classes with their printer's build volume."""
+        """Record each piece's true price in the tables of the classes with its printer's build volume."""
         for box, pieces in pieces_by_box.items():
             index = index_box(box, self.tables.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
@@ -237,7 +241,7 @@ def _make_shortage_error(problem: Problem, grid: Grid, shared_tables: BoxTables)
 
     More printers of the first class, of one other class, or of both are considered.
     """
-    max_divisions = MAX_SUMS / len(shared_tables.seconds)
+    max_divisions = MAX_BOX_DIVISIONS / len(shared_tables.seconds)
     classes = classify_printers(
         [replace(printer, time_factor=1.0) for printer in problem.printers], max_divisions
     )
