@@ -1,8 +1,9 @@
 """Contours of a part: rims of flat faces, and rings of denser infill under slopes.
 
-Sums over faces do not include contours. A slicer prints no skin under the walls at the rim of a flat face,
-but additional skin under a wall that rises from such a face. Gradual infill is denser in a ring below each
-slope. In this module, n is the upward component of a face's unit normal, and A is the area of the face.
+The `ADDITIVE_FEATURES` do not include contours. A rim is an edge between a face with skin and a steeper face.
+At a rim, the slicer prints walls instead of skin; but if a wall rises from the rim, it prints additional skin
+below this wall. A ring is a ring-shaped strip below a slope, in which gradual infill is denser. In this
+module, n is the upward component of a face's unit normal, and A is the area of the face.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.surfaces import Surfaces
 
 RISING_WALL_FACTOR = 1.5
-"""Width of the skin that continues under a wall that rises from the skin, as a multiple of the width of the
-walls at an edge: Cura expands skin beyond the walls. Measured on a block that stands on another block."""
+"""Width of the additional skin below a wall that rises from a flat face, as a multiple of the width of all
+wall lines together: Cura expands skin beyond the walls. Measured on a block that stands on another block."""
 
 
 class Contours(NamedTuple):
@@ -27,9 +28,9 @@ class Contours(NamedTuple):
     Attributes
     ----------
     rim_mm
-        Weighted length of the rims of faces with skin, as seen from above. The weight is the difference
-        between |n| of the face and |n| of the steeper face beside it, multiplied by -`RISING_WALL_FACTOR` if
-        the steeper face rises from the rim.
+        Weighted length of the rims, as seen from above. The weight of a rim is |n| of the face with skin
+        minus |n| of the steeper face. If the steeper face rises from the rim, the weight is also multiplied
+        by -`RISING_WALL_FACTOR`.
     rim_ends_mm
         The same length without the factor -`RISING_WALL_FACTOR`, because lines of skin end at every rim.
     ring_mm2
@@ -98,7 +99,7 @@ def _sum_slopes_mm2(surfaces: Surfaces, up: Floats, skin_cos: float, ring_cos: f
 def _sum_rims_mm(
     vertices: Floats, faces: Ints, normals: Floats, up: Floats, edges: Ints, skin_cos: float
 ) -> tuple[float, float]:
-    """Sum the rims, which are edges between a face with skin and a steeper face without skin.
+    """Sum the lengths of the rims: edges between a face with skin and a steeper face without skin.
 
     Parameters
     ----------

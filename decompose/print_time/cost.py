@@ -1,8 +1,9 @@
 """Price of a part: its estimated print time in seconds, from features that do not need slicing.
 
-There are two kinds of features. `ADDITIVE_FEATURES` are integrals over volume and surface. Cut faces count
-as ordinary faces, so these features of a part are sums over the cells of a grid, and `grid.boxes` prices any
-box from tables. The other features follow from these sums (`skin_rim_mm`) and from the extents of a part.
+`ADDITIVE_FEATURES` are integrals over volume and surface. Cut faces count as ordinary faces, so these
+features of a part are sums over the cells of a grid, and `grid.boxes` prices any box from tables. Of the
+other features, `skin_rim_mm` follows from these sums, and the height and the brim follow from the extents of
+the part. The rest are measured on a part in a pose.
 
 The time of each term is the length of its lines over their speed. Measured factors (`FACTORS`, by
 bench/prices/model.py) account for travel, acceleration and retraction, which these terms omit.
@@ -37,8 +38,8 @@ AdditiveFeatures = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
-"""Maximum time that shorter inner walls save, as a share of the time for walls: a part is not thinner than
-its walls."""
+"""Maximum time that is saved because inner walls are shorter than the outline, as a share of the time for
+walls. A greater estimate is reduced to this share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,14 +47,15 @@ class CostModel:
     """Coefficients of the print time, in seconds per unit of a feature, and limits of the features.
 
     ``t = fixed + max(volume V + lateral L - inset H, min H) + skin S - rim sqrt(S) + slope X + overhang O
-    + brim B``; see `ADDITIVE_FEATURES` for V, L, S, X and O. B is the area of the brim around the part's
-    rectangle in mm2, H the height in mm. If a part's columns are known, `price_support_s` replaces the term
-    of O. The inset term is the time saved by inner walls, which are shorter than the outline.
+    + brim B``. The words are coefficients. V, L, S, X and O are the `ADDITIVE_FEATURES` in their order. B is
+    the area in mm2 of the brim around the part's bounding rectangle, and H is the height in mm. If the
+    supports of a part are measured in its pose, `price_support_s` replaces the term of O. The inset term is
+    the time that is saved because inner walls are shorter than the outline.
 
-    The errors were measured on parts that the decomposition makes, with each model held out from the fit. For
-    a part with its own supports, the mean error is 1.5 %, and at most 2.3 % in any of five settings, even if
-    only two of the settings are used for the fit. For prices from tables, with supports down to the bed, the
-    mean error is 2.8 % (bench/prices/model.py, bench/prices/print_time.csv).
+    The errors were measured on parts that the decomposition makes, with each model held out from the fit. If
+    the supports of a part are measured in its pose, the mean error is 1.5 %. In each of five settings, it is
+    at most 2.3 %, even if only two of the settings are used for the fit. Prices from tables assume supports
+    down to the bed; their mean error is 2.8 % (bench/prices/model.py, bench/prices/print_time.csv).
     """
 
     fixed_s: float
@@ -67,7 +69,7 @@ class CostModel:
     brim_mm: float  # width of the brim
     effective_support_angle_deg: float = 45.0  # see `PrintTimeSettings`; faces at a larger angle get support
     effective_small_overhang_deg: float = 0.0  # faces up to this angle get no support if their area is small
-    small_overhang_mm2: float = 0.0  # area from which the faces between both angles get support
+    small_overhang_mm2: float = 0.0  # faces between the two angles get support if they have this area
     skin_cos: float = 0.7  # faces with a larger |n| get skin; n is the upward component of the unit normal
     inset_s_per_mm: float = 0.0
     skin_rim_s_per_mm: float = 0.0
@@ -88,15 +90,15 @@ class CostModel:
     overlap_s_per_mm3: float = 0.0
     line_width_mm: float = 0.0
     layer_height_mm: float = 1.0
-    outer_walls_mm: float = 0.0  # width of the outer wall on both sides of a thin part
-    walls_mm: float = 0.0  # width of all walls on both sides
-    skins_mm: float = 0.0  # height of the skin on both sides of a sheet
+    outer_walls_mm: float = 0.0  # width of the outer wall lines on both sides of a thin wall together
+    walls_mm: float = 0.0  # width of all wall lines on both sides together
+    skins_mm: float = 0.0  # height of the skins on both sides of a sheet together
     ring_cos: float = 1.0  # slopes with a larger n have denser infill below them
-    hidden_bed_share: float = 0.0  # saved share of the skin of a hidden face on the bed; see `hidden_faces`
-    hidden_top_share: float = 0.0  # saved share of the skin of hidden tops
-    hidden_bed_mm: float = 0.0  # saved height of the skin of a hidden face on the bed
-    hidden_top_mm: float = 0.0  # saved height of the skin of hidden tops
-    hidden_side_share: float = 0.0  # saved share of the walls of a hidden upright side
+    hidden_bed_share: float = 0.0  # share of a skin's time saved at a hidden face on the bed (`hidden_faces`)
+    hidden_top_share: float = 0.0  # share of a skin's time saved at hidden tops
+    hidden_bed_mm: float = 0.0  # height of skin saved at a hidden face on the bed
+    hidden_top_mm: float = 0.0  # height of skin saved at hidden tops
+    hidden_side_share: float = 0.0  # share of the time of walls saved at a hidden upright side
     connector_side_s_per_mm2: float = 0.0  # marks and pins in upright cut faces
     connector_level_s_per_mm2: float = 0.0  # marks and pins in cut faces on the bed and among the tops
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
@@ -242,8 +244,8 @@ class CostModel:
             (3,) extents of the part.
         """
         width_mm, depth_mm = extents_mm[:2]
-        ring_mm2 = self.brim_mm * (2.0 * (width_mm + depth_mm) + math.pi * self.brim_mm)
-        return float(self.brim_s_per_mm2 * (brim_mm2 - ring_mm2))
+        assumed_mm2 = self.brim_mm * (2.0 * (width_mm + depth_mm) + math.pi * self.brim_mm)
+        return float(self.brim_s_per_mm2 * (brim_mm2 - assumed_mm2))
 
     def price_contours_s(self, contours: Contours, skin_mm2: float) -> float:
         """Price the contours of a part; its rims replace the rim that `compute_price_s` assumes.
@@ -262,7 +264,7 @@ class CostModel:
         return rims_s + self.rim_end_s_per_mm * contours.rim_ends_mm + rings_s
 
     def price_thin_walls_s(self, thin_walls: ThinWalls) -> float:
-        """Compute the difference in price of thin walls and sheets compared with thick ones."""
+        """Compute by how much the price of thin walls and sheets differs from that of thick ones."""
         walls_s = (
             self.single_wall_s_per_mm2 * thin_walls.single_wall_mm2 + self.gap_s_per_mm2 * thin_walls.gap_mm2
         )
@@ -270,10 +272,10 @@ class CostModel:
         return walls_s + self.overlap_s_per_mm3 * thin_walls.overlap_mm3
 
     def price_insets_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
-        """Compute the time that shorter inner walls save in the additional islands of each layer.
+        """Compute the time that shorter inner walls save in all islands of each layer except one.
 
-        `compute_price_s` counts a single island. Inner walls around a hole are longer, so a hole counts as a
-        negative island.
+        An island is a connected region of a layer. `compute_price_s` counts one island in each layer. Inner
+        walls around a hole are longer than its outline, so a hole counts as a negative island.
 
         Parameters
         ----------
@@ -282,21 +284,21 @@ class CostModel:
         height_mm
             Height of the part.
         bodies_mm
-            `Columns.bodies_mm`, minus the holes, which count as negative islands.
+            `Columns.bodies_mm` minus `Columns.holes_mm` times `HOLE_INSET_SHARE` of `poses.pose`.
         """
         max_s = MAX_INSET_SHARE * self.lateral_s_per_mm2 * lateral_mm2
         body_s = min(self.inset_s_per_mm * height_mm, max_s)
         return min(self.inset_s_per_mm * (height_mm + bodies_mm), max_s) - body_s
 
     def price_side_ends_s(self, cut_side_mm2: float, ends_mm: float) -> float:
-        """Price the walls at the ends of hidden sides, which `hidden_side_share` counts as saved.
+        """Compute the time that `hidden_side_share` wrongly counts as saved at the ends of hidden sides.
 
         Parameters
         ----------
         cut_side_mm2
             Area of the hidden sides.
         ends_mm
-            Height of their ends, from `sum_side_ends_mm`.
+            Total height of the edges at which the hidden sides end, from `sum_side_ends_mm`.
         """
         saved_s_per_mm2 = self.hidden_side_share * self.lateral_s_per_mm2
         return saved_s_per_mm2 * min(cut_side_mm2, SIDE_END_MM * ends_mm)
@@ -349,7 +351,8 @@ _SKIN_PRICE_NAMES = frozenset(
 _LAYER_PRICE_NAMES = tuple(
     name for name in _PRICE_NAMES if "_s_per_mm" in name and name not in _SKIN_PRICE_NAMES
 )
-"""Coefficients in proportion to the number of layers; a skin or a brim has a given number of layers."""
+"""Names of the coefficients that are proportional to the number of layers of a part. Those of skins and of
+the brim are not, because these have a fixed number of layers."""
 _PRICES_DTYPE = np.dtype([(name, np.float64) for name in _PRICE_NAMES])
 
 

@@ -1,4 +1,4 @@
-"""Shares of walls, infill, skins, brim and travel in the price of an uncut model."""
+"""Shares of walls, infill, skins, supports, brim and travel in the price of an uncut model."""
 
 from __future__ import annotations
 

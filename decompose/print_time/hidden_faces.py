@@ -1,8 +1,8 @@
 """Faces that are hidden once the parts are glued: cut faces on the bed, upright cut faces, and tops.
 
-Hidden skins need fewer layers than visible ones. A slicer uses one number of layers for the bed, another for
-other undersides, and a third for all tops. Tops therefore count as hidden only if all of them are cut faces.
-Walls along upright cut faces are printed faster.
+Hidden skins need fewer layers than visible ones. A slicer uses one number of skin layers on the bed, another
+at other undersides, and a third at all tops. Tops therefore count as hidden only if all of them are cut
+faces. Walls along upright cut faces are printed faster.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from decompose.print_time.surfaces import Surfaces
 
 # Minimum downward component of the normal of a face that lies on the bed: within 2.6 degrees.
 LEVEL_COS = 0.999
-MAX_BED_FACE_HEIGHT_MM = 0.15  # maximum height of a face that lies on the bed
+MAX_BED_FACE_HEIGHT_MM = 0.15  # level faces below this height above the bed count as lying on the bed
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright face
 MIN_VISIBLE_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
 SIDE_END_MM = 6.0
-"""Length at each end of a hidden side at which no time is saved: the last 5 mm are printed like a visible
-wall, and the head stops once more. For most sliced parts it is 4 to 8 mm (`bench/prices/hidden_walls.py`)."""
+"""Length at each end of a hidden side along which no time is saved. The last 5 mm are printed like a visible
+wall, and the print head stops once more. In most sliced parts, this length is 4 to 8 mm
+(`bench/prices/hidden_walls.py`)."""
 MEAN_SIDE_SHARE = 0.9
-"""Share of the area of hidden sides that remains without these ends, on average over parts; for tables, in
-which the outlines of cut faces are not known."""
+"""Mean share of the area of hidden sides that is not at these ends. Tables of box prices use it, because the
+outlines of cut faces are not known there."""
 
 
 class HiddenFaces(NamedTuple):

@@ -18,11 +18,12 @@ from decompose.print_time.time_settings import ADDITIVE_FEATURES
 LATERAL_INDEX = ADDITIVE_FEATURES.index("lateral_mm2")
 SKIN_INDEX = ADDITIVE_FEATURES.index("skin_mm2")
 
-# The number of an axis pose gives the direction of the model that points up: +x, -x, +y, -y, +z, -z.
+# In an axis pose, an axis of the model points up or down. The number of the pose gives the direction of the
+# model that points up: +x, -x, +y, -y, +z, -z.
 POSE_COUNT = 6
 
 SLAB_COUNT = 32  # number of slabs into which the height is divided; the layers of a slab are treated as equal
-MAX_SLOWDOWN = 4.0  # maximum ratio of speeds: walls of 40 to 50 mm/s are not printed at less than 10
+MAX_SLOWDOWN = 4.0  # short layers are slowed down by at most this factor, such as from 40 to 10 mm/s
 
 
 def find_pose_axes(pose: int) -> tuple[int, int, int]:
@@ -91,7 +92,7 @@ def sum_pose_features(
 ) -> tuple[Floats, Floats]:
     """Sum the `ADDITIVE_FEATURES` of a closed mesh in k poses, and measure its extents.
 
-    The skin and the walls that hidden faces save are subtracted.
+    Hidden faces are printed faster than visible ones, so only a share of their skin and walls is counted.
 
     Parameters
     ----------
@@ -167,9 +168,9 @@ def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats
 
 
 def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
-    """Compute the extra time in seconds of short layers that `CostModel.price_part_s` does not cover.
+    """Compute the extra time in seconds of short layers, as far as it is not in `CostModel.price_part_s`.
 
-    That price compares only the mean time of all layers with the minimum time of a layer. But in a part that
+    That method compares only the mean time of all layers with the minimum time of a layer. But in a part that
     tapers, only the layers at the tip are slowed down.
 
     Parameters
@@ -192,10 +193,10 @@ def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
 
 @jit
 def _sum_slabs(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
-    """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean section of the solid in the slab.
+    """Sum A sqrt(1 - n^2) over the faces in each slab, and compute the mean cross-section of the solid there.
 
-    n is the upward component of a face's unit normal, and A is the area of the face. The section at a height
-    is the sum of A n over all faces above that height.
+    n is the upward component of a face's unit normal, and A is the area of the face. The area of the
+    cross-section at a height is the sum of A n over all faces above that height.
 
     Parameters
     ----------
@@ -207,9 +208,9 @@ def _sum_slabs(triangles: Floats, height_mm: float) -> tuple[Floats, Floats]:
     Returns
     -------
     tuple
-        (SLAB_COUNT,) float64 sums, and (SLAB_COUNT,) float64 sections, in mm2.
+        (SLAB_COUNT,) float64 sums, and (SLAB_COUNT,) float64 areas of cross-sections, in mm2.
     """
-    # Sums of the areas below each plane, and of the sections above it.
+    # Sums of A sqrt(1 - n^2) below each plane between slabs, and of A n above it.
     lateral, section_sums = np.zeros(SLAB_COUNT + 1), np.zeros(SLAB_COUNT + 1)
     for t in range(len(triangles)):
         ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]

@@ -1,8 +1,9 @@
 """Thin walls and sheets of a part, in which infill, inner wall lines or skins do not fit.
 
 Wall lines are the lines that a slicer prints along each outline: an outer one, and inner ones. Between the
-wall lines on both sides of a thin wall, it prints a single line at the speed of skin instead of infill. If
-the inner wall lines do not fit either, such a line replaces them.
+wall lines on both sides of a thin wall, the slicer prints a single line at the speed of skin instead of
+infill. If the inner wall lines do not fit either, a single line replaces them too. A sheet is a thin level
+region, with skins on its upper and lower side.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ MIN_GAP_MM = 0.05  # minimum gap between wall lines that is filled
 
 
 class WallWidths(NamedTuple):
-    """Widths of a line, and of the outer wall lines and of all wall lines on both sides together."""
+    """Width of one line; total width of the outer wall lines on both sides; total width of all wall lines."""
 
     line_width_mm: float
     outer_walls_mm: float
@@ -62,7 +63,7 @@ class ThinWalls(NamedTuple):
     single_wall_mm2
         Area of walls that are too thin for inner wall lines, so that only the outer ones are printed.
     gap_mm2
-        Area of walls with a gap that a single line fills.
+        Area of walls with a gap between their wall lines that a single line fills.
     solid_wall_mm2
         Area of walls that are too thin for infill, with or without inner wall lines.
     overlap_mm3
@@ -195,7 +196,7 @@ def _add_wall(sums: Floats, thickness_mm: float, area_share: float, widths: Wall
 
 @jit
 def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: SheetLimits) -> float:
-    """Sum the height in mm by which the skins on both sides of thin sheets exceed the sheets, over all rays.
+    """Sum, over all rays, the height in mm by which the skins on both sides of thin sheets exceed the sheets.
 
     Parameters
     ----------

@@ -11,7 +11,9 @@ import numpy as np
 from decompose.arrays import Floats
 
 ADDITIVE_FEATURES = ("volume_mm3", "lateral_mm2", "skin_mm2", "slope_mm2", "column_mm3")
-"""Features that add up over the cells of a grid. A is a face's area, n its unit normal's upward component.
+"""Features that are sums over the volume and the surface of a part, and thus over the cells of a grid.
+
+Below, A is the area of a face, and n is the upward component of its unit normal.
 
 volume_mm3
     Volume of the solid.
@@ -20,8 +22,8 @@ lateral_mm2
 skin_mm2, slope_mm2
     Sums of A |n| and of A sqrt(1 - n^2) over the faces that are flat enough for top or bottom skin.
 column_mm3
-    Sum of A |n| z over the faces that overhang by more than the support angle, z being their height above the
-    bed. This is the support's volume if the support reaches the bed.
+    Sum of A |n| z over the faces that overhang by more than the support angle; z is the height of a face
+    above the bed. This is the support's volume if all support reaches down to the bed.
 """
 
 
@@ -32,11 +34,20 @@ FEATURES = (
     *("island_paths_mm2", "holes_mm", "hole_paths_mm2", "rim_mm", "rim_ends_mm", "ring_mm2", "steep_top_mm2"),
     *("single_wall_mm2", "gap_mm2", "solid_wall_mm2", "overlap_mm3"),
 )
-"""All features. Those that do not add up are the height, the square root of `skin_mm2`, and the area of the
-brim around the part's rectangle. If a part is measured in a pose, these are added: sums over its upright
-columns (module `columns`), with its support in place of `column_mm3`; its contours (module `contours`), with
-their rims in place of the square root of `skin_mm2`, and the length of all rims, at which lines of skin end
-(`rim_ends_mm`); its thin walls and sheets (module `thin_walls`)."""
+"""All features. Those after `ADDITIVE_FEATURES` are not additive:
+
+height_mm, skin_rim_mm, brim_mm2
+    Height of the part, square root of `skin_mm2`, and area of the brim around the part's bounding rectangle.
+
+The others are known only if a part is measured in a pose:
+
+support_mm3, support_side_mm2, towers_mm, islands_mm, island_paths_mm2, holes_mm, hole_paths_mm2
+    See `columns.Columns`. The terms of the support replace that of `column_mm3`.
+rim_mm, rim_ends_mm, ring_mm2, steep_top_mm2
+    See `contours.Contours`. The term of `rim_mm` replaces that of `skin_rim_mm`.
+single_wall_mm2, gap_mm2, solid_wall_mm2, overlap_mm3
+    See `thin_walls.ThinWalls`.
+"""
 
 
 FACTORS: Mapping[str, float] = {
@@ -64,32 +75,34 @@ FACTORS: Mapping[str, float] = {
 }
 """Factors of the seconds of each term of `compute_time_terms`, the same for all settings.
 
-In tables of box prices, ``support to bed``, which applies to `column_mm3`, replaces all `SUPPORT_TERMS`. The
-factors of travel, of supports and of the terms that need a pose were fitted to the features of sliced parts
-(`bench/prices/features.py`), and the others to five settings (`bench/prices/model.py`).
+Tables of box prices contain the term ``support to bed``, which applies to `column_mm3`, instead of all
+`SUPPORT_TERMS`. The factors of travel, of supports and of the terms that need a pose were fitted to the
+features of sliced parts (`bench/prices/features.py`), and the others to five settings
+(`bench/prices/model.py`).
 """
 
 
 SUPPORT_TERMS = ("support", "support sides", "islands", "island paths")
 TOWER_LAYER_S = 2.7
-"""Time per layer of a support tower in addition to the time of its lines, before multiplication by the factor
-of "islands"."""
+"""Time in s that each layer of a support tower (see `Columns.towers_mm`) takes in addition to its lines. It
+is multiplied by the factor of "islands"."""
 
 
 LOOP_SHORTENING = 8.0
-"""Length in mm by which a loop is shorter for each mm of distance from the outline: 2 mm at each corner."""
+"""Length in mm by which a wall line around a part is shorter than the outline, for each mm of its distance
+from the outline: 2 mm at each of four corners."""
 
 
 OUTLINE_MARGIN_MM = 0.004
-"""Length that prices subtract from the slicer's maximum overhang of a layer without support. The slicer
-rounds outlines, so a face at exactly the support angle exceeds the maximum in some layers, and the support
-that begins there grows to the whole face. Without this margin, the price of such a face would not include
-support."""
+"""Length that is subtracted, when a part is priced, from the maximum overhang of a layer without support. The
+slicer rounds outlines, so a face at exactly the support angle exceeds this maximum in some layers. The
+support that begins in these layers spreads to the whole face. Without the margin, the price of the face would
+not include support."""
 
 
 HOLE_VISITS = 4.0
-"""Number of travel moves to a hole, or around it, in a layer. On measured plates with 1 to 16 bores, the
-travel is the distance between the bores times this number, with a stop for each move."""
+"""Number of travel moves to or around each hole in a layer. In flat test parts with 1 to 16 bores, the travel
+for each bore was this number times the distance between bores, and the nozzle stopped once in each move."""
 
 
 MAX_STOP_MM_S = 30.0
@@ -98,7 +111,8 @@ and at 50 mm/s."""
 
 
 TURN_TIME_SHARE = 0.5
-"""Time lost at a turn of an infill line along the wall, as a share of the time lost at its end."""
+"""Time lost where a connected infill line turns along the wall, as a share of the time lost where an infill
+line ends."""
 
 
 LayerFitter = Callable[[float], float]
@@ -135,7 +149,7 @@ class PrintTimeSettings:
     support_mm_s: float = 40.0
     support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
     small_overhang_deg: float = 0.0  # faces up to this angle get no support if their area is small
-    small_overhang_mm2: float = 0.0  # area below which an overhang counts as small
+    small_overhang_mm2: float = 0.0  # these faces get no support if their total area is below this
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # speed of the first layer
     slow_layer_count: int = 2  # number of layers over which the speed rises to that of the other layers
@@ -153,7 +167,7 @@ class PrintTimeSettings:
 
     @property
     def insets_s(self) -> float:
-        """Distance from the outline in mm divided by the speed in mm/s, summed over all walls of a layer."""
+        """Sum over the wall lines along an outline: distance from the outline divided by the line's speed."""
         inner_walls = range(1, self.wall_count)
         depths_mm = [self.outer_line_width_mm + (i - 0.5) * self.line_width_mm for i in inner_walls]
         outer_s = self.outer_line_width_mm / 2.0 / self.outer_wall_mm_s if self.wall_count > 0 else 0.0
@@ -216,7 +230,7 @@ class PrintTimeSettings:
 
     @property
     def connection_s_per_mm2(self) -> float:
-        """Seconds for infill lines along the wall, per mm2 of wall; 0 if infill lines are not connected."""
+        """Seconds for the connections of infill lines along the wall, per mm2 of wall; 0 if not connected."""
         is_connected = self.is_infill_connected and self.sparse_lines_per_mm > 0.0
         return 1.0 / (self.layer_height_mm * self.infill_mm_s) if is_connected else 0.0
 
@@ -231,7 +245,8 @@ class PrintTimeSettings:
     def top_line_ratio(self) -> float:
         """Additional infill below a top, where the density doubles at each step towards the top.
 
-        The ratio is the length of the additional lines per area of the top, integrated over the depth.
+        The ratio is the length of the additional lines in a layer, divided by the area of the top, and
+        integrated over the depth below the top.
         """
         return (
             self.infill_step_mm
@@ -241,7 +256,11 @@ class PrintTimeSettings:
 
     @property
     def ring_cos(self) -> float:
-        """Minimum n of slopes with a ring of denser infill below; the ring of a steeper one is too narrow."""
+        """Minimum upward component of the unit normal of a slope with denser infill below it.
+
+        Gradual infill is denser in a ring-shaped strip below each slope. Below a steeper slope, this strip
+        would be narrower than a line.
+        """
         depth_mm = self.infill_step_mm * self.infill_step_count
         return self.line_width_mm / math.hypot(depth_mm, self.line_width_mm) if depth_mm > 0.0 else 1.0
 
@@ -262,9 +281,10 @@ class PrintTimeSettings:
 
     @property
     def skin_cos(self) -> float:
-        """Minimum |n| of faces with skin.
+        """Minimum |n| of faces with skin; n is the upward component of a face's unit normal.
 
-        On flatter faces, the strip of a layer that the next few layers do not cover is wider than the walls.
+        On a flatter face, the layers above leave a strip of each layer uncovered that is wider than the
+        walls, so this strip gets skin.
         """
         skin_height_mm = self.skin_layer_count * self.layer_height_mm
         return math.cos(math.atan(skin_height_mm / (self.wall_thickness_mm + self.line_width_mm / 2.0)))
@@ -273,8 +293,8 @@ class PrintTimeSettings:
 def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
     """Compute the seconds of each term for one unit of each of `FEATURES`.
 
-    The nozzle stops and starts at each end of a line of infill, or of the narrow skin of a slope. There are
-    walls instead of skin at the rim of a skin.
+    The nozzle stops and starts at each end of an infill line, and of a line of the narrow skin on a slope.
+    The outermost strip of a flat face is printed as walls instead of skin.
 
     Parameters
     ----------
@@ -284,7 +304,8 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
     Returns
     -------
     dict
-        Float64 vectors in the order of `FEATURES`, before `FACTORS`, by the names of the terms.
+        For the name of each term, a float64 vector in the order of `FEATURES`, not yet multiplied by the
+        term's factor in `FACTORS`.
     """
     s, layer_mm = settings, settings.layer_height_mm
     inner_walls_s_per_mm = max(s.wall_count - 1, 0) / s.inner_wall_mm_s
@@ -295,7 +316,7 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "infill": _build_vector(
             volume_mm3=infill_s_per_mm3,
             lateral_mm2=-infill_s_per_mm3 * s.wall_thickness_mm,
-            # One of the two skins is a top.
+            # Half of the skin is at tops, below which infill is denser.
             skin_mm2=-infill_s_per_mm3 * s.skin_layer_count * layer_mm
             + s.top_line_ratio / 2.0 / (layer_mm * s.infill_mm_s),
         ),
@@ -336,7 +357,7 @@ def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
             holes_mm=HOLE_VISITS * stop_s / layer_mm, hole_paths_mm2=HOLE_VISITS / (layer_mm * s.travel_mm_s)
         ),
         "rims": _build_vector(rim_mm=-s.skin_s_per_mm2 * s.wall_thickness_mm),
-        # On average over all directions, a line ends once for every length of pi line widths of the rim.
+        # On average over all directions of the rim, a line ends once for every pi line widths along the rim.
         "rim ends": _build_vector(
             rim_ends_mm=s.skin_layer_count * s.skin_stop_s / (math.pi * s.skin_line_width_mm)
         ),

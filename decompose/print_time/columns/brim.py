@@ -27,20 +27,20 @@ def count_brim_columns(is_standing: Bools, width_mm: float, step_mm: float) -> i
     count = 0
     for i in range(1, len(kind) - 1):
         for j in range(1, kind.shape[1] - 1):
-            if kind[i, j] == 0 and _is_at_rim(kind, i, j):
+            if kind[i, j] == 0 and _is_at_outline(kind, i, j):
                 count += _cover_nearby_columns(kind, i, j, reach, width_mm / step_mm + 0.5)
     return count
 
 
 @jit
-def _is_at_rim(kind: Bytes, i: int, j: int) -> bool:
-    """Check whether a neighbour of a column is outside, or outside and already covered by the brim."""
+def _is_at_outline(kind: Bytes, i: int, j: int) -> bool:
+    """Check whether a neighbour of a column is outside, whether or not the brim covers it already."""
     return bool(max(kind[i - 1, j], kind[i + 1, j], kind[i, j - 1], kind[i, j + 1]) > 0)
 
 
 @jit
 def _cover_nearby_columns(kind: Bytes, i: int, j: int, reach: int, radius: float) -> int:
-    """Cover the columns outside that are close to a column; return the number of newly covered ones.
+    """Mark the outside columns close to a column as brim; return the number of newly marked ones.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def _cover_nearby_columns(kind: Bytes, i: int, j: int, reach: int, radius: float
     i, j
         Column.
     reach, radius
-        Maximum difference of indices, and maximum distance, in columns.
+        Maximum difference of indices, and maximum distance, from the column, in columns.
     """
     count = 0
     for x in range(max(0, i - reach), min(len(kind), i + reach + 1)):

@@ -23,27 +23,28 @@ COLUMN_COUNT = 12_000  # approximate number of columns; support volumes have err
 class Columns:
     """Supports, mass and islands of a part in its printing pose.
 
+    An island is a connected region of a layer, of the part or of its support; a body is an island of the
+    part. Their numbers are found at a few heights, and integrated over the height of the part.
+
     Attributes
     ----------
     support_mm3
         Volume below faces that overhang too far, down to the bed or to the part.
     support_side_mm2
-        Area of the upright sides of this support, counted along the columns' grid, plus that of narrow strips
-        of support below edges that begin in mid-air, if the faces at the edge need no support themselves.
+        Area of the upright sides of this support, counted along the columns' grid. The slicer also places
+        narrow strips of support below edges in mid-air at which the faces need no support themselves; the
+        sides of these strips are included.
     towers_mm
-        Total height of the support towers below tips that begin in mid-air, if the faces at the tip need no
+        Total height of all support towers. A tower stands below a tip in mid-air at which the faces need no
         support themselves.
     islands_mm
-        Number of islands of the part or its support minus one, summed over the layers and multiplied by the
-        layer height. The nozzle has to travel to each island.
+        Integral of the number of islands minus one. The nozzle has to travel to each island.
     bodies_mm
-        The same sum for the islands of the part alone, without its support, also minus one. Inner walls are
-        shorter than the outline in each of these islands.
+        Integral of the number of bodies minus one. In each body, inner walls are shorter than the outline.
     holes_mm
-        The same sum for all holes of the part.
+        Integral of the number of holes of the part.
     island_paths_mm2, hole_paths_mm2
-        The sums for islands and for holes, in which the number in each layer is multiplied by the mean
-        distance between them.
+        Integrals of the estimated lengths of the travel to islands and to holes in a layer.
     first_layer
         (nx, ny) bool, true where the part or its support stands on the bed.
     step_mm
@@ -127,7 +128,7 @@ def measure_columns(
 
 
 def _find_row_ends(is_marked: Bools) -> Floats:
-    """Find the indices (p, 2) of the first and of the last marked column of each row (nx, ny)."""
+    """Find the indices (p, 2) of the first and of the last marked column in each row of a mask (nx, ny)."""
     rows = np.flatnonzero(is_marked.any(axis=1))
     if not len(rows):
         return np.zeros((0, 2))

@@ -1,6 +1,7 @@
-"""Islands of a part and its supports in each layer, from the stretches of solid in upright columns.
+"""Islands of a part and its supports, from the stretches of solid in upright columns.
 
-A run is a stretch of a column in which the part is solid.
+A run is a stretch of a column in which the part is solid. An island is a connected region of a layer, of the
+part or of its support. A body is an island of the part.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ class Runs(NamedTuple):
     start, counts
         (rays,) int64 index of the first run of each column, and the number of its runs.
     ends
-        (runs, 5) float64: bottom and top of a run, height of the air or of the support below it, all in mm,
-        and the slope of its lower face (height over horizontal distance).
+        (runs, 5) float64. Columns 0 to 3 in mm: bottom of a run, its top, height of the air below it, and
+        height of the support below it (one of these two is 0). Column 4: slope of its lower face (height over
+        horizontal distance).
     """
 
     start: Ints
@@ -38,7 +40,7 @@ class Runs(NamedTuple):
 def sum_islands_mm(
     runs: Runs, shape: tuple[int, int], height_mm: float, step_mm: float
 ) -> tuple[float, float, float, float, float]:
-    """Count the islands, the bodies of solid and the holes of each layer, and sum them over the height.
+    """Count islands, bodies and holes at several heights, and integrate their numbers over the height.
 
     Parameters
     ----------
@@ -54,9 +56,8 @@ def sum_islands_mm(
     Returns
     -------
     tuple
-        Sums over the height, in mm, of the number of islands minus one, of the number of bodies of solid
-        minus one, and of the number of holes; then, in mm2, the sums for islands and for holes in which each
-        number is multiplied by the mean distance.
+        Integrals over the height, in mm: number of islands minus one, number of bodies minus one, and number
+        of holes. Then, in mm2, the integrals of the travel to islands and to holes (`_estimate_paths_mm`).
     """
     nx, ny = shape
     extra_island_count, extra_body_count, total_hole_count, hole_paths_mm, island_paths_mm = 0, 0, 0, 0.0, 0.0
@@ -91,9 +92,9 @@ def sum_islands_mm(
 def _estimate_paths_mm(count: int, total: int, cells: int, step_mm: float) -> float:
     """Estimate the travel to the islands or the holes of a layer: their number times their mean distance.
 
-    The mean distance is estimated by the side of a square. For islands, its area is that of the rectangle
-    around all of them, divided by their number; for holes, that of the solid, divided by the number of bodies
-    and holes.
+    The mean distance is estimated as the side of a square. For islands, the area of this square is that of
+    the rectangle around all islands, divided by their number. For holes, it is the area of the solid divided
+    by the number of bodies and holes.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def _estimate_paths_mm(count: int, total: int, cells: int, step_mm: float) -> fl
 
 @jit
 def _fill_levels(runs: Runs, ny: int, height_mm: float, shape: tuple[int, int]) -> Bytes:
-    """Fill a raster from every second column for each level.
+    """Fill a raster from every second column for each height at which islands are counted (a level).
 
     Parameters
     ----------
@@ -167,7 +168,7 @@ def _count_rectangle_cells(kind: Bytes, rows: int, row_length: int) -> int:
 
 @jit
 def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tuple[int, int, int]:
-    """Count the islands of solid or support in a raster, the islands of solid alone, and the cells of solid.
+    """Count the islands, the bodies, and the cells of solid in a raster.
 
     Parameters
     ----------
@@ -203,7 +204,7 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tup
 
 @jit
 def _compute_euler_number(kind: Bytes, rows: int, row_length: int) -> int:
-    """Compute the Euler number of a raster: the number of bodies of solid minus that of their holes.
+    """Compute the Euler number of a raster: the number of bodies minus the number of holes.
 
     The number follows from the patterns of two by two cells (Gray 1971). Cells that share a corner are one
     body.

@@ -1,4 +1,7 @@
-"""Kernels of `columns`: vertical rays through a mesh, and the supports and the mass along these rays."""
+"""Kernels of `columns`: vertical rays through a mesh, and the supports and the mass along these rays.
+
+A run is a stretch of a ray, or of the column around it, in which the part is solid.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,8 @@ MIN_STEP_MM = 0.4  # minimum distance between columns
 LEVEL_COUNT = 8  # number of heights at which the growing part is measured
 SAME_HEIGHT_MM = 0.01  # maximum difference between heights that count as equal
 MAX_SLOPE = 20.0  # maximum slope (height over horizontal distance) of a face; a steeper one counts as upright
-MAX_BED_GAP_MM = 0.15  # maximum height at which a run begins that stands on the bed
-MIN_GAP_MM = 0.3  # minimum height of a supported face above the bed or the part
+MAX_BED_GAP_MM = 0.15  # a run that begins below this height counts as standing on the bed
+MIN_GAP_MM = 0.3  # minimum height of the air below a face that gets support
 
 
 class Sweep(NamedTuple):
@@ -27,8 +30,8 @@ class Sweep(NamedTuple):
     touched_count
         Number of marked faces that columns of support touch, with their upper or their lower end.
     level_moments
-        (LEVEL_COUNT, 4) float64 moments in x, y, z and mass of the solid below each level, divided by the
-        area of a column.
+        (LEVEL_COUNT, 4) float64 of the solid below each level: first moments in x, y and z, and volume; all
+        are divided by the area of a column.
     is_bed_support, is_standing
         (nx, ny) bool, true where support stands on the bed, and where the part itself stands on the bed.
     supports_mm
@@ -77,7 +80,7 @@ def sweep_columns(
     touched_count = 0.0
     supports_mm = np.zeros((nx, ny))
     is_bed_support = np.zeros((nx, ny), np.bool_)
-    passing_sums = np.zeros((LEVEL_COUNT, 4))  # sections below each level of the runs that continue above it
+    passing_sums = np.zeros((LEVEL_COUNT, 4))  # parts below each level of runs that continue above it
     ending_sums = np.zeros((LEVEL_COUNT, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny
@@ -127,11 +130,11 @@ def _follow_ray(
     -------
     tuple
         Number of runs, height of support in mm, number of marked faces that the support touches, and whether
-        it stands on the bed.
+        support stands on the bed.
     """
     first = crossings.start[ray]
     count, support_mm, touched_count, is_bed_support = 0, 0.0, 0.0, False
-    support_start_mm, mark_at_start = 0.0, 0.0  # start of a possible support, and mark of the face there
+    support_start_mm, mark_at_start = 0.0, 0.0  # bottom of a possible support, and mark of the face there
     k, end = first, crossings.start[ray + 1]
     while k < end:
         bottom, top = find_stretch(crossings, normals, k, end)
@@ -214,11 +217,11 @@ def _add_moments(
 def _sum_towers_mm(
     runs: Runs, supports_mm: Floats, min_carrier_drop_mm: float, step_mm: float
 ) -> tuple[float, float]:
-    """Sum the height of air under runs of solid that no neighbouring run or support carries.
+    """Sum the height of the air below runs of solid that no neighbouring run or support carries.
 
-    Such air is filled with support. If neighbouring runs begin at about the same height, as along an edge,
-    the support below the first one counts as a tower, and that below the others as a strip, by the area of
-    both its sides.
+    The slicer fills this air with support. Along an edge, neighbouring runs begin at about the same height:
+    the support below the first run counts as a tower, and the support below the others as a strip. A tower
+    counts by its height, a strip by the area of both its sides.
 
     Parameters
     ----------
@@ -227,8 +230,8 @@ def _sum_towers_mm(
     supports_mm
         (nx, ny) float64 height of support in each column.
     min_carrier_drop_mm, step_mm
-        Minimum height by which a neighbouring run must begin lower to carry a run, and distance between
-        columns.
+        Minimum height by which a neighbouring run begins lower than a run that it carries, and distance
+        between columns.
 
     Returns
     -------
@@ -276,7 +279,8 @@ def _search_carriers(
     start, counts, ends = runs.start, runs.counts, runs.ends
     nx, ny = supports_mm.shape
     bottom_mm = ends[run, 0]
-    # A leaning thin wall is carried by a neighbour that is lower by the rise of the wall between two columns.
+    # The neighbour that carries a leaning thin wall may end lower, by the rise of the wall between two
+    # columns.
     carrier_top_mm = bottom_mm - ends[run, 4] * step_mm
     is_tower, is_edge = True, False
     for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):

@@ -18,15 +18,16 @@ MAX_ROUNDING_MM = 1.0  # maximum size of a chamfer or a rounding that counts as 
 
 # [assumed] Limits that decide the width of a brim.
 MAX_STEADY_RATIO = 3.0  # maximum ratio of a part's height to `hydraulic_diameter_mm` without a brim
-SUFFICIENT_CONTACT_MM2 = 400.0  # contact area from which adhesion needs no brim
+SUFFICIENT_CONTACT_MM2 = 400.0  # from this contact area on, no brim is needed for adhesion
 # Minimum length of a base whose corners lift, and minimum length of one that needs the widest brim.
 WARP_LENGTHS_MM = (60.0, 120.0)
 REFERENCE_SHRINKAGE = 0.007
-"""Shrinkage (of ABS) to which `WARP_LENGTHS_MM` applies: a corner lifts by shrinkage times length squared."""
+"""Shrinkage (of ABS) to which `WARP_LENGTHS_MM` applies. The lift of a corner is proportional to the
+shrinkage and to the square of the length."""
 MIN_BRIM_MM = 2.0  # a narrower brim is omitted
 
-# [assumed] Width by which the first layer, which is pressed on the bed, grows on each side; and the minimum
-# hydraulic diameter of a first layer for which a negative expansion compensates for this.
+# [assumed] The first layer is pressed on the bed, and so grows by this width on each side. If its hydraulic
+# diameter is at least this minimum, a negative expansion compensates for the growth.
 ELEPHANT_FOOT_MM = 0.2
 MIN_HYDRAULIC_DIAMETER_MM = 2.0
 
@@ -41,12 +42,12 @@ class Footing:
         Area of the first layer, and its hydraulic diameter: four times the area divided by the outline's
         length. For a disc, this is the diameter; for a long wall, it is twice the width.
     length_mm, sharp_corner_count
-        Greatest extent of the convex outline of the first layer, and the number of its corners under
-        `MAX_SHARP_DEG`.
+        Greatest extent of the convex outline of the first layer, and the number of corners of this outline
+        with an angle below `MAX_SHARP_DEG`.
     width_mm, half_planes
-        Least extent of the convex outline around the first layer and the supports on the bed, and that
-        outline as (q, 3) half-planes: ``half_planes[:, :2] @ p + half_planes[:, 2] <= 0``
-        in mm; empty without area.
+        Least extent of the footing's outline, and this outline as (q, 3) half-planes; none if it has no area.
+        The outline is convex, around the first layer and the supports on the bed. A point p (in mm) is inside
+        if ``half_planes[:, :2] @ p + half_planes[:, 2] <= 0``.
     """
 
     contact_mm2: float
@@ -65,33 +66,33 @@ class Footing:
         triangles
             (m, 3, 3) in mm, facing outward, standing on z = 0.
         bed_support_border_mm
-            (p, 2) points of the supports on the bed.
+            (p, 2) points on the border of the supports on the bed.
         """
         contact_mm2, outline_length_mm, points = _measure_first_layer(triangles)
-        rim = find_convex_outline(points)
-        sides = np.diff(rim, axis=0, append=rim[:1])
+        base_outline = find_convex_outline(points)
+        sides = np.diff(base_outline, axis=0, append=base_outline[:1])
         sides = sides[np.linalg.norm(sides, axis=1) > MAX_ROUNDING_MM]
         direction_rad = np.arctan2(sides[:, 1], sides[:, 0])
         bend_deg = np.degrees(
             (np.roll(direction_rad, -1) - direction_rad + math.pi) % (2.0 * math.pi) - math.pi
         )
         outline = (
-            find_convex_outline(np.concatenate([rim, bed_support_border_mm]))
+            find_convex_outline(np.concatenate([base_outline, bed_support_border_mm]))
             if len(bed_support_border_mm)
-            else rim
+            else base_outline
         )
         half_planes = find_half_planes(outline)
         return cls(
             contact_mm2=contact_mm2,
             hydraulic_diameter_mm=4.0 * contact_mm2 / outline_length_mm if outline_length_mm > 0.0 else 0.0,
-            length_mm=float(pdist(rim).max(initial=0.0)),
+            length_mm=float(pdist(base_outline).max(initial=0.0)),
             sharp_corner_count=int((bend_deg > 180.0 - MAX_SHARP_DEG).sum()),
             width_mm=float(np.ptp(outline @ half_planes[:, :2].T, axis=0).min()) if len(outline) else 0.0,
             half_planes=half_planes,
         )
 
     def measure_margin_mm(self, points: Floats) -> float:
-        """Measure the distance of the outermost of points (n, 2) from the outline; negative outside of it."""
+        """Measure how far inside the footing's outline the outermost of points (n, 2) is; below 0 outside."""
         if not len(self.half_planes):
             return -math.inf
         return -float((points @ self.half_planes[:, :2].T + self.half_planes[:, 2]).max())
@@ -126,7 +127,10 @@ class Footing:
         return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, max_brim_mm)) / 10.0
 
     def choose_expansion_mm(self, is_joined: bool) -> float:
-        """Choose the first layer's horizontal expansion: below 0 at a joint, so that it does not protrude."""
+        """Choose the horizontal expansion of the first layer: negative if cut faces begin in it.
+
+        It would otherwise protrude at a joint.
+        """
         is_wide = self.hydraulic_diameter_mm >= MIN_HYDRAULIC_DIAMETER_MM
         return -ELEPHANT_FOOT_MM if is_joined and is_wide else 0.0
 
@@ -135,7 +139,8 @@ class Footing:
 def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     """Measure the first layer of a mesh.
 
-    By the divergence theorem, the area of a section is the downward area below it minus the upward area.
+    By the divergence theorem, the area of a cross-section is the area of the downward faces below it minus
+    that of the upward faces below it, all as seen from above.
 
     Parameters
     ----------

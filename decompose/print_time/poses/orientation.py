@@ -29,9 +29,11 @@ from decompose.printers import TargetPrinter
 MAX_HULL_FACETS, MAX_FLAT_FACES = 24, 12  # maximum number of candidates of each kind, the largest first
 DIRECTION_STEPS = 1000  # coordinates of directions are compared after rounding to 1 / DIRECTION_STEPS
 MIN_DIFFERENCE_DEG = 2.0  # minimum angle between two candidates
-MAX_MEASURED_POSES = 24  # maximum number of measured candidates, in the order of their prices
-ESTIMATE_COLUMN_COUNT = 1_500  # approximate number of columns for an estimate
-CERTAIN_SUPPORT_SHARE = 0.8  # share of an estimated support that is certainly needed
+# Maximum number of candidates that are measured, those with the lowest prices first. More are measured only
+# while the part does not stay upright, or support touches a cut face, in the best candidate so far.
+MAX_MEASURED_POSES = 24
+ESTIMATE_COLUMN_COUNT = 1_500  # approximate number of columns for an estimate of the support
+CERTAIN_SUPPORT_SHARE = 0.8  # a support takes at least this share of its estimated time
 YAWS_RAD: Floats = np.radians(np.arange(90.0))
 """Yaws that are tried, relative to the yaw of the smallest rectangle around the outline."""
 
@@ -57,7 +59,8 @@ def find_best_pose(
     cost
         Cost model of the print time.
     fit_first_layer
-        Whether the brim and the first layer's expansion are chosen too.
+        Whether the brim and the first layer's expansion are chosen for the part; if not, those of the print
+        quality apply.
 
     Returns
     -------
@@ -90,7 +93,10 @@ def find_best_pose(
 def _bound_prices_s(
     features: Floats, extents_mm: Floats, cost: CostModel, fit_first_layer: bool
 ) -> tuple[list[float], list[float]]:
-    """Bound the prices of poses with features (k, 5): without supports and brim, and with all supports."""
+    """Bound the prices of poses with features (k, 5): lower bounds without, upper bounds with supports.
+
+    If the brim is chosen for each pose, the lower bounds do not include it.
+    """
     cost_without_brim = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     min_s = [
         cost_without_brim.price_part_s([*f[:COLUMN_INDEX], 0.0], e)
@@ -142,7 +148,7 @@ class Hull(NamedTuple):
     points
         (h, 3) vertices of the hull in mm; all vertices of the part if it has no volume.
     facet_vectors_mm2
-        (f, 3) outward area vectors of its facets; none if it has no volume.
+        (f, 3) outward unit normals of the facets times their areas; none if the hull has no volume.
     """
 
     points: Floats

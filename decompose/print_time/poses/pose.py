@@ -25,12 +25,15 @@ from decompose.print_time.thin_walls import SheetLimits, ThinWalls, WallWidths, 
 from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
 COLUMN_INDEX = ADDITIVE_FEATURES.index("column_mm3")
-HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole, as a share of that of a square hole
+# Difference in length between neighbouring walls around a round hole, as a share of that around a square
+# hole.
+HOLE_INSET_SHARE = math.pi / 4.0
 MIN_TOUCHED_MM2 = 1.0  # minimum area of a cut face that support touches; a smaller area is a rounding error
 
-# [assumed] A part stays upright as long as the moment of its adhesion to the bed exceeds those of the
-# nozzle's pull at its top and of the weight that is not above its footing. Support is made to be peeled off,
-# so it holds less. The outer half of a brim is too thin to hold.
+# [assumed] A part stays upright as long as the moment of its adhesion to the bed exceeds the sum of two other
+# moments: that of the nozzle's pull at the top of the part, and that of its weight if the centre of mass is
+# not above the footing. Support is made to be peeled off, so it holds less. The outer half of a brim is too
+# thin to hold.
 MIN_CONTACT_MM2 = 4.0  # minimum area of the first layer
 MIN_FOOT_MM = 0.8  # minimum `Footing.hydraulic_diameter_mm`: an edge narrower than a line is not printed
 ADHESION_N_PER_MM2 = 0.05  # adhesion of the first layer to the bed
@@ -41,7 +44,7 @@ WEIGHT_N_PER_MM3 = 1.25e-5  # weight of the filament
 
 # [assumed] A slender part on a small foot gets a warning, even if its brim holds it.
 SMALL_FOOT_MM2 = 300.0  # first layers with a smaller area count as small
-MIN_SLENDERNESS = 6.0  # minimum `Pose.slenderness`, such as that of a part 100 mm high on 300 mm2
+MIN_SLENDERNESS = 6.0  # slenderness above which a part gets the warning: 104 mm of height on 300 mm2
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +76,10 @@ class Pose:
     brim_width_mm, layer_0_expansion_mm
         Values chosen for the part; None to use those of the print quality.
     bed_face_hidden, tops_hidden
-        Whether the faces on the bed, and all tops, are cut faces and the cost model gives these less skin.
+        Whether all faces on the bed (or all tops with skin) are cut faces, and the cost model gives them less
+        skin.
     connectors_s
-        Share of the price for marks and pins in the cut faces.
+        Seconds that the price includes for marks and pins in the cut faces.
     """
 
     to_model: Floats
@@ -149,7 +153,8 @@ def measure_pose(
     cost
         Cost model of the print time.
     fit_first_layer
-        Whether the brim and the first layer's expansion are chosen too.
+        Whether the brim and the first layer's expansion are chosen for the part; if not, those of the print
+        quality apply.
     """
     (features,), _ = sum_pose_features(vertices, faces, rotation[None], cost, is_cut=is_cut)
     return measure_pose_from_features(
@@ -262,7 +267,7 @@ def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: 
 
 
 def _price_side_ends_s(mesh: PartMesh, up: Floats, cut_side_mm2: float, cost: CostModel) -> float:
-    """Price the ends of the hidden sides; measure these ends only if there are such sides."""
+    """Price the ends of the hidden sides; measure these ends only if there are hidden sides."""
     return cost.price_side_ends_s(cut_side_mm2, sum_side_ends_mm(mesh, up) if cut_side_mm2 else 0.0)
 
 

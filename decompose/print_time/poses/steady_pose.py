@@ -21,9 +21,12 @@ from decompose.print_time.poses.orientation import find_fitting_rotations
 from decompose.print_time.poses.pose import COLUMN_INDEX, Pose, measure_pose_from_features
 from decompose.printers import TargetPrinter
 
-MAX_STEADY_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
+# A part with at most this `Pose.slenderness`, that of a cube, keeps its fastest pose.
+MAX_STEADY_SLENDERNESS = 1.0
 MAX_SLENDERNESS_RATIO = 0.8  # maximum slenderness of a steadier pose, as a share of that of the fastest pose
-MAX_TIME_RATIO = 1.02  # maximum time of a steadier pose, as a multiple of that of the fastest pose
+# Maximum time of a steadier pose, as a multiple of that of the fastest pose; a part on a small foot may take
+# more.
+MAX_TIME_RATIO = 1.02
 MAX_MEASURED_POSES = 4  # maximum number of measured poses, those with the least estimated slenderness first
 
 
@@ -40,8 +43,9 @@ def compute_steady_limit_s(fastest_pose: Pose, spare_limit_s: float) -> float:
     Returns
     -------
     float
-        Time in seconds. A part on a small foot may use all of its spare time, and at least 2 % more time than
-        in the fastest pose; any other part may use at most 2 % more.
+        Time in seconds. A part on a small foot may use all of its spare time, or 2 % more than in the fastest
+        pose if that is longer. Any other part may use its spare time, but at most 2 % more than in the
+        fastest pose.
     """
     max_s = MAX_TIME_RATIO * fastest_pose.price_s
     return max(spare_limit_s, max_s) if fastest_pose.has_small_foot else min(spare_limit_s, max_s)
@@ -61,15 +65,16 @@ def find_steady_pose(
     cost
         Cost model of the print time.
     fastest_pose
-        Fastest pose of the part; if its brim width was chosen, that of other poses is chosen too.
+        Fastest pose of the part. If its brim width was chosen for the part, the brim widths of other poses
+        are chosen too; if not (None), that of the print quality applies to all poses.
     limit_s
         Maximum price of the pose.
 
     Returns
     -------
     Pose
-        Steadier pose; or the fastest one if no other pose is much steadier within the limit, or if support
-        would touch more cut faces in the others.
+        A pose with much less slenderness, in which the part stays upright as well (`Pose.rank`), and support
+        touches no more cut faces. If there is none within the limit, the fastest pose.
     """
     if fastest_pose.slenderness <= MAX_STEADY_SLENDERNESS or limit_s < fastest_pose.price_s:
         return fastest_pose
