@@ -11,9 +11,9 @@ Shape = tuple[int, int, int]  # shape of a grid, in cells
 
 @jit
 def index_interval(lo: int, hi: int, n: int) -> int:
-    """Compute the index of the interval [lo, hi) among all intervals of n cells, the shortest first.
+    """Compute the index of the interval [lo, hi) among all intervals on an axis of n cells.
 
-    There are n (n + 1) / 2 intervals.
+    There are n (n + 1) / 2 intervals, in the order of their lengths.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def find_box(index: int, shape: Shape) -> Box:
 
 @jit
 def find_interval_ends(interval: int, n: int) -> tuple[int, int]:
-    """Find the ends of an interval of n cells by its index, the inverse of `index_interval`.
+    """Find the ends of an interval on an axis of n cells by its index, the inverse of `index_interval`.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
 """Tables of every axis-aligned box of a grid: price, box around the needed cells, and number of pieces.
 
 A box is priced in its six axis poses: in each of them, one of its sides lies on the bed. There are millions
-of boxes. The sums over a box are those over the previous box plus those over one layer of cells, and layers
-are added up from rows in the same way, so each box takes only a few dozen additions.
+of boxes, so sums are reused. The sums over a box are those over the previous box, which is one layer of cells
+shorter, plus those over this layer. The sums over a layer are found from rows of cells in the same way. So
+each box takes only a few dozen additions.
 """
 
 from __future__ import annotations
@@ -39,13 +40,15 @@ class BoxTables:
     shape
         Shape of the grid, in cells.
     seconds
-        (boxes,) print time in the best pose that fits; +inf if none fits, or if it was not computed.
+        (boxes,) print time in the best pose that fits; +inf if none fits, or if the box is not the smallest
+        one around its needed cells.
     trimmed_box
         (boxes,) index of the smallest box around the needed cells of a box; -1 if there are none.
     piece_counts
         (boxes,) number of connected pieces of the solid in a box, as counted on the grid.
     cut_mm2
-        (boxes,) area of the cut faces of boxes that may be printed; empty (0,) if areas are not needed.
+        (boxes,) total area of a box's cut faces; 0 if the box is not the smallest one around its needed
+        cells. The table is empty (0,) if areas are not needed.
     """
 
     shape: tuple[int, int, int]
@@ -150,7 +153,7 @@ def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas_mm2: Fl
     Parameters
     ----------
     cuts
-        Float64 summed-area tables of `Grid.cuts` in mm2, for each axis: sums along the two other axes.
+        For each axis, float64 sums of `Grid.cuts` along the two other axes: summed-area tables in mm2.
     box
         Box in cells, half-open.
     areas_mm2
@@ -349,7 +352,7 @@ def _price_column(
 
 
 def list_build_volumes(printers: Sequence[TargetPrinter]) -> Floats:
-    """List the distinct build volumes of printers, each of which consists of boxes.
+    """List the distinct build volumes of printers; each is a list of boxes, one of which a part has to fit.
 
     Returns
     -------

@@ -16,7 +16,7 @@ LATERAL_AREA = 1  # 3 columns in mm2, one for each axis that may point up
 SKIN = 4  # 3 columns: projected area in mm2 of the faces that have skin
 SLOPE = 7  # 3 columns: lateral area in mm2 of the faces that have skin
 OVERHANG = 10  # 6 columns: projected area in mm2 of the faces that overhang in a pose
-MOMENT = 16  # 6 columns in mm3: the area of `OVERHANG` times its coordinate along the axis
+MOMENT = 16  # 6 columns in mm3: the area of `OVERHANG` times its coordinate along the axis of the pose
 SUM_COUNT = 22
 
 MIN_FRAGMENT_MM2 = 1e-12  # smaller fragments are ignored
@@ -32,8 +32,8 @@ class CellContents(NamedTuple):
     area_mm2
         (nx, ny, nz) area of the surface in mm2.
     flux
-        (nx, ny, nz, 4) sums of area times unit normal in mm2 (columns 0-2), and of area times the x component
-        of the normal times the distance in x from the lower side of the cell, in mm3 (column 3).
+        (nx, ny, nz, 4). Columns 0 to 2: sums of area times unit normal, in mm2. Column 3: sum of area times
+        the x component of the normal times the distance in x from the lower side of the cell, in mm3.
     sums
         (nx, ny, nz, SUM_COUNT) of `Grid`, without the volume.
     bounds_mm
@@ -147,7 +147,7 @@ def _clip_to_slab(
 
 @jit
 def _measure_polygon(polygon: Floats, normal: Floats, moment_mm3: Floats) -> float:
-    """Measure the area of a plane polygon in mm2, and its moment, by a fan of triangles.
+    """Measure the area of a flat polygon in mm2, and its moment, by a fan of triangles.
 
     Parameters
     ----------
@@ -237,7 +237,8 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     planes
         (n + 1,) float64 ascending coordinates of the planes perpendicular to each axis, in mm.
     skin_cos, overhang_cos
-        Component of a unit normal along an axis, above which a face has skin, or counts as an overhang.
+        Limits of the component of a unit normal along an axis. Above them, a face has skin, or counts as an
+        overhang.
     """
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
     contents = _allocate_contents(shape)

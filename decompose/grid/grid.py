@@ -1,9 +1,9 @@
 """Grid over a model: classes of its cells, and the sums in each cell on which print time depends.
 
 Each triangle is clipped once to the cells that it crosses. Everything else follows exactly from the
-divergence theorem: the flux of a constant field through the surface in a cell is the difference between
-the cut areas of its lower and its upper side, and the first moment of that flux gives the volume. No boolean
-operations are needed.
+divergence theorem. A cut area is the area of the solid on a side of a cell. The flux of a constant field
+through the surface in a cell is the difference between the cut areas of the lower and the upper side of the
+cell. The first moment of this flux gives the volume. No boolean operations are needed.
 """
 
 from __future__ import annotations
@@ -24,11 +24,16 @@ GRANULARITIES = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
 MAX_BOXES = 10_000_000  # maximum number of boxes of a grid: tables of all boxes are kept in memory
-# Maximum number of cuts of all boxes: for every time limit, the search computes a sum for each cut.
+# Maximum number of cuts of all boxes together; beyond it, cells are made larger. For each time limit that it
+# tries, the search computes a sum for each cut.
 MAX_CUTS = 300_000_000
-MAX_FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
+# Maximum number of boxes of a grid, as a multiple of that of a cubic grid with the desired number of cells;
+# beyond it, cells are made larger. Without this limit, a flat model would have many times as many boxes.
+MAX_FLAT_BOXES_RATIO = 1.5
 MIN_CELL_MM = 4.0  # minimum side of a cell
-CELL_DIVISION = 3  # number of fine cells along each side of a cell, on which its bodies are told apart
+# Number of fine cells along each side of a cell. On fine cells, the bodies of the cell (the connected
+# components of the solid in it) are told apart.
+CELL_DIVISION = 3
 MAX_FINE_CELLS = 500_000  # maximum number of fine cells; the cells of a larger grid are divided less
 
 
@@ -51,10 +56,10 @@ class GridRules:
     keeps_interior
         Whether every internal cell is needed.
     overhang_cos
-        Cosine of the angle between the normal of a face and the downward direction, above which the face
-        counts as an overhang.
+        A face counts as an overhang if the cosine of the angle between its normal and the downward direction
+        is greater than this.
     skin_cos
-        Cosine of the angle between the normal of a face and the vertical, above which the face gets skin.
+        A face gets skin if the cosine of the angle between its normal and the vertical is greater than this.
     """
 
     min_wall_mm: float
@@ -116,7 +121,7 @@ class Grid:
 
 
 def count_cuts(shape: tuple[int, int, int]) -> int:
-    """Count the cuts of all boxes of a grid with a shape in cells; the search computes a sum for each."""
+    """Count the cuts of all boxes of a grid (nx, ny, nz); a cut divides a box between two layers of cells."""
     interval_counts = [n * (n + 1) // 2 for n in shape]
     cut_counts = [n * (n * n - 1) // 6 for n in shape]
     return sum(
@@ -208,7 +213,8 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
         face_flux[np.abs(face_flux) < 1e-9 * min_face_mm2] = 0.0
         cuts.append(np.maximum(face_flux, 0.0))
     sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps_mm[0][:, None, None])
-    # The solid behind a cut face reaches the side of the cell; a cell without surface is full or empty.
+    # Where solid crosses a side of a cell, its bounds reach this side; a cell without surface is full or
+    # empty.
     for axis in range(3):
         is_lower_side_cut = np.take(cuts[axis], range(area_mm2.shape[axis]), axis=axis) > 0.0
         is_upper_side_cut = np.take(cuts[axis], range(1, area_mm2.shape[axis] + 1), axis=axis) > 0.0

@@ -1,8 +1,8 @@
 """Number of connected pieces of the solid in every box of a grid.
 
-The pieces are counted from the bodies of each cell: the connected components of the solid in it. They are
+The pieces are counted from the bodies of each cell: the connected components of the solid in it. Bodies are
 told apart on finer cells, and the solid in a finer cell counts as connected. So a count is never higher than
-that of the true solid, and is usually equal to it.
+the true number of pieces, and is usually equal to it.
 """
 
 from __future__ import annotations
@@ -108,8 +108,9 @@ class _Order(NamedTuple):
     sizes
         Number of cells of the grid along each of these axes.
     cell_strides, box_strides
-        For each of these axes, the distance between the indices of two neighbouring cells in a flat array,
-        and between those of two intervals in the tables of boxes.
+        For each of these axes, the difference between the indices of two neighbouring cells in a flat array;
+        and the difference between the indices, in the tables of boxes, of two boxes whose intervals along the
+        axis have consecutive indices.
     """
 
     axes: tuple[int, int, int]
@@ -127,10 +128,12 @@ def _find_highest_top(
 ) -> int:
     """Find the top of the highest printable box over a base; return the bottom if there is none.
 
+    Top and bottom are the ends of a box along the last axis.
+
     Parameters
     ----------
     base
-        Index of a box without the contribution of the last axis, and its bottom along that axis.
+        Contribution of the other two axes to the index of a box, and the bottom of the box.
     order
         Order of the axes.
     trimmed_box, seconds
@@ -153,7 +156,7 @@ def _add_layer(
     bodies: CellBodies,
     parent: npt.NDArray[np.int32],
 ) -> int:
-    """Add a layer of cells to the forest of a box, and return the change in the number of pieces.
+    """Add a layer of cells to the union-find forest of a box; return the change in the number of pieces.
 
     Parameters
     ----------

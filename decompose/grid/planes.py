@@ -10,7 +10,7 @@ from decompose.arrays import Floats
 
 PLANE_CLEARANCE_MM = 2.0
 """Minimum distance of planes from flat faces, where possible, so that cuts leave no slivers."""
-# Cuts keep the full distance from the flat faces on one plane if these have at least this area together.
+# Cuts keep this distance from the flat faces on one plane if these have at least this area together:
 MIN_SLIVER_MM2 = 25.0
 SMALL_CLEARANCE_MM = 0.1  # minimum distance from smaller flat faces, so that they are not taken for cut faces
 # Decimal places of coordinates in mm; flat faces that agree to these places lie on one plane.
@@ -83,8 +83,9 @@ def find_flat_faces(triangles: Floats, axis: int) -> FlatFaces:
 def place_planes(lo_mm: float, hi_mm: float, count: int, flat_faces: FlatFaces = NO_FLAT_FACES) -> Floats:
     """Place planes: the first and the last one outside the model, the others clear of flat faces.
 
-    A plane that would not be clear of a flat face is moved to the nearest clear position. If there is none
-    within 0.4 cells, the plane is moved to the position furthest from all flat faces.
+    A plane is clear if it keeps the clearance of each flat face, or 0.2 cells if that is less. A plane that
+    would not be clear is moved to the nearest position at which it is. If there is none within 0.4 cells, the
+    plane is moved to the position furthest from all flat faces.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Effort of a search: work is counted, not timed, so that the result is the same on every machine.
 
-A unit of each kind of work counts as a fixed time on one core of a typical machine: `bench/search/effort.py`.
-Work is recorded by the thread that distributes it, not by the threads that do it.
+A unit of each kind of work counts as a fixed time on one core of a typical machine (measured by
+`bench/search/effort.py`). Work is recorded by the thread that distributes it, not by the threads that do it.
 """
 
 from __future__ import annotations

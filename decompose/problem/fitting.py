@@ -17,13 +17,14 @@ from decompose.printers import TargetPrinter
 from decompose.problem.problem import Problem
 
 FIT_TOLERANCE_MM = 1e-6  # length by which a part may exceed the build volume, due to rounding
-ROUNDING_MM3 = 1e-6  # maximum volume of a film that rounding leaves on a cut plane
+ROUNDING_MM3 = 1e-6  # solids up to this volume are films that rounding leaves on a cut, and are removed
 
 
 def count_blocks(size_mm: Floats, printers: Sequence[TargetPrinter]) -> tuple[int, int, int]:
-    """Count, along each side of a box, the fewest equal blocks into which it is divided to fit every printer.
+    """Count the equal blocks into which a box must be divided along x, y and z to fit every printer.
 
-    If the result is one block, the box fits; otherwise, the box may still fit if it is rotated.
+    The number of blocks is as small as possible for each printer. If the result is one block, the box fits;
+    otherwise, the box may still fit if it is rotated.
 
     Parameters
     ----------
@@ -120,9 +121,11 @@ def refuse_misfits(
     large_pieces = [p for p in pieces if count_parts(p.solid, problem.distinct_printers) > 1]
     misfit_count = sum(pose is None for pose in problem.find_poses(large_pieces))
     if misfit_count:
+        verb = "fits" if misfit_count == 1 else "fit"
+        noun = "printer" if printer_count == 1 else "printers"
         raise NoFit(
-            f"{misfit_count} of the {len(pieces)} parts that {engine} makes for {printer_count} printers fit "
-            f"none of them: choose another --longest-side, or --engine guillotine"
+            f"{misfit_count} of the {len(pieces)} parts that {engine} makes for {printer_count} {noun} "
+            f"{verb} none of them: choose another value of --longest-side, or --engine guillotine"
         )
     if len(pieces) > printer_count:
         raise NoFit(

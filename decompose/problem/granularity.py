@@ -19,7 +19,7 @@ def choose_granularity(granularity: str | int, printer_count: int, size_ratio: f
     """Choose the cube root of the number of cells from a name, a number, or ``auto``.
 
     With ``auto``, the side of a cell is not much longer than half the shortest side of a build volume, unless
-    that takes more than `MAX_VOLUME_GRANULARITY`.
+    that takes a greater granularity than `MAX_VOLUME_GRANULARITY`.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
 T = TypeVar("T")
-# Build volumes of each of several printers.
+# For each of several printers, the sizes of the boxes of its build volume.
 BuildVolumes = tuple[tuple[tuple[float, float, float], ...], ...]
 
 MAX_PARTS = 200  # maximum number of printers, or rounds, that a message suggests for a model
@@ -59,8 +59,8 @@ class Problem:
     model
         Model in the frame in which it is cut.
     printers
-        Free printers, each for one piece at most; a printer that prints in several rounds appears once for
-        each round.
+        Free printers, each for one piece at most. A printer that prints several pieces one after another, in
+        rounds, appears once for each round.
     cost
         Cost model for print times.
     options
@@ -91,7 +91,7 @@ class Problem:
     best_known_s: float = math.inf
     is_thorough: bool = False
     frame: Floats = field(default_factory=lambda: np.eye(3))
-    # Poses by build volumes, of each solid that is still in use.
+    # For each solid that is still in use, its pose by the build volumes that it has to fit.
     _poses: WeakKeyDictionary[Solid, dict[BuildVolumes, Pose | None]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
@@ -156,8 +156,8 @@ class Problem:
         target_plane
             Axis and coordinate in mm of a plane that the grid must have; None if there is none.
         overhang_cos
-            Cosine of the angle between a face's normal and the downward direction above which the face
-            overhangs; None for that of the cost model.
+            A face overhangs if the cosine of the angle between its normal and the downward direction is
+            greater than this; None for the limit of the cost model.
         """
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
@@ -189,13 +189,13 @@ class Problem:
         grid, boxes
             Grid over the model, and its tables.
         partition
-            Boxes of a partition, whose makespan limits the bound.
+            Boxes of a partition; the bound cannot exceed their makespan.
 
         Returns
         -------
         Callable
-            Function that waits for the lower bound in s on all partitions of the grid, according to the
-            tables.
+            Function that waits for the proof, and returns a lower bound in s. The bound holds for all
+            partitions of the grid, if times are those of the tables.
         """
         self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
         makespan_s = boxes.find_longest_time_s(partition)
@@ -215,7 +215,7 @@ class Problem:
         """Compute the makespan of boxes from the table of prices, and a lower bound for all partitions.
 
         The boxes fit every printer, and the fastest printer prints the slowest box. The bound is proven as if
-        all printers were as fast as that one.
+        all printers were as fast as the fastest one.
 
         Parameters
         ----------
@@ -335,8 +335,8 @@ def validate_problem(
     Raises
     ------
     DecomposeError
-        There is no printer, a printer has no build volume, a minimum is not a length or area, or the model is
-        too long for all build volumes together.
+        There is no printer, a printer has no build volume, the minimum of the wall or of the glue is negative
+        or not finite, or the model is too long for all build volumes together.
     """
     if not printers:
         raise NoFit("no printer: name at least one")
