@@ -14,11 +14,11 @@ from decompose.geometry.shells import label_components
 from decompose.geometry.solid import Solid, triangulate
 from decompose.geometry.symmetry import (
     Mirror,
-    draw_mirrors,
     find_good_mirrors,
     find_mirror,
     find_rotation_to_axis,
     find_smallest_rotation,
+    sample_mirrors,
 )
 from decompose.geometry.vectors import choose_plane_axes, compute_cross_product
 
@@ -28,7 +28,6 @@ __all__ = [
     "Solid",
     "choose_plane_axes",
     "compute_cross_product",
-    "draw_mirrors",
     "find_convex_outline",
     "find_good_mirrors",
     "find_half_planes",
@@ -40,6 +39,7 @@ __all__ = [
     "load_model",
     "measure_rectangles",
     "round_triangles",
+    "sample_mirrors",
     "separate_touching_surfaces",
     "triangulate",
     "write_stl",

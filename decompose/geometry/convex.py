@@ -7,9 +7,9 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 
-COLLINEARITY_TOLERANCE_MM2 = 1e-9  # maximum of twice the area of a triangle with collinear corners
+COLLINEARITY_TOLERANCE_MM2 = 1e-9  # corners are collinear if twice the area of their triangle is less
 MIN_FILTERED_POINTS = 64  # minimum number of points for which it is worthwhile to drop inner points first
-MIN_INSIDE_MM2 = 1e-6  # minimum value of the cross product for a point on the inner side of an edge
+MIN_INSIDE_MM2 = 1e-6  # points with a smaller cross product with an edge of the octagon are kept
 
 
 @jit
@@ -96,7 +96,7 @@ def _drop_inner_points(points: Floats) -> Floats:
 
 @jit
 def find_half_planes(outline: Floats) -> Floats:
-    """Find the half-planes of an outline: ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside it.
+    """Find the half-planes of an outline.
 
     Parameters
     ----------
@@ -106,7 +106,8 @@ def find_half_planes(outline: Floats) -> Floats:
     Returns
     -------
     ndarray
-        (k, 3) float64 rows of an outward unit normal and an offset in mm.
+        (k, 3) float64 half-planes h, rows of an outward unit normal and an offset in mm: points p inside the
+        outline have ``h[:, :2] @ p + h[:, 2] <= 0``.
     """
     edges = np.zeros((len(outline), 3))
     for i in range(len(outline)):

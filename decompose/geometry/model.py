@@ -39,7 +39,7 @@ SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 MIN_PLAUSIBLE_SIDE_MM = 5.0  # longest side below which the unit is probably not mm
 MIN_SIDE_MM = 0.1  # minimum longest side: a smaller model is thinner than the line of any nozzle
 MAX_COORDINATE_MM = 1e6  # maximum coordinate; beyond it, double precision is too coarse for cuts
-MIN_THICKNESS_SHARE = 1e-6  # minimum thickness, as a share of the longest side
+MIN_THICKNESS_SHARE = 1e-6  # minimum shortest side, as a share of the longest; a thinner model counts as flat
 _BATCH_TRIANGLES = 100_000  # number of triangles that are measured at a time
 MM_PER_UNIT = {"metres": 1000.0, "inches": 25.4}
 
@@ -53,7 +53,7 @@ class Model:
     solid
         Closed solid in mm, in the file's own frame scaled by `scale`.
     repairs
-        Sentences on the repairs.
+        Sentences that describe the repairs.
     scale
         Factor from the file's numbers to mm.
     """

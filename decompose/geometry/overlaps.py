@@ -20,7 +20,7 @@ from decompose.geometry.solid import Solid
 
 RAY_COUNT = 40_000  # approximate number of rays over the area of a solid seen from above
 MARGIN_STEPS = 2.0  # margin around the rays that meet an overlap, as a multiple of the distance between rays
-ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height
+ROUNDING_SHARE = 1e-7  # overlaps lower than this share of the solid's height are rounding errors
 MAX_HALVINGS = 4  # maximum number of times that a piece is halved to separate its branches
 # Maximum share of an overlap that remains after its branches are united; if more remains, the overlap is a
 # fold of one branch, which is kept.
@@ -28,7 +28,9 @@ MAX_REMAINING_SHARE = 0.1
 MAX_PLACES = 64  # maximum number of places that are repaired, the largest first
 # Maximum number of rounds; each cuts the whole surface, which takes seconds for a million faces.
 MAX_ROUNDS = 4
-MAX_LOST_SHARE = 0.1  # maximum unexpected loss of volume: this share of the overlaps plus 0.001 of the solid
+# Maximum loss of volume besides the overlaps: this share of the overlaps plus 0.001 of the solid. If more is
+# lost, the solid is not changed.
+MAX_LOST_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +131,7 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
 
 
 def _has_lost_only_overlaps(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
-    """Check whether the union has the same bounds, no more pieces, and lost no volume but the overlaps."""
+    """Check whether a union kept its bounds, has no more pieces, and lost no volume but the overlaps."""
     unexplained_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
     return (
         unexplained_mm3 <= MAX_LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3

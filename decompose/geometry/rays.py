@@ -145,14 +145,14 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
             t = crossed_triangles[k]
             if normals[t, 2] == 0.0:
                 continue
-            (first, last), (begin, end) = _find_ray_rectangle(triangles, t, rays)
-            if first >= last or begin >= end:  # most triangles of a fine mesh are between the rays
+            (first_x, end_x), (first_y, end_y) = _find_ray_rectangle(triangles, t, rays)
+            if first_x >= end_x or first_y >= end_y:  # most triangles of a fine mesh are between the rays
                 continue
             crossed_triangles[crossed_count] = t
             crossed_count += 1
             _set_edges(triangles, t, edges)
             (ax, ay, az), slope_x, slope_y, (lowest, highest) = _compute_plane(triangles, normals, t)
-            for i in range(first, last):
+            for i in range(first_x, end_x):
                 x = x0 + i * step_mm
                 low, high = _find_edge_span(edges, x)
                 if low > high:

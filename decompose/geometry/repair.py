@@ -1,7 +1,7 @@
 """Repair of triangles, so that they bound a closed solid; each change is described in a sentence.
 
-A repair is judged by its effect on the surface: hardly any surface outside the repaired solid may be lost or
-moved, and only a little surface may be added.
+A repair is judged by its effect on the surface: hardly any of the original surface may lie outside the
+repaired solid and far from it, and only a little surface may be added.
 """
 
 from __future__ import annotations
@@ -36,10 +36,11 @@ MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired surface
 MAX_EXTENT_CHANGE_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
 SAMPLE_COUNT = 40_000  # number of points on a surface to which distances are measured
 PROBE_COUNT = 5_000  # number of points from which distances are measured
-MIN_VOLUME_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5
+MIN_VOLUME_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5; bodies with less are left out
 NEIGHBOUR_COUNT = 6  # number of nearest samples; the exact distance to the triangle of each is computed
-# Each body is closed and joined separately. Real models have hundreds of bodies at most. In a file of loose
-# triangles each triangle is a body, and a large file of this kind would take hours.
+# A body is a connected component of the surface. Each body is closed and joined separately. Real models have
+# hundreds of bodies at most. In a file of loose triangles each triangle is a body, and a large file of this
+# kind would take hours.
 MAX_BODIES = 1000
 
 
@@ -127,8 +128,8 @@ def _close_bodies(
     """Close bodies, and leave out those without volume; also return whether the surface was changed.
 
     Flat holes are capped. Other holes are closed by MeshFix, one body after the other, because MeshFix keeps
-    only the largest of several bodies. If it removes part of a body's surface, its result is not used, and
-    all holes of the body are capped.
+    only the largest of several bodies. If MeshFix removes part of a body's surface, its result is not
+    used, and all holes of the body are capped.
     """
     closed_bodies: list[Any] = []
     open_bodies: list[Any] = []
@@ -326,7 +327,10 @@ def _count_triangles_above(points: Floats, triangles: Floats) -> Ints:
 
 
 def _join_bodies(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
-    """Join bodies into one solid, the large ones first: subtract cavities, add bodies inside cavities."""
+    """Join bodies into one solid, the large ones first: subtract cavities, add bodies inside cavities.
+
+    Sentences on this are appended to `repairs`.
+    """
     volumes_mm3 = np.array([_measure_body(body)[0] for body in bodies])
     if volumes_mm3.sum() < 0.0:
         for body in bodies:

@@ -1,5 +1,7 @@
 """Oriented shells of triangles: separated where more than two faces meet, and with caps on their holes.
 
+A shell is a connected surface. A rim is the closed line of edges around a hole of a shell.
+
 No function of this module moves a vertex or drops a triangle.
 """
 
@@ -14,8 +16,9 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry.solid import triangulate
 
 MAX_ANGLE_DIFFERENCE_RAD = 1e-9  # maximum difference between angles that count as equal
-MAX_UNEVENNESS_SHARE = 1e-2  # maximum distance of a flat loop from its plane, as a share of its size
-# Maximum distance of the rims of one opening from a plane, as a share of the model's size.
+MAX_UNEVENNESS_SHARE = 1e-2  # maximum distance of a flat rim from its plane, as a share of its size
+# Maximum distance of an inner rim from the plane of the outer rim around it, as a share of the model's size,
+# if both are rims of the same hole.
 MAX_PLANE_GAP_SHARE = 1e-6
 
 
@@ -69,8 +72,8 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     Returns
     -------
     list or None
-        Vertices (n, 3) and faces (m, 3) of each surface; None if, around some edge, the numbers of faces at
-        which the solid begins and ends differ.
+        Vertices (n, 3) and faces (m, 3) of each surface; None if, around some edge, the number of faces at
+        which the solid begins is not the number of faces at which it ends.
     """
     tail, head, face = _list_half_edges(faces)
     order, starts, counts = _sort_half_edges_by_edge(tail, head)
@@ -258,8 +261,8 @@ def _sort_half_edges_by_angle(
 ) -> tuple[Ints, Bools] | None:
     """Sort the half-edges (k,) of an edge by angle, and find those at which the solid begins.
 
-    The order starts outside the solid, or where the fewest solids overlap. The result is None if the numbers
-    of faces at which the solid begins and ends differ.
+    The order starts outside the solid, or where the fewest solids overlap. The result is None if the number
+    of faces at which the solid begins is not the number of faces at which it ends.
     """
     start, end = min(tail[half_edges[0]], head[half_edges[0]]), max(tail[half_edges[0]], head[half_edges[0]])
     along = vertices[end] - vertices[start]

@@ -57,7 +57,7 @@ class Solid:
         Raises
         ------
         ModelNotSolid
-            An edge is not shared by exactly two triangles of opposite directions.
+            An edge is not shared by exactly two triangles that run along it in opposite directions.
         """
         mesh = manifold3d.Mesh64(
             vert_properties=np.ascontiguousarray(vertices, dtype=np.float64),

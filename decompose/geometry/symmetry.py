@@ -3,7 +3,7 @@
 According to Hatton et al. (2023), planes pass through the mean of the vertices, and their normals are drawn
 from the sphere. The score of a plane is the mean distance from the vertices' mirror images to the nearest
 vertices. Two steps of the method have no effect in the authors' program, by mistake: the refinement of the
-best normals, and the tolerance of the score. This module does both, except in `draw_mirrors`; the tolerance
+best normals, and the tolerance of the score. This module does both, except in `sample_mirrors`; the tolerance
 is a share of the model's size. Only the second of the program's three draws of normals has an effect, so
 there is one draw here.
 """
@@ -18,12 +18,12 @@ from scipy.spatial import KDTree
 from decompose.arrays import Floats
 
 SAMPLES_PER_ROUND = 100  # number of normals in a round
-# Angles of the cones of normals around the best one, in the rounds after the first.
+# Spread of the random normals around the best one, in the rounds after the first.
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)
 MAX_MIRRORED_VERTICES = 1000  # maximum number of vertices whose mirror images are measured, for a whole model
 MAX_MIRRORED_VERTICES_OF_PART = 300  # the same for a part
 TOLERANCE = 0.01  # maximum mean distance of mirror images, as a share of the bounding box's diagonal
-SAME_AXIS_RAD = 0.01  # a normal closer to an axis is replaced by the axis if the axis is nearly as good
+SAME_AXIS_RAD = 0.01  # a normal within this angle of an axis is replaced by it if it is nearly as good
 MIN_ANGLE_RAD = 0.5  # minimum angle between the normals of two planes of one part
 
 
@@ -120,7 +120,7 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
     )
 
 
-def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> list[Mirror]:
+def sample_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> list[Mirror]:
     """Find the best planes of one draw of normals, without a tolerance, as the authors' program does.
 
     Parameters

@@ -17,7 +17,7 @@ from decompose.geometry.shells import label_components
 from decompose.jit import jit
 
 SAME_VERTEX_MM = 1e-8  # vertices whose coordinates round to the same multiples of this are the same vertex
-WELD_SHARES = (1e-7, 1e-6, 1e-5)  # gaps between triangles due to rounding, as shares of the longest side
+WELD_SHARES = (1e-7, 1e-6, 1e-5)  # distances for joining corners, tried in turn; shares of the longest side
 
 
 @dataclass(frozen=True, slots=True)

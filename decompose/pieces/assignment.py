@@ -53,8 +53,8 @@ def solve_bottleneck_assignment(seconds: Floats) -> list[int] | None:
     Returns
     -------
     list or None
-        Column for each row; no column is used twice, and ties go to the first column. None if there is no
-        assignment.
+        Index of the printer of each part. No printer is used twice, and of equally good printers the first
+        one is used. None if there is no assignment.
     """
     times_s = np.unique(seconds[np.isfinite(seconds)])
     if not len(times_s) or not _has_matching(seconds <= times_s[-1]):

@@ -21,8 +21,10 @@ from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 # Minimum thickness of a piece next to a cut: a thinner piece gets lost or bent, or is glued at an angle.
 SLIVER_MM = 8.0
 TWO_WALLS_MM = 0.8  # two walls of a 0.4 mm nozzle: a thinner piece has no interior
-MIN_FLAKE_CUT_SHARE = 0.25  # minimum share of cut faces in the surface of a flake
-# Maximum difference between the area of triangles and that of their union, as a share.
+# Minimum share of cut faces in the surface of a flake: a piece that is thinner than two walls on average.
+MIN_FLAKE_CUT_SHARE = 0.25
+# Maximum difference between the area of triangles and that of their union, as a share; beyond it, the union
+# is computed again in a slower way.
 AREA_TOLERANCE_SHARE = 1e-9
 # Decimal places to which two pieces agree on the normal and the offset of their common plane.
 PLANE_DECIMALS = 6
@@ -186,9 +188,10 @@ def find_faults(
 def _find_loose_pieces(
     volumes_mm3: Sequence[float], joints: Sequence[Joint], min_glue_mm2: float
 ) -> list[Fault]:
-    """Find the smallest piece with a weak joint in each group that only weak joints connect to its body.
+    """Find the smallest piece with a weak joint in each loose group.
 
-    The group with the largest volume in a body is not loose.
+    A weak joint is one that does not hold, and a group is a set of pieces that other joints connect. All
+    groups of a body are loose except the one with the largest volume.
     """
     body = _label_groups(len(volumes_mm3), joints)
     components = _label_groups(len(volumes_mm3), [j for j in joints if j.holds(min_glue_mm2)])
@@ -259,10 +262,10 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
         plane_key = np.round(sign * plane, PLANE_DECIMALS) + 0.0
         # Coordinates are rounded because shapely divides by them, and the inverse of a denormal is infinite.
         corners = np.round((vertices @ choose_plane_axes(plane_key[:3]).T)[flat_faces], PLANE_DECIMALS)
-        rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
-        section = _unite_triangles(rings[shapely.area(rings) > 0.0])
-        if section.area > 0.0:
-            sides[tuple(float(v) for v in plane_key)] = _Side(sign * plane, section)
+        triangles = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
+        region = _unite_triangles(triangles[shapely.area(triangles) > 0.0])
+        if region.area > 0.0:
+            sides[tuple(float(v) for v in plane_key)] = _Side(sign * plane, region)
     return sides
 
 

@@ -1,4 +1,7 @@
-"""Seams: the lines on the outer surface at which two parts meet, and the thin rims of parts along them."""
+"""Seams: the lines on the outer surface at which two parts meet, and the thin rims of parts along them.
+
+The rim of a part on a cut plane consists of the edges between its cut face and the surface of the model.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,9 @@ from decompose.geometry import Solid
 from decompose.pieces.joints import TWO_WALLS_MM, CutSolid, Joint, JointFace
 from decompose.pieces.piece import PLANE_TOLERANCE_MM, find_cut_faces
 
-MIN_THIN_WIDTH_MM = 3.0  # minimum width of a strip behind which a part is thin; narrower strips do not count
-MIN_REPORTED_LENGTH_MM = 5.0  # minimum total length of thin rims that is reported
+# Minimum width of a strip of a cut face behind which a part counts as thin; narrower strips are ignored.
+MIN_THIN_WIDTH_MM = 3.0
+MIN_REPORTED_LENGTH_MM = 5.0  # minimum total length of thin rims that is reported; less is ignored
 LINE_TOLERANCE_MM = 1e-3  # tolerance when lines are compared, because rounding moves the corners of outlines
 
 
@@ -25,7 +29,8 @@ class Seam:
     Attributes
     ----------
     length_mm
-        Length on the surface of the model; the rim of a hollow does not count.
+        Length on the surface of the model. Edges between two cut faces do not count, as around a space that
+        the parts leave out.
     thin_length_mm
         Length along which one of the parts has a thin rim: behind a strip of the joint that is wider than
         `MIN_THIN_WIDTH_MM`, the part is thinner than two walls. Such a rim breaks off, or is not printed.
@@ -50,7 +55,7 @@ def describe_thin_rims(names: Sequence[str], joints: Sequence[Joint], seams: Seq
         return ""
     joint, seam = max(zip(joints, seams, strict=True), key=lambda pair: pair[1].thin_length_mm)
     return (
-        f"the rim is thinner than two walls on {total_mm:.0f} mm of the seams, most of it between "
+        f"the rim is thinner than two walls on {total_mm:.0f} mm of the seams, the greatest length between "
         f"{names[joint.a]} and {names[joint.b]} ({seam.thin_length_mm:.0f} mm): it may break off"
     )
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.errors import NoFit
-from decompose.geometry import Mirror, Solid, draw_mirrors, find_good_mirrors
+from decompose.geometry import Mirror, Solid, find_good_mirrors, sample_mirrors
 from decompose.pieces import Piece
 from decompose.print_time import price_axis_poses_s
 from decompose.problem import Partition, Problem
@@ -160,7 +160,7 @@ class _PublishedMethod(_Method):
 
     def draw_planes(self, part: _Part, max_count: int) -> list[Mirror]:
         """Draw random planes through a part, and return the most symmetric ones."""
-        return draw_mirrors(part.piece.solid.arrays()[0], self.rng, max_count)
+        return sample_mirrors(part.piece.solid.arrays()[0], self.rng, max_count)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
         """Yield the halves of cuts at random planes, the most symmetric first, unless a half is too small."""

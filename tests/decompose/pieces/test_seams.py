@@ -84,7 +84,7 @@ def test_only_long_thin_rims_are_described() -> None:
     pieces = cut_solid_at_plane(Solid.box((0, 0, 0), (60, 40, 30)), 0, 25.0)
     joints = find_joints(pieces)
     assert describe_thin_rims(["p01", "p02"], joints, [Seam(100.0, 4.0)]) == ""
-    assert "on 12 mm of the seams, most of it between p01 and p02" in describe_thin_rims(
+    assert "on 12 mm of the seams, the greatest length between p01 and p02" in describe_thin_rims(
         ["p01", "p02"], joints, [Seam(100.0, 12.0)]
     )
 

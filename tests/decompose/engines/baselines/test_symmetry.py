@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
-from decompose.geometry import Model, Solid, draw_mirrors, find_good_mirrors
+from decompose.geometry import Model, Solid, find_good_mirrors, sample_mirrors
 from decompose.geometry.symmetry import MIN_ANGLE_RAD
 from decompose.grid import PLANE_CLEARANCE_MM
 from decompose.options import Engine, Options
@@ -98,7 +98,7 @@ def test_cut_plane_keeps_its_distance_from_faces() -> None:
 def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
     block = Solid.box((0, 0, 0), (50, 60, 70)).arrays()[0]
     for result in (
-        draw_mirrors(block, np.random.default_rng(0), 5),
+        sample_mirrors(block, np.random.default_rng(0), 5),
         find_good_mirrors(block, np.random.default_rng(0), 3, 25),
     ):
         assert len(result) >= 3
@@ -112,7 +112,7 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
     asymmetric_points = np.random.default_rng(1).uniform(0.0, 100.0, (60, 3))
     assert not find_good_mirrors(asymmetric_points, np.random.default_rng(0), 3, 5)
     # These are returned regardless of their errors.
-    assert len(draw_mirrors(asymmetric_points, np.random.default_rng(0), 5)) >= 3
+    assert len(sample_mirrors(asymmetric_points, np.random.default_rng(0), 5)) >= 3
 
 
 @pytest.mark.parametrize("options", [OPTIONS, FAITHFUL_OPTIONS])
