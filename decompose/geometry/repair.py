@@ -30,9 +30,10 @@ from decompose.geometry.weld import EdgeUses, Surface, count_edge_uses
 from decompose.jit import jit
 
 MAX_MOVE_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
-# Maximum share of the surface that lies outside the repaired solid, farther from it than this distance.
+# Maximum share of the surface that lies outside the repaired solid, farther from it than this distance;
+# if the share is greater, the model is refused.
 MAX_LOST_SHARE = 0.02
-MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired surface
+MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired surface; beyond it, the model is refused
 MAX_EXTENT_CHANGE_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
 SAMPLE_COUNT = 40_000  # number of points on a surface to which distances are measured
 PROBE_COUNT = 5_000  # number of points from which distances are measured

@@ -28,7 +28,7 @@ T = TypeVar("T")
 # For each of several printers, the sizes of the boxes of its build volume.
 BuildVolumes = tuple[tuple[tuple[float, float, float], ...], ...]
 
-MAX_PARTS = 200  # maximum number of printers, or rounds, that a message suggests for a model
+MAX_PARTS = 200  # maximum number of printers or rounds that a message suggests; above it, it suggests none
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +75,8 @@ class Problem:
     best_known_s
         Makespan of the best result so far; no bound is proven for a result with a longer one.
     is_thorough
-        Whether to shift the planes of good partitions other than the best one too, and to repeat the shift as
-        long as it gains time, within the budget.
+        Whether to shift the planes of several good partitions instead of the best one alone, and to repeat
+        the shift as long as it gains time and the budget lasts.
     frame
         (3, 3) rotation from the frame of the input to that of `model`: ``v_cut = frame @ v_model``.
     """
