@@ -20,7 +20,7 @@ from decompose.options import Engine, Interior, Options
 from decompose.print_time import CostModel, find_best_pose, measure_pose
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem, validate_problem
-from decompose.results import Decomposition, add_connector_prices, finish_result
+from decompose.results import Decomposition, finish_result
 
 # A model with more faces than this is simplified before it is priced; twice as many faces would change the
 # price by 0.5 %.
@@ -63,7 +63,6 @@ def decompose_model(
     start_s = perf_counter()
     validate_problem(model, tuple(printers), options)
     vertices, faces = simplify_solid_for_pricing(model.solid).arrays()
-    cost = add_connector_prices(cost, options.connectors)
     problem = Problem(model, tuple(printers), cost, options, executor)
     get_serial_s = problem.start_work(
         partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer)

@@ -24,7 +24,6 @@ from decompose.problem import Effort, GridFigures, Partition, Problem
 from decompose.results import (
     Cutting,
     Decomposition,
-    add_connector_prices,
     apply_time_ratios,
     finish_result,
 )
@@ -81,7 +80,6 @@ def rebalance_planes(
     start_s = perf_counter()
     options = replace(previous_result.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
     effort = Effort(previous_result.options.best.budget_s)
-    cost = add_connector_prices(cost, options.connectors)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
     box_pieces = _cut_previous_boxes(problem, cutting, sliced_times_s)

@@ -21,7 +21,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 from decompose.print_time.contours import Contours
-from decompose.print_time.hidden_faces import SIDE_END_MM, HiddenFaces
+from decompose.print_time.hidden_faces import SIDE_END_MM
 from decompose.print_time.surfaces import Surfaces
 from decompose.print_time.thin_walls import ThinWalls
 from decompose.print_time.time_settings import (
@@ -100,7 +100,7 @@ class CostModel:
     hidden_top_mm: float = 0.0  # height of skin saved at hidden tops
     hidden_side_share: float = 0.0  # share of the time of walls saved at a hidden upright side
     connector_side_s_per_mm2: float = 0.0  # marks and pins in upright cut faces
-    connector_level_s_per_mm2: float = 0.0  # marks and pins in cut faces on the bed and among the tops
+    connector_level_s_per_mm2: float = 0.0  # marks and pins in other cut faces
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
     fit_layer_mm: LayerFitter | None = None  # returns the layer height for a height of a part
 
@@ -303,19 +303,16 @@ class CostModel:
         saved_s_per_mm2 = self.hidden_side_share * self.lateral_s_per_mm2
         return saved_s_per_mm2 * min(cut_side_mm2, SIDE_END_MM * ends_mm)
 
-    def price_connectors_s(self, hidden_faces: HiddenFaces) -> float:
-        """Price the marks and pins that cut faces will get, by the area of these faces.
+    def price_connectors_s(self, side_mm2: float, cut_mm2: float) -> float:
+        """Price the pins and marks that cut faces will get.
 
         Parameters
         ----------
-        hidden_faces
-            Cut faces of a part in its pose.
+        side_mm2, cut_mm2
+            Area of the upright cut faces, and of all cut faces.
         """
-        level_mm2 = hidden_faces.cut_bed_mm2 + hidden_faces.cut_top_mm2
-        return (
-            self.connector_side_s_per_mm2 * hidden_faces.cut_side_mm2
-            + self.connector_level_s_per_mm2 * level_mm2
-        )
+        level_s = self.connector_level_s_per_mm2 * (cut_mm2 - side_mm2)
+        return self.connector_side_s_per_mm2 * side_mm2 + level_s
 
     def build_prices(self) -> Prices:
         """Build the record of the coefficients, with a float64 field for each, for compiled code."""

@@ -21,6 +21,7 @@ from decompose.options import Interior, Options
 from decompose.pieces import Piece, assign_printers, find_cut_faces
 from decompose.print_time import CostModel, Pose, find_best_pose
 from decompose.printers import TargetPrinter
+from decompose.problem.connector_cost import set_connector_prices
 from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
@@ -62,7 +63,7 @@ class Problem:
         Free printers, each for one piece at most. A printer that prints several pieces one after another, in
         rounds, appears once for each round.
     cost
-        Cost model for print times.
+        Cost model for print times; it gets the prices of the pins and marks that the options request.
     options
         Engine, grid and limits.
     executor
@@ -95,6 +96,10 @@ class Problem:
     _poses: WeakKeyDictionary[Solid, dict[BuildVolumes, Pose | None]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
+
+    def __post_init__(self) -> None:
+        """Set the prices of pins and marks, so that every search and table of the problem has them."""
+        object.__setattr__(self, "cost", set_connector_prices(self.cost, self.options.connectors))
 
     @cached_property
     def distinct_printers(self) -> tuple[TargetPrinter, ...]:

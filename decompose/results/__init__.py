@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from decompose.results.check import check_result, check_stl
 from decompose.results.connect import connect_parts, omit_connectors
-from decompose.results.connector_prices import add_connector_prices
 from decompose.results.decomposition import Decomposition, Part
 from decompose.results.finish import apply_time_ratios, finish_result
 from decompose.results.records import Attempt, Coverage, Cutting
@@ -15,7 +14,6 @@ __all__ = [
     "Cutting",
     "Decomposition",
     "Part",
-    "add_connector_prices",
     "apply_time_ratios",
     "check_result",
     "check_stl",

@@ -56,32 +56,41 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     added_s = [price_connectors(connectors, i, blank.up_direction) for i, blank in enumerate(blanks)]
     key_grooves = [tool for pin in connectors.pins if pin.key_direction is not None for tool in pin.holes]
     recesses = [mark.grooves for mark in connectors.marks] + [(groove,) for groove in key_grooves]
-    return replace(
-        decomposition,
-        connectors=connectors,
-        parts=tuple(
-            replace(
-                part,
-                drilled_solid=solid,
-                price_s=part.bare_price_s + added_s[i],
-                connectors_s=added_s[i],
-                hidden_grooves=list_hidden_grooves(part, [tool for tool in key_grooves if tool.part == i]),
-                hidden_recesses=list_hidden_recesses(part, [r for r in recesses if r[0].part == i]),
-            )
-            if i in cut_parts
-            else _omit_price(part)
-            for i, (part, solid) in enumerate(zip(decomposition.parts, drilled_solids, strict=True))
-        ),
+    parts = tuple(
+        replace(
+            part,
+            drilled_solid=solid,
+            price_s=part.bare_price_s + added_s[i],
+            connectors_s=added_s[i],
+            hidden_grooves=list_hidden_grooves(part, [tool for tool in key_grooves if tool.part == i]),
+            hidden_recesses=list_hidden_recesses(part, [r for r in recesses if r[0].part == i]),
+        )
+        if i in cut_parts
+        else _omit_price(part)
+        for i, (part, solid) in enumerate(zip(decomposition.parts, drilled_solids, strict=True))
     )
+    return _replace_connectors(decomposition, connectors, parts)
 
 
 def omit_connectors(decomposition: Decomposition, reason: str) -> Decomposition:
     """Return a decomposition without pins and marks and without their price, and with the reason."""
-    return replace(
-        decomposition,
-        connectors=Connectors(failures=(f"no pins and marks: {reason}",)),
-        parts=tuple(map(_omit_price, decomposition.parts)),
-    )
+    connectors = Connectors(failures=(f"no pins and marks: {reason}",))
+    return _replace_connectors(decomposition, connectors, tuple(map(_omit_price, decomposition.parts)))
+
+
+def _replace_connectors(
+    decomposition: Decomposition, connectors: Connectors, parts: tuple[Part, ...]
+) -> Decomposition:
+    """Replace the connectors and the parts, and compute the times of all parts together from their prices.
+
+    The makespan stays if the printers, and so their speeds, are not known.
+    """
+    makespan_s = decomposition.makespan_s
+    if decomposition.cutting is not None:
+        factors = {printer.name: printer.time_factor for printer in decomposition.cutting.printers}
+        makespan_s = max(part.price_s * factors[part.printer] for part in parts)
+    sum_s = sum(part.price_s for part in parts)
+    return replace(decomposition, connectors=connectors, parts=parts, makespan_s=makespan_s, sum_s=sum_s)
 
 
 def _omit_price(part: Part) -> Part:

@@ -1,21 +1,18 @@
 """Print time that connectors add to a part, fitted to sliced parts (`bench.prices.joint_costs`).
 
-Until the places of the connectors are known, this time is estimated by the area of the cut faces, so that the
-search for a partition takes it into account.
+Until the places of the connectors are known, `decompose.problem.connector_cost` estimates this time by the
+area of the cut faces.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from decompose.arrays import Floats
 from decompose.connectors import LEVEL_SIN, Connectors
-from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
-from decompose.print_time import CostModel
+from decompose.options import THIN_FILAMENT_MM
 
 PRICES_S = {
     "groove upright": 4.3,
@@ -37,28 +34,6 @@ PRICES_S = {
 
 For gutters, and for the additional groove of a key that slides, seconds per mm of length.
 """
-
-
-class AreaPrices(NamedTuple):
-    """Seconds for each mm2 of the cut faces: of upright ones, and of those on the bed and among the tops."""
-
-    side_s_per_mm2: float
-    level_s_per_mm2: float
-
-
-PIN_AREA_PRICES = AreaPrices(0.0, 0.0077)
-MARK_AREA_PRICES = AreaPrices(0.0008, 0.0034)  # with gutters
-
-
-def add_connector_prices(cost: CostModel, options: ConnectorOptions) -> CostModel:
-    """Add the prices of pins and marks by area to a cost model, as far as the options request them."""
-    prices = [PIN_AREA_PRICES] if options.pin_mm is not None else []
-    prices += [MARK_AREA_PRICES] if options.marks else []
-    return replace(
-        cost,
-        connector_side_s_per_mm2=sum(price.side_s_per_mm2 for price in prices),
-        connector_level_s_per_mm2=sum(price.level_s_per_mm2 for price in prices),
-    )
 
 
 def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:

@@ -11,7 +11,7 @@ import pytest
 from decompose.best import listen_to_progress
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, Solid
-from decompose.options import BestOptions, Options
+from decompose.options import BestOptions, ConnectorOptions, Options
 from decompose.paused_search import PausedSearch
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
@@ -21,19 +21,22 @@ L_SHAPE = Model(
     Solid.union([Solid.box((0, 0, 0), (150, 40, 30)), Solid.box((0, 0, 0), (40, 110, 60))]), (), 1.0
 )
 PRINTERS = [TargetPrinter(name, ((120.0, 120.0, 120.0),)) for name in "abcd"]
+CONNECTORS = ConnectorOptions(2.85, marks=True)  # their prices change the results
 BEST_OPTIONS = BestOptions(8.0)  # one round of several attempts, and one single attempt
 
 
 @pytest.fixture(scope="module")
 def unpaused_result(cost: CostModel) -> Decomposition:
     """Search without a pause."""
-    return decompose_model(L_SHAPE, PRINTERS, Options(best=BEST_OPTIONS, prove=False), cost)
+    return decompose_model(
+        L_SHAPE, PRINTERS, Options(best=BEST_OPTIONS, prove=False, connectors=CONNECTORS), cost
+    )
 
 
 @pytest.fixture(scope="module")
 def paused_search(cost: CostModel) -> PausedSearch:
     """Search until the first round of several attempts."""
-    options = Options(best=replace(BEST_OPTIONS, pauses=True), prove=False)
+    options = Options(best=replace(BEST_OPTIONS, pauses=True), prove=False, connectors=CONNECTORS)
     best_result = decompose_model(L_SHAPE, PRINTERS, options, cost)
     return PausedSearch(best_result, L_SHAPE, cost)
 

@@ -193,7 +193,8 @@ def measure_pose_from_features(
         expansion_mm = footing.choose_expansion_mm(_touches_first_layer(triangles[mesh.is_cut]))
     contours = measure_contours(mesh, up, cost.skin_cos, cost.ring_cos)
     pose_cost = cost if brim_width_mm is None else replace(cost, brim_mm=brim_width_mm)
-    connectors_s = cost.price_connectors_s(hidden_faces)
+    cut_mm2 = float(mesh.surfaces.areas_mm2[mesh.is_cut].sum())
+    connectors_s = cost.price_connectors_s(hidden_faces.cut_side_mm2, cut_mm2)
     return Pose(
         to_model=_build_transform(rotation, origin_mm),
         size_mm=(width_mm, depth_mm, height_mm),

@@ -21,7 +21,7 @@ from decompose.print_time import (
     find_best_pose,
     measure_pose,
 )
-from decompose.print_time.hidden_faces import SIDE_END_MM, find_hidden_faces, sum_side_ends_mm
+from decompose.print_time.hidden_faces import SIDE_END_MM, sum_side_ends_mm
 from decompose.print_time.pose_prices import price_poses_s, sum_pose_features
 from decompose.print_time.surfaces import measure_surfaces
 from decompose.printers import TargetPrinter
@@ -36,6 +36,7 @@ COST, PLAIN_COST = (
 BLOCK = Solid.box((0.0, 0.0, 0.0), (40.0, 30.0, 20.0))
 BOTTOM_PLANE, TOP_PLANE, SIDE_PLANE = (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 20.0), (1.0, 0.0, 0.0, 40.0)
 UPRIGHT_ROTATION, UPSIDE_DOWN_ROTATION = POSE_ROTATIONS[4], POSE_ROTATIONS[5]
+LEANING_ROTATION = np.array(((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)))
 
 
 def measure_block(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPRIGHT_ROTATION, cost=COST):
@@ -108,6 +109,19 @@ def test_walls_along_upright_cut_faces_are_cheaper():
     )
 
 
+@pytest.mark.parametrize("rotation", [*POSE_ROTATIONS, LEANING_ROTATION])
+def test_connectors_are_priced_by_the_cut_faces(rotation: np.ndarray) -> None:
+    """Price a block with a cut of 600 mm2 at its side and one of 1200 mm2 at its bottom."""
+    cost = replace(PLAIN_COST, connector_side_s_per_mm2=0.01, connector_level_s_per_mm2=0.02)
+    plain_pose, pose = (
+        measure_block(SIDE_PLANE, BOTTOM_PLANE, rotation=rotation, cost=c) for c in (PLAIN_COST, cost)
+    )
+    areas_mm2 = {0: 600.0, 2: 1200.0}
+    added_s = sum((0.01 if abs(rotation[2, axis]) < 1e-6 else 0.02) * mm2 for axis, mm2 in areas_mm2.items())
+    assert pose.connectors_s == pytest.approx(added_s)
+    assert pose.price_s - plain_pose.price_s == pytest.approx(added_s)
+
+
 def test_hidden_sides_end_only_at_visible_faces():
     """Hide one side, two beside each other, two opposite ones, and all sides of a block 20 mm high."""
     planes = ((1.0, 0.0, 0.0, 40.0), (0.0, 1.0, 0.0, 30.0), (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
@@ -148,11 +162,12 @@ def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: 
         is_cut = find_cut_faces(*mesh, np.array(planes))
         features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, is_cut=is_cut)
         surfaces = measure_surfaces(*mesh)
-        bed_mm = [float((mesh[0] @ rotation[2]).min()) for rotation in POSE_ROTATIONS]
-        connectors_s = [
-            cost.price_connectors_s(find_hidden_faces(surfaces, is_cut, rotation[2], z_mm, cost.skin_cos))
-            for rotation, z_mm in zip(POSE_ROTATIONS, bed_mm, strict=True)
-        ]
+        connectors_s = []
+        for rotation in POSE_ROTATIONS:
+            cos = surfaces.normals[is_cut] @ rotation[2]
+            areas_mm2 = surfaces.areas_mm2[is_cut]
+            side_mm2 = float(areas_mm2[np.abs(cos) < 0.5].sum())
+            connectors_s.append(cost.price_connectors_s(side_mm2, float(areas_mm2.sum())))
         hidden_s = min(
             cost.price_part_s(*pose) + added_s
             for *pose, added_s in zip(features, extents, connectors_s, strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,9 @@ from decompose.options import ConnectorOptions, Engine, Interior, Options
 from decompose.pieces import Piece, Seam, find_joints, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
+from decompose.problem.connector_cost import MARK_AREA_PRICES, PIN_AREA_PRICES, set_connector_prices
 from decompose.results import Decomposition, Part, check_stl, connect, connect_parts, decomposition
-from decompose.results.connector_prices import MARK_AREA_PRICES, PIN_AREA_PRICES, price_connectors
+from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
@@ -166,6 +168,18 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     assert report["failures"] == report["unpinned"] == report["unmarked"] == []
 
 
+def test_cost_has_the_prices_of_the_requested_connectors() -> None:
+    cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
+    for pin_mm, marks in product((None, 2.85), (False, True)):
+        priced_cost = set_connector_prices(cost, ConnectorOptions(pin_mm, marks=marks))
+        expected_prices = (pin_mm is not None) * np.array(PIN_AREA_PRICES) + marks * np.array(
+            MARK_AREA_PRICES
+        )
+        prices = priced_cost.connector_side_s_per_mm2, priced_cost.connector_level_s_per_mm2
+        assert prices == pytest.approx(tuple(expected_prices))
+        assert set_connector_prices(priced_cost, ConnectorOptions()) == cost
+
+
 def test_partition_prices_connectors_before_they_have_places(halves: Decomposition) -> None:
     """Estimate them by the area of the cut faces, and replace the estimate by what is cut."""
     prices = PIN_AREA_PRICES, MARK_AREA_PRICES
@@ -173,7 +187,12 @@ def test_partition_prices_connectors_before_they_have_places(halves: Decompositi
     for part in halves.parts:
         is_upright = abs(part.rotation[2, 0]) < 0.5
         assert part.connectors_s == pytest.approx(1200.0 * s_per_mm2[0 if is_upright else 1])
-    connected_parts = connect_parts(halves).parts
+    connected_result = connect_parts(halves)
+    connected_parts = connected_result.parts
+    prices_s = [part.price_s for part in connected_parts]
+    assert (connected_result.makespan_s, connected_result.sum_s) == pytest.approx(
+        (max(prices_s), sum(prices_s))
+    )
     assert [part.bare_price_s for part in connected_parts] == pytest.approx(
         [part.bare_price_s for part in halves.parts]
     )

@@ -1,0 +1,32 @@
+"""Prices of pins and marks by the area of the cut faces, while their places are not known.
+
+They are fitted to sliced parts (`bench.prices.joint_costs`), so that parts with pins and marks end together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from decompose.options import ConnectorOptions
+from decompose.print_time import CostModel
+
+
+class AreaPrices(NamedTuple):
+    """Seconds for each mm2 of upright cut faces, and of the other cut faces."""
+
+    side_s_per_mm2: float
+    level_s_per_mm2: float
+
+
+PIN_AREA_PRICES = AreaPrices(0.0, 0.0077)
+MARK_AREA_PRICES = AreaPrices(0.0008, 0.0034)  # with gutters
+
+
+def set_connector_prices(cost: CostModel, options: ConnectorOptions) -> CostModel:
+    """Set the prices by area of a cost model to those of the pins and marks that the options request."""
+    prices = [PIN_AREA_PRICES] if options.pin_mm is not None else []
+    prices += [MARK_AREA_PRICES] if options.marks else []
+    side_s_per_mm2 = sum(price.side_s_per_mm2 for price in prices)
+    level_s_per_mm2 = sum(price.level_s_per_mm2 for price in prices)
+    return replace(cost, connector_side_s_per_mm2=side_s_per_mm2, connector_level_s_per_mm2=level_s_per_mm2)
