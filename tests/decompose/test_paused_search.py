@@ -21,22 +21,19 @@ L_SHAPE = Model(
     Solid.union([Solid.box((0, 0, 0), (150, 40, 30)), Solid.box((0, 0, 0), (40, 110, 60))]), (), 1.0
 )
 PRINTERS = [TargetPrinter(name, ((120.0, 120.0, 120.0),)) for name in "abcd"]
-CONNECTORS = ConnectorOptions(2.85, marks=True)  # their prices change the results
 BEST_OPTIONS = BestOptions(8.0)  # one round of several attempts, and one single attempt
 
 
 @pytest.fixture(scope="module")
 def unpaused_result(cost: CostModel) -> Decomposition:
     """Search without a pause."""
-    return decompose_model(
-        L_SHAPE, PRINTERS, Options(best=BEST_OPTIONS, prove=False, connectors=CONNECTORS), cost
-    )
+    return decompose_model(L_SHAPE, PRINTERS, Options(best=BEST_OPTIONS, prove=False), cost)
 
 
 @pytest.fixture(scope="module")
 def paused_search(cost: CostModel) -> PausedSearch:
     """Search until the first round of several attempts."""
-    options = Options(best=replace(BEST_OPTIONS, pauses=True), prove=False, connectors=CONNECTORS)
+    options = Options(best=replace(BEST_OPTIONS, pauses=True), prove=False)
     best_result = decompose_model(L_SHAPE, PRINTERS, options, cost)
     return PausedSearch(best_result, L_SHAPE, cost)
 
@@ -83,6 +80,16 @@ def test_search_pauses_once_it_has_a_result(paused_search: PausedSearch) -> None
     assert paused_search.spent_share == pytest.approx(
         best_result.attempts[0].effort_s / BEST_OPTIONS.budget_s
     )
+
+
+def test_attempts_price_pins_and_marks(paused_search: PausedSearch) -> None:
+    options = replace(
+        paused_search.best_result.options, connectors=ConnectorOptions(2.85, marks=True), prove=False
+    )
+    # Every result is better than such a best one, and so is not dropped.
+    best_result = replace(paused_search.best_result, options=options, makespan_s=1e9)
+    result = replace(paused_search, best_result=best_result).make_attempt(0).result
+    assert result is not None and all(part.connectors_s > 0.0 for part in result.parts)
 
 
 def test_failed_attempt_keeps_the_best_result(paused_search: PausedSearch) -> None:
