@@ -29,7 +29,7 @@ class Engine(StrEnum):
 class Interior(StrEnum):
     """Treatment of the grid cells that are deep inside the model."""
 
-    LEAVE = "leave"  # they are not printed
+    LEAVE = "leave"  # they are left out: not printed
     KEEP = "keep"  # they are printed
 
 

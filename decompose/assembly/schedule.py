@@ -42,7 +42,7 @@ class StepWork:
 
     @property
     def work_s(self) -> float:
-        """Estimated time that a person needs, without waits for glue to dry."""
+        """Estimated time that a person needs, without the time in which glue dries."""
         single_count = sum(len(body) == 1 for body in self.bodies)
         glue_s = (
             HOLDING_S + ALIGNMENT_S * self.joint_count + GLUING_S_PER_MM2 * self.glue_mm2

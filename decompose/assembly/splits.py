@@ -23,8 +23,10 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.assembly.shadow import MAX_TOUCH_OVERLAP_MM
 from decompose.pieces import Joint
 
-MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glued area closes
-MIN_ALIGNED_COS = 0.999  # minimum absolute cosine between a step and the normal of a face that closes
+MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glued area closes (see below)
+# Minimum absolute cosine between a step and the normal of a face that closes: it is perpendicular to the
+# movement, so both parts meet there only at the end.
+MIN_ALIGNED_COS = 0.999
 MAX_COMPARED_SPLITS = 8  # maximum number of sliding splits that are compared by taking the set apart
 # Maximum number of sets that are taken apart for this comparison; beyond it, splits are compared only by
 # their own sliding area.

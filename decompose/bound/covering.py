@@ -1,9 +1,9 @@
-"""Fractional covering of cells with the fewest boxes: a linear programme over all boxes within a time limit.
+"""Fractional covering of cells with the fewest boxes whose print time is within a limit: a linear programme.
 
 A fractional covering uses a share of each box. Over each cell, the shares of the boxes add up to at least 1.
 
-Boxes that a larger box within the limit can replace are not used (`largest_boxes`). The other boxes are still
-tens of thousands. They contain too many cells for a simplex method, but a summed-area table gives the sum
+Boxes that a larger box within the limit can replace are not used (`largest_boxes`). Tens of thousands of
+boxes remain. They contain too many cells for a simplex method, but a summed-area table gives the sum
 over a box in constant time. So the programme is solved by the primal-dual hybrid gradient method (Chambolle
 and Pock 2011), with averages, restarts and a balance of primal and dual steps (the primal weight) as in PDLP
 (Applegate et al. 2021).
@@ -46,8 +46,8 @@ class Covering:
     boxes
         (k, 6) int16 boxes within the limit that no larger box can replace.
     shares
-        (k,) float64 share of each box in the covering. Each share is multiplied by the number of pieces of
-        the box; the sum of these products is near its minimum.
+        (k,) float64 share of each box in the covering. The sum of share times number of pieces over all
+        boxes is near its minimum.
     """
 
     weights: Floats
@@ -119,7 +119,7 @@ def _take_step(p: _Programme, work: _Workspace, balance: float, iterate: _Iterat
     work
         Workspace.
     balance
-        Ratio of the steps in shares to the steps in weights.
+        Factor of the step sizes of the shares; the step sizes of the weights are divided by it.
     iterate, mean
         Iterate, and mean of the iterates of `RESTART_STEPS` steps; both are updated in place.
     """
@@ -147,8 +147,8 @@ def _take_steps_with_active_boxes(
 ) -> _Iterate:
     """Take `RESTART_STEPS` steps with the active boxes; return the mean of the iterates.
 
-    The active boxes are those that have a share, or almost their maximum weight. The bounds on the minimum
-    number of pieces use all boxes.
+    The active boxes are those that have a share above 0, or almost their maximum weight. The bounds on the
+    minimum number of pieces use all boxes.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def _solve_programme(
 def cover_cells(
     tables: BoxTables, is_needed: Bools, limit_s: float, printer_count: int, weights: Floats
 ) -> Covering:
-    """Cover the needed cells with the fewest boxes within a time limit; fractions of boxes are allowed.
+    """Cover the needed cells with the fewest boxes whose print time is within a limit, or fractions of them.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def cover_cells(
     is_needed
         (nx, ny, nz) bool, true for cells to be covered.
     limit_s
-        Maximum time of a box.
+        Maximum print time of a box.
     printer_count
         Maximum number of pieces; the search ends early if it becomes known whether more are needed.
     weights

@@ -1,4 +1,4 @@
-"""Largest boxes within a time limit: those that no larger box can replace in a covering."""
+"""Largest boxes whose print time is within a limit: those that no larger box can replace in a covering."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def _is_replaceable(tables: Tables, limit_s: float, box: Box, shape: Shape) -> b
 def find_largest_boxes(
     tables: Tables, limit_s: float, shape: Shape, boxes: npt.NDArray[np.int16], indices: Ints
 ) -> int:
-    """Find the boxes within a limit that cannot be replaced by larger ones; return their number.
+    """Find the boxes within a limit that no larger ones can replace; return the number of these boxes.
 
     Parameters
     ----------
     tables
         (boxes,) `seconds` float32, `trimmed_box` int32 and `piece_counts` int16 of `BoxTables`.
     limit_s
-        Maximum time of a box.
+        Maximum print time of a box.
     shape
         Number of cells of the grid along each axis.
     boxes, indices

@@ -17,6 +17,8 @@ SIGN_TABLE = str.maketrans({"^": " ↑", ".": "●"})
 def list_mark_texts(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
     """List the texts of the marks on both faces of a joint, each with the number of its part.
 
+    The entry "key" identifies a mark on the page (`data-mark`); it has nothing to do with keys in grooves.
+
     Parameters
     ----------
     decomposition
@@ -91,7 +93,7 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
         return ""
     if not pins:
         reasons = dict(decomposition.connectors.unpinned_steps)
-        reason = reasons.get(step, "its holes were left out")
+        reason = reasons.get(step, "the holes were left out")
         return f"No pins ({reason}): align the faces by their rims."
     pins_in_holes = [pin for pin in pins if pin.key_direction is None]
     keys = [pin for pin in pins if pin.key_direction is not None and not pin.slides]

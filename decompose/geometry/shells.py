@@ -1,6 +1,6 @@
 """Oriented shells of triangles: separated where more than two faces meet, and with caps on their holes.
 
-A shell is a connected surface. A rim is the closed line of edges around a hole of a shell.
+A shell is a connected surface. Here, a rim is the closed line of edges around a hole of a shell.
 
 No function of this module moves a vertex or drops a triangle.
 """
@@ -25,7 +25,7 @@ MAX_PLANE_GAP_SHARE = 1e-6
 def orient_faces(faces: Ints) -> Ints | None:
     """Orient faces consistently, so that the two faces of each edge have the outside on the same side.
 
-    In each connected surface, the smaller number of faces is reversed.
+    Each connected surface has two consistent orientations; the one that reverses fewer faces is chosen.
 
     Parameters
     ----------

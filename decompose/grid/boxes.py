@@ -2,8 +2,8 @@
 
 A box is priced in its six axis poses: in each of them, one of its sides lies on the bed. There are millions
 of boxes, so sums are reused. The sums over a box are those over the previous box, which is one layer of cells
-shorter, plus those over this layer. The sums over a layer are found from rows of cells in the same way. So
-each box takes only a few dozen additions.
+shorter, plus those over the added layer. The sums over a layer are found from rows of cells in the same way.
+So each box takes only a few dozen additions. Needed cells are those of `Grid.is_needed`.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def _find_cell_bounds(is_needed: Bools, bounds_mm: Floats) -> Floats:
     -------
     ndarray
         (nx, ny, nz, 12) float64: least and greatest x, y and z of the solid in mm (columns 0-2 and 3-5), and
-        of the cell in cells (6-8 and 9-11); 1e9 and -1e9 for a cell that is not needed.
+        of the cell, counted in cells (6-8 and 9-11); 1e9 and -1e9 for a cell that is not needed.
     """
     nx, ny, nz = is_needed.shape
     needed_bounds = np.zeros((nx, ny, nz, 6))
@@ -380,7 +380,8 @@ def price_boxes(
     cost
         Cost model, which estimates print times.
     executor
-        Threads for half of the work; None to do it serially.
+        Threads that may price half of the boxes while the current thread prices the others; None to price all
+        in the current thread.
     """
     cut_sums = []
     for axis, cut in enumerate(grid.cuts):

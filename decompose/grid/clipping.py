@@ -35,7 +35,7 @@ class CellContents(NamedTuple):
         (nx, ny, nz, 4). Columns 0 to 2: sums of area times unit normal, in mm2. Column 3: sum of area times
         the x component of the normal times the distance in x from the lower side of the cell, in mm3.
     sums
-        (nx, ny, nz, SUM_COUNT) of `Grid`, without the volume.
+        (nx, ny, nz, SUM_COUNT) as in `Grid`, but the column `VOLUME` is 0.
     bounds_mm
         (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf if there is none.
     """

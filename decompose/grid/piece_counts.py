@@ -261,7 +261,8 @@ def count_pieces(
     piece_counts
         (boxes,) int16, filled in.
     executor
-        Threads for half of the work; None to do it serially.
+        Threads that may treat half of the boxes while the current thread treats the others; None to treat all
+        in the current thread.
     """
     _, ny, nz = shape
     y_interval_count, z_interval_count = ny * (ny + 1) // 2, nz * (nz + 1) // 2

@@ -35,7 +35,7 @@ TERM_GROUPS: Mapping[str, tuple[str, ...]] = {
 def estimate_feature_shares(vertices: Floats, faces: Ints, settings: PrintTimeSettings) -> dict[str, float]:
     """Estimate the share of each of `TERM_GROUPS` in the price of a model; the shares sum to 1.
 
-    The share of supports is 0, because cuts avoid supports.
+    The share of supports is 0, because cuts are chosen to avoid supports.
 
     Parameters
     ----------

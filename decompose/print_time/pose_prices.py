@@ -168,7 +168,7 @@ def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats
 
 
 def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
-    """Compute the extra time in seconds of short layers, as far as it is not in `CostModel.price_part_s`.
+    """Compute the extra time in seconds of short layers that `CostModel.price_part_s` does not include.
 
     That method compares only the mean time of all layers with the minimum time of a layer. But in a part that
     tapers, only the layers at the tip are slowed down.

@@ -24,7 +24,7 @@ class Work(StrEnum):
     PIECE_POSED = "piece-posed"
     FACE_MEASURED = "face-measured"  # a triangle of a piece that is priced in a given pose
     PIECE_MEASURED = "piece-measured"
-    POINT_CLUSTERED = "point-clustered"  # a vertex and a cluster that are compared when seeds are drawn
+    POINT_CLUSTERED = "point-clustered"  # a vertex compared with a cluster, to draw seeds of blocks
     CELL_GROWN = "cell-grown"  # a cell of the grid in one attempt to cover the grid with growing boxes
     BOX_PROVEN = "box-proven"  # a box of the grid in the proof of a lower bound
 

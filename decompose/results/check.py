@@ -19,8 +19,8 @@ from decompose.printers import TargetPrinter
 from decompose.results.decomposition import Part
 from decompose.results.records import Coverage
 
-# Maximum error of the area of the model's surface on the parts, as a share of the model's area, and of the
-# missing volume, as a share of the model's volume.
+# Maximum difference between the area of the parts without their cut faces and the model's area, as a share of
+# the model's area; also the maximum error of the missing volume, as a share of the model's volume.
 MAX_ERROR_SHARE = 1e-6
 MAX_OVERLAP_MM3 = 1e-3  # maximum volume that two parts share, due to rounding
 # Minimum volume of all hollows, as a share of the model's volume; a smaller one is a rounding error. A hollow
@@ -57,7 +57,8 @@ def check_result(
     Returns
     -------
     Coverage
-        Relative error of the area of the model's surface on the parts, and total volume of overlaps.
+        Relative difference between the area of the parts without their cut faces and the area of the model,
+        and total volume in which parts overlap.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Print time that connectors add to a part, fitted to sliced parts (`bench.prices.joint_costs`).
 
-Until the places of the connectors are known, `decompose.problem.connector_cost` estimates this time by the
-area of the cut faces.
+Until the places of the connectors are known, `decompose.problem.connector_cost` estimates this time from
+the area of the cut faces.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ For gutters, and for the additional groove of a key that slides, seconds per mm 
 
 
 def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
-    """Count the tools of a part by the names of their prices.
+    """Count the holes, grooves, marks and gutters of a part, by their keys in `PRICES_S`.
 
     Gutters are counted by their length in mm. For a sliding key, the length by which its groove exceeds the
     key is counted in addition.

@@ -206,7 +206,7 @@ def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()
     pins
         Pins of all steps, in order; the first two pins of a step align its bodies.
     used_distances_mm
-        Distances between the pins of steps whose parts have been drilled before.
+        Distances between the two pins of each pair in existing parts (`ConnectorOptions.used_distances_mm`).
 
     Returns
     -------

@@ -68,7 +68,7 @@ class Part:
     drilled_solid
         Solid with holes and marks, which is printed; None if the part has neither.
     connectors_s
-        Share of `price_s` for marks and pins: estimated by the area of the cut faces until the part is
+        Share of `price_s` for marks and pins: estimated from the area of the cut faces until the part is
         drilled, then computed from the marks and pins that it has.
     """
 
@@ -203,7 +203,8 @@ class Decomposition:
     parts
         Parts in the order of their numbers.
     coverage
-        Error of the area of the model's surface on the parts, and volume of overlaps.
+        Relative difference between the area of the parts without their cut faces and the area of the model,
+        and volume in which parts overlap.
     cells
         Shape of the grid; None without a grid.
     joints
@@ -332,7 +333,7 @@ class Decomposition:
         }
 
     def describe_thin_rims(self) -> str:
-        """Describe rims that are thinner than two walls, in a sentence; empty if there are none."""
+        """Describe thin rims (`Seam.thin_length_mm`) in a sentence; empty if they are too short to report."""
         return describe_thin_rims([part.id for part in self.parts], self.joints, self.seams)
 
     def describe_small_feet(self) -> str:
@@ -341,7 +342,7 @@ class Decomposition:
         if not feet:
             return ""
         return (
-            f"Small footprints for their height: {', '.join(feet)}; "
+            f"Parts with a small footprint for their height: {', '.join(feet)}; "
             "watch the first layers, or use a wider brim"
         )
 

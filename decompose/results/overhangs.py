@@ -1,9 +1,9 @@
 """Ceilings of holes and grooves, measured layer by layer as in a slicer.
 
 The slicer supports areas that extend further beyond the layer below than the support angle allows. To check
-connectors, the hollows that their tools cut are divided into layers, without the formulas with which the
-search chooses their shapes. Between two heights at which a hollow has corners, the edges of its sections move
-linearly, so the lowest and the highest layers between them represent the others.
+connectors independently of the formulas with which the search chooses their shapes, the hollows that are cut
+for them are divided into layers. Between two heights at which a hollow has corners, the edges of its sections
+move linearly, so the lowest and the highest layers between them represent the others.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ MAX_OVERHANG_MM = LAYER_HEIGHT_MM * math.tan(math.radians(50.0))
 MIN_OUTLINE_MM = 1.0  # minimum length of an outline: the slicer leaves out shorter ones
 ROUNDING_MARGIN_MM = 0.004  # tolerance for rounding errors of sections
 LEVEL_COS = 0.5  # minimum vertical component of the normal of a level face; other faces count as upright
-CORNER_TOLERANCE_MM = 1e-6  # maximum height difference of a layer and a corner that count as equally high
-AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
+CORNER_TOLERANCE_MM = 1e-6  # height difference up to which a layer and a corner count as equally high
+AIR_MM = 5.0  # thickness of the air in front of an upright face, and beyond the bodies cut out
 
 
 def measure_ceiling_mm2(

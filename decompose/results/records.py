@@ -11,7 +11,16 @@ from decompose.printers import TargetPrinter
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Relative error of the area of the model's surface on the parts, and volume in mm3 of overlaps."""
+    """Errors of the parts: of the area of their surface, and the volume that they share.
+
+    Attributes
+    ----------
+    surface_error
+        Difference between the area of the parts without their cut faces and the area of the model, as a share
+        of the area of the model.
+    overlap_mm3
+        Volume in which parts overlap.
+    """
 
     surface_error: float
     overlap_mm3: float

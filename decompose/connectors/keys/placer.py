@@ -28,13 +28,14 @@ class KeyPlacer:
     maker
         Maker of keys for the step.
     sites
-        Joint faces that the step closes along its direction.
+        Joint faces that meet only at the end of the step's movement, unlike those that slide over each other.
     glue_points_mm
         (n, 3) sample points on all glued faces of the step.
     pins
         Pins and keys of the step so far; new keys are added.
     used_distances_mm, min_difference_mm
-        Distances between the two pins or keys of earlier pairs: of other steps, and of parts drilled before.
+        Distances between the two pins or keys of each pair of an earlier step or in existing parts
+        (`ConnectorOptions.used_distances_mm`).
         The distance of a new pair differs from each of them by more than `min_difference_mm`.
     """
 
@@ -89,7 +90,7 @@ class KeyPlacer:
         self._place_key(order[self._differs_from_used_distances(separations_mm[order])].tolist())
 
     def place_further_keys(self) -> None:
-        """Place short keys that reach as much as possible of the area that no pin or key reaches yet."""
+        """Place short keys that reach as much as possible of the area that none reaches yet (`coverage`)."""
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)

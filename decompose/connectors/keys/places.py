@@ -3,8 +3,8 @@
 Grooves take less print time than holes. They are shallow and taper, so that they stay inside a sloping thin
 wall, where a hole has no space. The sides of a key prevent movement across the key, and its ends prevent
 movement along it. Where faces slide over each other, keys lie along the direction of the step. The groove of
-one part is closed at both ends; that of the other part leads to a face that closes, and the key enters
-through this exit.
+one part is closed at both ends; that of the other part leads to a face that meets only at the end of the
+movement, and the key enters through this exit.
 """
 
 from __future__ import annotations

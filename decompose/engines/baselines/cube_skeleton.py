@@ -180,8 +180,8 @@ class _PieceMerger:
     def merge_groups(self, a: int, b: int) -> bool:
         """Merge the second group into the first, and return whether that was possible.
 
-        A merge is impossible if rounding leaves a gap at the cut between the groups, or if they also meet
-        along an edge, because an STL file of both would not be closed.
+        A merge is impossible if rounding leaves a gap at the cut between the groups. It is also impossible if
+        they touch along an edge outside their common face, because an STL file of both would not be closed.
         """
         first, second = self.groups[a], self.groups[b]
         solid = Solid.union([first.solid, second.solid])

@@ -145,11 +145,12 @@ def find_largest_cube(cells: Bools) -> Box | None:
 
 
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
-    """Grow the largest cube within a cuboid until only the minimum thickness of the wall remains.
+    """Grow a cube, at first the largest one in a cuboid, until only the minimum wall thickness remains.
 
-    The cube grows about its middle and towards each corner, in `ROUND_COUNT` rounds and by at most
-    `MAX_GROWTH_CELLS` cells. Bisection finds the growth at which the distance from the mesh is the thickness
-    of the wall. Afterwards, hardly any larger cube that contains this one leaves enough wall.
+    The cube grows about its middle and towards each corner, in at most `ROUND_COUNT` rounds and to at most
+    `MAX_GROWTH_CELLS` cells beyond the cuboid. Bisection finds the growth at which the distance from the mesh
+    is the thickness of the wall. Afterwards, almost no larger cube that contains this one would leave enough
+    wall.
 
     Parameters
     ----------

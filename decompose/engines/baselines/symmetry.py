@@ -39,11 +39,11 @@ MAX_REFINED_PLANES = 3  # maximum number of refined planes of a part
 REFINEMENT_SAMPLES = 25  # number of normals in a round of the refinement
 # Minimum volume of a half in the authors' program, as a share of the mean volume of the parts.
 MIN_HALF_SHARE = 1.0 / 1.5
-# Offsets of a plane from the boundary between two blocks, as shares of the length of a block. Blocks are
-# equal lengths of a side that fit the build volume.
+# Offsets of a plane from the boundary between two blocks, as shares of the length of a block. Blocks are the
+# equal lengths, at least two, into which a side of a part is divided so that each fits every printer.
 OFFSET_SHARES: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])
-# Minimum volume of a part, as a share of the mean volume of the parts, or of the piece that is cut if that is
-# smaller.
+# Minimum volume of a part, as a share of the mean volume of the parts or of the volume of the piece being
+# cut, whichever is smaller.
 MIN_VOLUME_SHARE = 0.05
 
 
@@ -232,8 +232,9 @@ class _CorrectedMethod(_Method):
     def find_planes_across_longest_side(self, solid: Solid) -> tuple[Floats, list[float]]:
         """Find planes across the longest side, or across the side that exceeds the build volume most.
 
-        The first plane is at a boundary between blocks: equal lengths of the side that fit the build volume.
-        If the whole side fits, the plane is in the middle. The other planes lie near the first one.
+        The first plane is at a boundary between blocks: the equal lengths into which the side is divided so
+        that each fits every printer. If the whole side fits, the plane is in the middle. The other planes
+        lie near the first one.
 
         Returns
         -------

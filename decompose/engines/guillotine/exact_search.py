@@ -147,11 +147,11 @@ class ExactSearch:
         return {box: self.cut_box(box) for box in best_boxes}
 
     def list_looser_partitions(self, best_partition: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
-        """Yield partitions with less work than the best one; their slowest box may take a little longer.
+        """Yield partitions with less total print time than the best one, but perhaps a longer makespan.
 
         The best partition on the grid may not be the best one after its planes are shifted: shifts balance
-        the times of the parts, so the total work matters then. Each of these partitions has the fewest boxes
-        within a time limit, and the least work among the partitions with that number of boxes.
+        the times of the parts, so the total print time matters then. Each of these partitions has the fewest
+        boxes within a limit of their times, and the least total print time among those with as few boxes.
         """
         if len(best_partition) < 2:
             return
@@ -186,7 +186,7 @@ class ExactSearch:
                 yield {box: self.cut_box(box) for box in boxes}
 
     def _find_partition_within_limit(self, limit_s: float) -> list[Box]:
-        """Find a partition with about the least work among those within a time limit.
+        """Find a partition with about the least total print time among those whose boxes meet a limit.
 
         At true prices, its boxes may take a little longer than the limit. The list is empty if there is no
         such partition.

@@ -115,10 +115,10 @@ class Partitioner:
         Parameters
         ----------
         limit_s
-            Maximum time of a part.
+            Maximum print time of a part.
         break_ties
-            Whether to choose, among the solutions with this number, the one with the least work and, among
-            those, the one with the least area of cuts.
+            Whether to choose, among the solutions with this number, the one with the least total print
+            time and, among those, the one with the least area of cuts.
 
         Returns
         -------

@@ -13,7 +13,7 @@ UNREACHABLE_COUNT = 16_000  # more than the printers of any fleet; twice this nu
 PART_WEIGHT = 1 << 46  # weight of a part in a key (`make_key`)
 SECOND_WEIGHT = 1 << 20  # weight of a rounded second in a key; the lowest digit is the area of the cuts
 AREA_UNIT_MM2 = 64.0  # unit of the area of cuts in a key
-MAX_KEY_TIME_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
+MAX_KEY_TIME_S = 1e6  # maximum print time of a box in a key, so that the digits do not overlap
 
 Table = npt.NDArray[np.int16] | Ints
 
@@ -168,7 +168,7 @@ def fill_counts(
     Parameters
     ----------
     limit_s
-        Maximum time of a part; a box that takes longer gets `UNREACHABLE_COUNT`.
+        Maximum print time of a part; a box that takes longer gets `UNREACHABLE_COUNT`.
     seconds, trimmed_box, piece_counts
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     value
@@ -216,7 +216,7 @@ def fill_keys(
     Parameters
     ----------
     limit_s
-        Maximum time of a part; a box that takes longer gets the key of `UNREACHABLE_COUNT` parts.
+        Maximum print time of a part; a box that takes longer gets the key of `UNREACHABLE_COUNT` parts.
     seconds, trimmed_box, piece_counts
         (boxes,) float32 in s, (boxes,) int32 and (boxes,) int16 tables of `BoxTables`.
     cut_mm2

@@ -1,8 +1,8 @@
-"""Choice among partitions with equally few parts: by the least work, then by the least area of cuts.
+"""Choice among partitions with equally few parts: by total print time, then by area of cuts.
 
 Only a few boxes occur in a partition into the fewest parts. They are listed from the whole box down to its
-smallest parts, along the cuts whose sides add up to the fewest parts. Then their keys (`recursion.make_key`)
-are added up in the opposite order.
+smallest parts: a cut of a box is followed if the fewest parts of its two sides add up to the fewest parts of
+the box. Then their keys (`recursion.make_key`) are added up in the opposite order, and the least are kept.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _list_tied_boxes(
     shape
         Shape of the grid, in cells.
     root
-        Index of the box that is partitioned; it must be trimmed to its needed cells.
+        Index of the box that is partitioned; it must be trimmed to its needed cells (`Grid.is_needed`).
 
     Returns
     -------
@@ -101,7 +101,7 @@ def _compute_least_keys(
     Parameters
     ----------
     limit_s
-        Maximum time of a part.
+        Maximum print time of a part.
     tables
         (boxes,) `seconds`, `trimmed_box`, `piece_counts` and `cut_mm2` of `BoxTables`.
     counts
@@ -145,7 +145,7 @@ def find_tied_keys(
     counts
         (boxes,) minimum number of parts of each box.
     limit_s
-        Maximum time of a part.
+        Maximum print time of a part.
     root
         Index of the box that is partitioned.
 

@@ -28,7 +28,8 @@ class Sweep(NamedTuple):
     Attributes
     ----------
     touched_count
-        Number of marked faces that columns of support touch, with their upper or their lower end.
+        Number of faces in `is_marked` (to which no support should stick) that columns of support touch, with
+        their upper or their lower end.
     level_moments
         (LEVEL_COUNT, 4) float64 of the solid below each level: first moments in x, y and z, and volume; all
         are divided by the area of a column.
@@ -80,7 +81,7 @@ def sweep_columns(
     touched_count = 0.0
     supports_mm = np.zeros((nx, ny))
     is_bed_support = np.zeros((nx, ny), np.bool_)
-    passing_sums = np.zeros((LEVEL_COUNT, 4))  # parts below each level of runs that continue above it
+    passing_sums = np.zeros((LEVEL_COUNT, 4))  # for each level: sections below it of runs that rise above it
     ending_sums = np.zeros((LEVEL_COUNT, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny
@@ -129,7 +130,7 @@ def _follow_ray(
     Returns
     -------
     tuple
-        Number of runs, height of support in mm, number of marked faces that the support touches, and whether
+        Number of runs, height of support in mm, number of faces in `is_marked` that it touches, and whether
         support stands on the bed.
     """
     first = crossings.start[ray]

@@ -227,7 +227,7 @@ def test_step_without_pins_states_the_reason(
     other_pins = tuple(pin for pin in drilled_table.connectors.pins if pin.step != 1)
     for unpinned, reason in (
         (((1, "too small for a pin"),), "too small for a pin"),
-        ((), "its holes were left out"),
+        ((), "the holes were left out"),
     ):
         connectors = replace(drilled_table.connectors, pins=other_pins, unpinned_steps=unpinned)
         text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))

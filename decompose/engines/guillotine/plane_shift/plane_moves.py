@@ -1,8 +1,9 @@
 """Moves of cut planes: groups of faces that move together, and the shifts with the least makespan.
 
-Two faces that touch each other move together. Where four boxes meet along an edge, or only two boxes,
-diagonally opposite each other, one of the two planes there must be continuous, so its faces on both sides of
-the edge also move together. Otherwise a corner would belong to no box, or to two boxes.
+Two faces that touch each other move together. Where four boxes meet along an edge, or two diagonally
+opposite boxes touch only there, one of the two planes through that edge must be continuous. So the faces of
+that plane on both sides of the edge also move together. Otherwise a corner would belong to no box, or to two
+boxes.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ def extend_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
 
 
 def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
-    """Refine the needed cells, but only so far that partitions are still checked quickly.
+    """Refine the needed cells, but only as far as partitions can still be checked quickly.
 
     Parameters
     ----------
