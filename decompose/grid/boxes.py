@@ -1,9 +1,8 @@
 """Tables of every axis-aligned box of a grid: price, box around the needed cells, and number of pieces.
 
-A box is priced in its six axis poses: in each of them, one of its sides lies on the bed. There are millions
-of boxes, so sums are reused. The sums over a box are those over the previous box, which is one layer of cells
-shorter, plus those over the added layer. The sums over a layer are found from rows of cells in the same way.
-So each box takes only a few dozen additions. Needed cells are those of `Grid.is_needed`.
+A box is priced in its six axis-aligned poses: in each, one of its sides lies on the bed. The sums over a box
+are those over the box that is one layer of cells shorter, plus those over the added layer, which is summed
+from rows of cells in the same way. Needed cells are those of `Grid.is_needed`.
 """
 
 from __future__ import annotations

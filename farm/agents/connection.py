@@ -64,10 +64,7 @@ class AgentListener(HostListener, Protocol):
         """Handle a snapshot."""
 
     def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
-        """Handle an agent's refusal to start a print.
-
-        `is_late` is true if the request came too late, or if the agent is too old to start it.
-        """
+        """Handle a refusal to start a print; `is_late` also stands for an agent of an older version."""
 
     def find_unreported_since_s(self, printer: str) -> float | None:
         """Return the time after which the books may lack prints of an agent; None if they have all prints."""
@@ -219,10 +216,7 @@ class AgentConnection:
             )
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
-        """Import the agent's journal if the books are a restored backup.
-
-        Returns the agent's latest snapshot.
-        """
+        """Import the agent's journal if the books are a restored backup; return its latest snapshot."""
         since_s = self._listener.find_unreported_since_s(self._name)
         if since_s is None:
             return report
