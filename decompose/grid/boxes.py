@@ -39,15 +39,13 @@ class BoxTables:
     shape
         Shape of the grid, in cells.
     seconds
-        (boxes,) print time in the best pose that fits; +inf if none fits, or if the box is not the smallest
-        one around its needed cells.
+        (boxes,) print time in the best pose; +inf if none fits, or if a smaller box has its needed cells.
     trimmed_box
         (boxes,) index of the smallest box around the needed cells of a box; -1 if there are none.
     piece_counts
         (boxes,) number of connected pieces of the solid in a box, as counted on the grid.
     cut_mm2
-        (boxes,) total area of a box's cut faces; 0 if the box is not the smallest one around its needed
-        cells. The table is empty (0,) if areas are not needed.
+        (boxes,) total area of a box's cut faces, or 0 as for `seconds`; empty (0,) if not needed.
     """
 
     shape: tuple[int, int, int]
