@@ -17,7 +17,7 @@ from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 
-COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are searched
+COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are sought
 MAX_HALVINGS = 8  # maximum number of times that the range of sizes is halved
 # The search ends when the smallest size without a result is at most this multiple of the largest one with a
 # result.

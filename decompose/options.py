@@ -93,7 +93,7 @@ class ConnectorOptions:
     marks
         Whether the numbers of the parts are cut into these faces.
     printer_fits_mm
-        Name and fit of each printer whose fit differs from `pin_fit_mm`.
+        Name of each printer for which the clearance of a hole differs from `pin_fit_mm`, and this clearance.
     used_distances_mm
         Distances between the two pins in existing joints, for example in the neighbours of a part that is cut
         again. New pairs of pins get other distances.
@@ -111,7 +111,7 @@ class ConnectorOptions:
         return self.pin_mm is None and not self.marks
 
     def find_fit_mm(self, printer: str) -> float:
-        """Find the fit of the holes in parts that a printer prints."""
+        """Find the clearance of the holes in parts that a printer prints."""
         return dict(self.printer_fits_mm).get(printer, self.pin_fit_mm)
 
 

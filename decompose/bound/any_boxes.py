@@ -26,8 +26,8 @@ walls; this saving is limited by the height of a build volume. Rims: along the e
 printed instead of it; this saving is limited by the skin that can be printed within the upper limit of the
 bound.
 
-As in the tables of a grid (`grid.boxes`), a box is priced as one part in an axis pose, even if its solid is
-in several pieces. Supports, brims and minimum layer times only add to the price.
+As in the tables of a grid (`grid.boxes`), a box is priced as one part in an axis-aligned pose, even if its
+solid is in several pieces. Supports, brims and minimum layer times only add to the price.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def bound_shared_work_s(
 
 
 def _compute_min_surface_price_s(triangles: Floats, cost: CostModel) -> float:
-    """Compute the price of triangles (m, 3, 3) as surface, in s, each face in its cheapest axis pose."""
+    """Compute the price of triangles (m, 3, 3) as surface, in s: each in its cheapest axis-aligned pose."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     doubled_areas_mm2 = np.linalg.norm(cross, axis=1)
     cosines = np.abs(cross) / np.maximum(doubled_areas_mm2, np.finfo(float).tiny)[:, None]

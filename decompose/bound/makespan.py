@@ -109,9 +109,9 @@ def bound_makespan(tables: BoxTables, is_needed: Bools, printer_count: int, make
     Parameters
     ----------
     tables
-        Tables for which the proof holds. It assumes that a box takes the time of its best axis pose (one of
-        its sides lies on the bed), with supports down to the bed, and that it consists of as many pieces as
-        the tables say.
+        Tables for which the proof holds. It assumes that a box takes the time of its best axis-aligned pose
+        (one of its sides lies on the bed), with supports down to the bed, and that it consists of as many
+        pieces as the tables say.
     is_needed
         (nx, ny, nz) bool, true for cells that must be in a box; at least one.
     printer_count

@@ -1,4 +1,4 @@
-"""Places of pins: two far apart for each step of the assembly, and more where these two do not reach.
+"""Places of pins: two far apart per assembly step, and more for glued area too far from both to be aligned.
 
 Keys in grooves, which lie along the joint, are preferred to pins in holes, because grooves print faster.
 The two holes differ in depth, and the two grooves in length, so that the joint stays open by some millimetres
@@ -36,15 +36,15 @@ SHALLOW_DEPTH_RATIO = 1.05  # depth of the shallow hole of a pair, as a multiple
 MIN_DEPTH_MM = 2.5  # minimum depth of a hole
 EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap of a joint with a rotated body
 END_GAP_MM = 0.5  # gap at each end of a pin
-# Minimum difference between the pin distances of two pairs, in addition to twice the fit.
+# Minimum difference between the pin distances of two pairs, besides twice the largest clearance of a hole.
 MIN_DISTANCE_DIFFERENCE_MM = 0.7
 MIN_PAIR_DISTANCE_MM = 8.0  # minimum distance between the two pins of a pair, which prevent rotation
 MIN_SLOT_DISTANCE_MM = 80.0  # minimum distance between two pins for which one hole is a slot
 SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
 PLACE_PITCH_MM = 15.0  # distance between the places that are tried for further pins of a step
 MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
-# Additional distance of a pair from the border of the face. The pair has it only if the distance between its
-# pins is then still at least this share of the distance without it.
+# Additional distance of a pair from the border of the face. It is added only if the pins then remain at least
+# EXTRA_MARGIN_SHARE times as far apart as without it.
 EXTRA_MARGIN_MM, EXTRA_MARGIN_SHARE = 2.0, 0.8
 ROUNDING_MARGIN_MM = 0.03  # margin for shapely's buffers, which may cut off inner corners
 MIN_CORNER_MM = 0.5  # corners of a hull that protrude by less are ignored
@@ -366,9 +366,9 @@ class _PinPlacer:
         return []
 
     def _place_further_pin(self, pins: Sequence[Pin]) -> Pin | None:
-        """Place a shallow pin where it reaches most of the area that no pin reaches so far.
+        """Place a shallow pin where it reaches the largest area that no pin reaches yet.
 
-        None if no place for a pin gains enough area.
+        None if this area is too small at every place where a pin is possible.
         """
         unreached_points_mm = find_unreached_glue(self.glue_points_mm, pins)
         if not len(unreached_points_mm):

@@ -54,7 +54,7 @@ class Pin:
     axis
         (3,) unit vector, the direction of the step.
     diameter_mm
-        Diameter of the pin itself; its holes are wider by the fit.
+        Diameter of the pin itself; its holes are wider by their clearance.
     depth_mm
         Depth of the pin's hole in each part.
     length_mm

@@ -22,7 +22,7 @@ COLOUR_COUNT = 128
 
 
 class Canvas:
-    """A drawing in the resolution in which it was rendered, on which labels and lines are drawn.
+    """A drawing at the resolution at which it was rendered, on which labels and lines are drawn.
 
     Positions are given as column and row in pixels of the final picture, from its lower left corner.
     """

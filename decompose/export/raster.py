@@ -162,8 +162,8 @@ class Drawing:
     Attributes
     ----------
     pixels
-        (oversampling h, oversampling w, 3) uint8 colours of a buffer, which has `oversampling` pixels along
-        each side of a pixel of the picture.
+        (oversampling * h, oversampling * w, 3) uint8 colours of a buffer; each pixel of the picture is a
+        square of `oversampling` by `oversampling` buffer pixels.
     front_shapes
         (h, w) int64: 1 + the number of the shape in front; 0 for none.
     frame

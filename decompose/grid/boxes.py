@@ -170,7 +170,7 @@ def _fill_cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas_mm2: Fl
 def _compute_min_price_s(
     prices: Prices, build_volumes: Floats, sums: Floats, bounds_mm: Floats, areas_mm2: Floats
 ) -> float:
-    """Compute the price of a box in the best axis pose that fits all build volumes; +inf if none does.
+    """Compute the price of a box in the best axis-aligned pose that fits all build volumes; inf if none does.
 
     Parameters
     ----------

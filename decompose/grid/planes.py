@@ -10,7 +10,7 @@ from decompose.arrays import Floats
 
 PLANE_CLEARANCE_MM = 2.0
 """Minimum distance of planes from flat faces, where possible, so that cuts leave no slivers."""
-# Cuts keep this distance from the flat faces on one plane if these have at least this area together:
+# Minimum total area of the flat faces on one plane for which cuts keep the full PLANE_CLEARANCE_MM.
 MIN_SLIVER_MM2 = 25.0
 SMALL_CLEARANCE_MM = 0.1  # minimum distance from smaller flat faces, so that they are not taken for cut faces
 # Decimal places of coordinates in mm; flat faces that agree to these places lie on one plane.

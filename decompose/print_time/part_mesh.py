@@ -35,7 +35,8 @@ class PartMesh:
 def pair_half_edges(faces: Ints, vertex_count: int) -> Ints:
     """Pair the two half-edges of each edge.
 
-    Each half-edge is stored in the list of its lower vertex until the other half of the same edge is found.
+    Each half-edge is stored in the list of its lower-numbered vertex until the other half of the same edge is
+    found.
 
     Parameters
     ----------

@@ -18,8 +18,8 @@ from decompose.print_time.time_settings import ADDITIVE_FEATURES
 LATERAL_INDEX = ADDITIVE_FEATURES.index("lateral_mm2")
 SKIN_INDEX = ADDITIVE_FEATURES.index("skin_mm2")
 
-# In an axis pose, an axis of the model points up or down. The number of the pose gives the direction of the
-# model that points up: +x, -x, +y, -y, +z, -z.
+# In an axis-aligned pose, an axis of the model points up or down. The number of the pose gives the direction
+# of the model that points up: +x, -x, +y, -y, +z, -z.
 POSE_COUNT = 6
 
 SLAB_COUNT = 32  # number of slabs into which the height is divided; the layers of a slab are treated as equal
@@ -33,7 +33,10 @@ def find_pose_axes(pose: int) -> tuple[int, int, int]:
 
 
 def _build_pose_rotation(pose: int) -> Floats:
-    """Build the rotation (3, 3) of an axis pose: rows are the bed's axes; odd poses are upside down."""
+    """Build the rotation (3, 3) of an axis-aligned pose: rows are the bed's axes.
+
+    Odd poses are upside down.
+    """
     rotation = np.eye(3)[list(find_pose_axes(pose))]
     if pose % 2:
         rotation[1:] *= -1.0
@@ -41,7 +44,7 @@ def _build_pose_rotation(pose: int) -> Floats:
 
 
 POSE_ROTATIONS: Floats = np.array([_build_pose_rotation(pose) for pose in range(POSE_COUNT)])
-"""Rotations (6, 3, 3) of the axis poses, for `price_poses_s`."""
+"""Rotations (6, 3, 3) of the axis-aligned poses, for `price_poses_s`."""
 
 
 @jit
@@ -155,7 +158,7 @@ def price_poses_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostMo
 
 
 def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
-    """Price a closed mesh in each axis pose, in seconds (6,).
+    """Price a closed mesh in each axis-aligned pose, in seconds (6,).
 
     Parameters
     ----------

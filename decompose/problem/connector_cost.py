@@ -1,6 +1,7 @@
 """Prices of pins and marks by the area of the cut faces, while their places are not known.
 
-They are fitted to sliced parts (`bench.prices.joint_costs`), so that parts with pins and marks end together.
+They are fitted to sliced parts (`bench.prices.joint_costs`), so that the prints of parts with pins and marks
+finish at the same time.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ MARK_AREA_PRICES = AreaPrices(0.0008, 0.0034)  # with gutters
 
 
 def set_connector_prices(cost: CostModel, options: ConnectorOptions) -> CostModel:
-    """Set the prices by area of a cost model to those of the pins and marks that the options request."""
+    """Set a cost model's prices per area of cut face to those of the requested pins and marks."""
     prices = [PIN_AREA_PRICES] if options.pin_mm is not None else []
     prices += [MARK_AREA_PRICES] if options.marks else []
     side_s_per_mm2 = sum(price.side_s_per_mm2 for price in prices)

@@ -48,7 +48,7 @@ class Part:
     file
         Name of the part's STL file; empty before it is written.
     brim_width_mm, layer_0_expansion_mm
-        Values chosen for the part; None if those of the print quality are used.
+        Values chosen for the part; None if those of the print settings are used.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are cut faces, which are hidden once the parts are
         glued.
@@ -187,7 +187,7 @@ class Decomposition:
     grid_makespan_s
         Makespan of the boxes of the partition according to the table of prices. The table prices each box in
         the best of its axis-aligned poses. It assumes supports down to the bed, and the brim of the print
-        quality. If poses were found for the pieces of a box, the price of the box is at least the highest
+        settings. If poses were found for the pieces of a box, the price of the box is at least the highest
         price of these poses. `makespan_s` refers to the printing poses, and may be less or more.
     lower_bound_s
         Proven bound (`bound`): no partition into boxes of this grid has a lower `grid_makespan_s`, if it has

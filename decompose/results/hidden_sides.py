@@ -14,7 +14,8 @@ from decompose.pieces import find_cut_faces
 from decompose.results.decomposition import Part
 
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright side
-MAX_REVERSED_SHARE = 0.01  # maximum share of a side that faces the other way, such as fins without volume
+# Maximum share of a side's area that may face the other way, for example at fins of zero thickness.
+MAX_REVERSED_SHARE = 0.01
 MIN_SIDE_MM2 = 100.0  # minimum area of a side; smaller sides save no time
 ADJACENCY_TOLERANCE_MM = 1e-3
 # Minimum cosine between the normals of a side and of a face with a groove, and between the vertical and the

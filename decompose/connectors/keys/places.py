@@ -55,7 +55,7 @@ def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
 def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
     """Compute the depth of a groove, which is half its width.
 
-    The sides of the groove touch a circle whose diameter is that of the key plus the fit.
+    The sides of the groove touch a circle whose diameter is that of the key plus the clearance.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class KeyMaker:
         )
 
     def _compute_depth_mm(self, site: Site) -> float:
-        """Compute the depth of both grooves, for the larger fit of the two parts."""
+        """Compute the depth of both grooves, for the larger clearance of the two parts."""
         fit_mm = max(
             self.workpieces.blanks[side.part].pin_fit_mm for side in (site.moved_side, site.fixed_side)
         )

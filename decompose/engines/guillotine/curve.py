@@ -55,7 +55,7 @@ class _MakespanBounds:
         Returns
         -------
         tuple
-            The limit, whether each fleet (n,) meets it, and the time in s at which the last part ends at the
+            The limit, whether each fleet (n,) meets it, and the time in s at which the last print ends at the
             latest: the limit itself if there are several classes.
         """
         solver = Partitioner(self._first_tables, self._other_classes)
@@ -102,8 +102,8 @@ def compute_makespan_curve(
     Parameters
     ----------
     tables
-        Tables of each class of printers, whose times include the speed of the class; the largest class is
-        the first.
+        Tables of each class of printers, whose times include the speed of the class; the class with the
+        most printers is the first.
     fleets
         (n, classes) int64 number of printers of each class, one row for each fleet; no two rows have the
         same sum.

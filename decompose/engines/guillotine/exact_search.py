@@ -30,7 +30,7 @@ MAX_ROUNDS = 8  # maximum number of rounds; each one chooses boxes, and computes
 MAX_REJECTIONS = 40  # maximum number of partitions rejected because of a sliver or a weak joint
 # Another round follows if the true makespan is more than this multiple of the expected one.
 RETRY_RATIO = 1.01
-# The least makespan according to the tables is searched to an accuracy of `TOLERANCE_S`, or of the share
+# The least makespan according to the tables is sought to an accuracy of `TOLERANCE_S`, or of the share
 # `TOLERANCE` of the makespan if that is longer; the errors of the tables' prices are larger.
 TOLERANCE_S = 1.0
 TOLERANCE = 5e-4
@@ -94,11 +94,11 @@ def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
 class ExactSearch:
     """Exact search, with true prices and numbers of pieces for the boxes that it chooses.
 
-    The tables may count too few pieces in a box. They price the box in an axis pose (one of its sides lies on
-    the bed), even if it is not stable in it. For the chosen boxes, the true numbers of pieces are written
-    into the tables, and the true prices where they are higher. Then the search is repeated. A box with a
-    piece that cannot be glued well is excluded. Prices and numbers of pieces only grow, so the makespan only
-    grows.
+    The tables may count too few pieces in a box. They price the box in an axis-aligned pose (one of its sides
+    lies on the bed), even if it is not stable in it. For the chosen boxes, the true numbers of pieces are
+    written into the tables, and the true prices where they are higher. Then the search is repeated. A box
+    with a piece that cannot be glued well is excluded. Prices and numbers of pieces only grow, so the
+    makespan only grows.
     """
 
     def __init__(self, problem: Problem, grid: Grid, tables: BoxTables, bound_s: float) -> None:

@@ -55,7 +55,7 @@ class PrinterClass:
 
 
 def classify_printers(printers: Sequence[TargetPrinter], max_divisions: float) -> list[PrinterClass]:
-    """Divide printers into classes, the largest class first; a single class if all are about equal.
+    """Divide printers into classes, the one with the most printers first; one class if all are about equal.
 
     Parameters
     ----------
@@ -82,7 +82,10 @@ def classify_printers(printers: Sequence[TargetPrinter], max_divisions: float) -
 
 
 def count_divisions(counts: Sequence[int]) -> int:
-    """Count the ways to divide the printers of all classes but the largest between the sides of a cut."""
+    """Count the ways to divide the printers between the sides of a cut.
+
+    The class with the most printers is left out.
+    """
     return prod((count + 1) * (count + 2) // 2 for count in sorted(counts)[:-1])
 
 

@@ -27,7 +27,8 @@ def _lower_values(value: Table, size: int, start: tuple[int, int, int], count: i
     Parameters
     ----------
     value
-        (states * size,) int16 counts or int64 keys, lowered in place.
+        (states * size,) int16 counts or int64 keys, lowered in place. A state is a number of usable printers
+        of each class but the first (see `partitioner`).
     size
         Number of boxes in each state.
     start

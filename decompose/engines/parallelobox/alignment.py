@@ -61,7 +61,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     model
         Model to rotate.
     seed
-        Seed of the random planes among which the plane of symmetry is searched.
+        Seed of the random planes among which the plane of symmetry is sought.
     overhang_cos
         A face counts as an overhang if the cosine of the angle between its normal and the downward direction
         is above this value.
@@ -87,7 +87,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
 
 
 def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
-    """Measure the least overhanging area of a mesh over its six axis poses.
+    """Measure the least overhanging area of a mesh over its six axis-aligned poses.
 
     Parameters
     ----------

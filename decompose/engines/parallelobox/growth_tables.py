@@ -33,7 +33,8 @@ class GrowthTables:
         (boxes,) float32 P, the price of printing a box. It is used only for trimmed boxes, because blocks
         grow only by layers with needed cells.
     overhang_prices
-        (boxes,) float32 O, the least overhang of a box in its six axis poses, which the score adds to P.
+        (boxes,) float32 O, the least overhang of a box in its six axis-aligned poses, which the score adds
+        to P.
     """
 
     is_needed: Bools

@@ -1,8 +1,8 @@
 """Orientation of a part: the pose that prints fastest among those in which the part stays upright.
 
-Candidates are the six axis poses, and poses in which the part lies on a facet of its convex hull or on a
-large flat face. Each candidate is priced with its supports. It is also checked whether the part stays upright
-while it grows, and whether support would stick to a cut face, which will be glued.
+Candidates are the six axis-aligned poses, and poses in which the part lies on a facet of its convex hull or
+on a large flat face. Each candidate is priced with its supports. It is also checked whether the part stays
+upright while it grows, and whether support would stick to a cut face, which will be glued.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def find_best_pose(
         Cost model of the print time.
     fit_first_layer
         Whether the brim and the first layer's expansion are chosen for the part; if not, those of the print
-        quality apply.
+        settings apply.
 
     Returns
     -------
@@ -254,8 +254,8 @@ def _find_flat_directions(area_vectors: Floats) -> Floats:
 def _find_rotation(up: Floats, hull: Floats, printers: Sequence[TargetPrinter]) -> Floats | None:
     """Find a rotation that turns a direction (3,) up and in which the part fits every printer, or None.
 
-    Axis poses keep their yaw if it fits. Any other pose is rotated so that the smallest rectangle around its
-    outline is parallel to the bed's axes, and further if that yaw does not fit.
+    Axis-aligned poses keep their yaw if it fits. Any other pose is rotated so that the smallest rectangle
+    around its outline is parallel to the bed's axes, and further if that yaw does not fit.
     """
     axis = np.flatnonzero((POSE_ROTATIONS[:, 2] == up).all(axis=1))
     if len(axis):

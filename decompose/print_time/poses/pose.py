@@ -74,7 +74,7 @@ class Pose:
     footing_extension_mm
         Width by which the brim widens the footing on each side.
     brim_width_mm, layer_0_expansion_mm
-        Values chosen for the part; None to use those of the print quality.
+        Values chosen for the part; None to use those of the print settings.
     bed_face_hidden, tops_hidden
         Whether all faces on the bed (or all tops with skin) are cut faces, and the cost model gives them less
         skin.

@@ -38,7 +38,7 @@ def compute_steady_limit_s(fastest_pose: Pose, spare_limit_s: float) -> float:
     fastest_pose
         Fastest pose of the part.
     spare_limit_s
-        Price at which the part would end together with the slowest part.
+        Price at which the print of the part would finish at the same time as that of the slowest part.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def find_steady_pose(
         Cost model of the print time.
     fastest_pose
         Fastest pose of the part. If its brim width was chosen for the part, the brim widths of other poses
-        are chosen too; if not (None), that of the print quality applies to all poses.
+        are chosen too; if not (None), that of the print settings applies to all poses.
     limit_s
         Maximum price of the pose.
 

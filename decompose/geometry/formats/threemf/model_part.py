@@ -119,7 +119,7 @@ def read_model_part(name: str, part: str, chunks: Iterator[bytes], max_triangles
     except (KeyError, ValueError, OverflowError) as error:
         problem = f"has no {error}" if isinstance(error, KeyError) else str(error)
         raise ModelUnreadable(
-            f"{name}: line {parser.CurrentLineNumber} of its model {problem[:80]}; export it again"
+            f"{name}: line {parser.CurrentLineNumber} of its model: {problem[:80]}; export it again"
         ) from error
     if not handler.is_model:
         raise ModelUnreadable(f"{name}: its part {part[:80]} is not a 3MF model; export it again")
