@@ -26,16 +26,13 @@ from decompose.connectors.coverage import (
 )
 from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
 from decompose.connectors.keys import KeyMaker, KeyPlacer
+from decompose.connectors.pin_sizes import END_GAP_MM, choose_depths_mm, choose_key_diameters_mm
 from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs, measure_distance_mm
 from decompose.connectors.redundant_pins import find_redundant_pins
 from decompose.connectors.tools import make_hole
-from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
+from decompose.options import ConnectorOptions
 from decompose.pieces import Joint, list_polygons
 
-SHALLOW_DEPTH_RATIO = 1.05  # depth of the shallow hole of a pair, as a multiple of the diameter of the pin
-MIN_DEPTH_MM = 2.5  # minimum depth of a hole
-EXTRA_DEPTH_MM = 3.0  # additional depth of the deep hole: about the gap of a joint with a rotated body
-END_GAP_MM = 0.5  # gap at each end of a pin
 # Minimum difference between the pin distances of two pairs, besides twice the largest clearance of a hole.
 MIN_DISTANCE_DIFFERENCE_MM = 0.7
 MIN_PAIR_DISTANCE_MM = 8.0  # minimum distance between the two pins of a pair, which prevent rotation
@@ -51,20 +48,6 @@ MIN_CORNER_MM = 0.5  # corners of a hull that protrude by less are ignored
 MIN_ALIGNED_COS = 0.999  # minimum cosine between a step's direction and the normal of a face that closes
 SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and the direction of the step
 NO_PERPENDICULAR_FACE_REASON = "no glued face is perpendicular to the direction in which the parts are joined"
-
-
-def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
-    """Choose the depths in mm of the deep and the shallow hole for a pin, rounded to 0.5 mm.
-
-    The print time of a hole grows with its depth. Pins only align the faces; the glue holds them.
-    """
-    shallow_mm = max(MIN_DEPTH_MM, round(2.0 * SHALLOW_DEPTH_RATIO * pin_mm) / 2.0)
-    return shallow_mm + EXTRA_DEPTH_MM, shallow_mm
-
-
-def choose_key_diameters_mm(pin_mm: float) -> list[float]:
-    """Choose the diameters of keys: the diameter of pins, then that of thin filament, for narrow places."""
-    return sorted({pin_mm, min(pin_mm, THIN_FILAMENT_MM)}, reverse=True)
 
 
 def place_pins(
@@ -124,16 +107,7 @@ def _find_sites(
     """Find the faces that close along the direction of a step, or those that slide along it.
 
     Faces that close are perpendicular to the direction, and meet only at the end of the movement. Faces that
-    slide are parallel to it, and move over each other.
-
-    Parameters
-    ----------
-    pairs
-        Sides of all faces that the step glues.
-    step
-        Step of the assembly.
-    is_sliding
-        Whether to find the faces that slide.
+    slide are parallel to it, and move over each other. `pairs` are the sides of all faces that a step glues.
     """
     sites = []
     for one, other in pairs:

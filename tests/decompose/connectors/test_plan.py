@@ -22,7 +22,7 @@ from decompose.connectors import (
     measure_distance_mm,
     plan_connectors,
 )
-from decompose.connectors.pins import choose_depths_mm
+from decompose.connectors.pin_sizes import choose_depths_mm
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints, list_box_planes
