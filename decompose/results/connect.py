@@ -83,11 +83,13 @@ def _replace_connectors(
 ) -> Decomposition:
     """Replace the connectors and the parts, and compute the times of all parts together from their prices.
 
-    The makespan stays if the printers, and so their speeds, are not known.
+    The makespan stays if the speed of a printer is not known: loads may have been moved to printers for which
+    the model was not cut.
     """
     makespan_s = decomposition.makespan_s
-    if decomposition.cutting is not None:
-        factors = {printer.name: printer.time_factor for printer in decomposition.cutting.printers}
+    printers = () if decomposition.cutting is None else decomposition.cutting.printers
+    factors = {printer.name: printer.time_factor for printer in printers}
+    if all(part.printer in factors for part in parts):
         makespan_s = max(part.price_s * factors[part.printer] for part in parts)
     sum_s = sum(part.price_s for part in parts)
     return replace(decomposition, connectors=connectors, parts=parts, makespan_s=makespan_s, sum_s=sum_s)

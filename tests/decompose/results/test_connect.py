@@ -198,6 +198,14 @@ def test_partition_prices_connectors_before_they_have_places(halves: Decompositi
     )
 
 
+def test_makespan_stays_if_the_speed_of_a_printer_is_not_known(halves: Decomposition) -> None:
+    """Move a load to a printer for which the model was not cut, as for copies of a model."""
+    moved_parts = (replace(halves.parts[0], printer="other"), *halves.parts[1:])
+    connected_result = connect_parts(replace(halves, parts=moved_parts))
+    assert connected_result.makespan_s == halves.makespan_s
+    assert connected_result.sum_s == pytest.approx(sum(part.price_s for part in connected_result.parts))
+
+
 @pytest.mark.parametrize("up", [UP_AXIS, LEANING_AXIS])
 def test_hole_has_the_fit_of_its_printer_and_both_grooves_have_the_wider_fit(up: np.ndarray) -> None:
     parts = drill_tower(up, (0.4, 0.7, 0.4))
