@@ -49,7 +49,7 @@ def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
         assert "needs_a_look" in farm.read_printer("um2-01")["hold"]["code"]
         # The daemon does not repeat requests that this agent cannot answer.
         assert len((farm.state / "daemon.log").read_text().splitlines()) < 50
-        assert "is replaced" in farm.run_checked("up", "--replace", "um2-01")
+        assert "was replaced" in farm.run_checked("up", "--replace", "um2-01")
         assert old_agent.wait(60.0) is not None
         wait_for("another agent", lambda: farm.read_printer("um2-01")["state"] == "idle")
         assert farm.read_printer("um2-01")["agent_pid"] != old_agent.pid
