@@ -167,6 +167,17 @@ def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp
 
 
 @pytest.mark.usefixtures("without_pictures")
+def test_copies_with_pins_use_the_fastest_printers(bar, files, tmp_path):
+    """Cut the model for two of four printers; its loads move to faster ones, for which it was not cut."""
+    task = make_decompose_task(bar, files, tmp_path, printers=4)
+    names = [section.name for section in task.printers]
+    factors = dict(zip(names, map(TimeFactors, (1.3, 1.2, 1.1, 1.0)), strict=True))
+    options = JobOptions(copies=2, printers=4, pin_mm=2.85, marks=True)
+    parts = decompose_job(replace(task, options=options, time_factors=factors)).parts
+    assert {part.printer for part in parts} == set(names[2:])
+
+
+@pytest.mark.usefixtures("without_pictures")
 def test_copies_of_a_small_model_stay_whole_unless_a_person_requests_printers(box, files, tmp_path):
     auto_task = replace(make_decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     assert len(decompose_job(auto_task).parts) == 1
