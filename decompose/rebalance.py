@@ -21,12 +21,7 @@ from decompose.options import Engine
 from decompose.pieces import Piece, assign_printers, cut_box, sort_pieces
 from decompose.print_time import CostModel
 from decompose.problem import Effort, GridFigures, Partition, Problem
-from decompose.results import (
-    Cutting,
-    Decomposition,
-    apply_time_ratios,
-    finish_result,
-)
+from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
 
 MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which all parts are sliced again
 

@@ -87,7 +87,7 @@ class Pin:
 
     @property
     def slides(self) -> bool:
-        """Whether the pin is a key that enters its groove lengthwise, while faces slide over each other."""
+        """True if the pin is a key that enters its groove lengthwise, while faces slide over each other."""
         return self.key_direction is not None and abs(float(self.key_direction @ self.axis)) > SLIDING_COS
 
 

@@ -325,7 +325,7 @@ class _ToolGroup:
 
     @property
     def has_exit(self) -> bool:
-        """Whether the tools are a groove that leaves its part through a second face."""
+        """True if the tools are a groove that leaves its part through a second face."""
         return self.tools[0].exit_direction is not None
 
     def is_hidden(self, undrilled_solid: Solid) -> bool:
