@@ -5,9 +5,9 @@ again with only their keys, pins or gutters. Marks are sliced together with the 
 seams, and compared with the gutters alone. The time that a kind adds is fitted as a price per piece, or per
 mm of gutter, separately for faces that are upright, on top, and towards the bed. Errors are relative to the
 print time of the bare part, and all models have the same weight. Parts that get support are ignored.
-The time of pins and of marks, with their gutters, is also fitted as a price per mm2 of the upright and of the
-level cut faces. --fit fits the samples of several runs, written with --json, together. The fitted prices are
-stored in `decompose.results.connector_prices`.
+The time of pins, and of marks with their gutters, is also fitted as a price per mm2 of the upright cut faces
+and of the other ones. --fit fits the samples of several runs, written with --json, together. The fitted
+prices are stored in `decompose.results.connector_prices` and, by area, in `decompose.problem.connector_cost`.
 
 Usage: python -m bench.prices.joint_costs MODEL|SHAPE... [--printers 8] [--longest-side 330] [--slices 4]
        [--json]
@@ -109,7 +109,7 @@ def fit_prices(samples: list[Sample]) -> dict[str, float]:
 
 
 def measure_cut_areas_mm2(part: Part, cost: CostModel) -> tuple[float, float]:
-    """Measure the upright and the level cut faces of a part, in the unit of their prices."""
+    """Measure the areas of the upright and of the other cut faces of a part, as they are priced."""
     vertices, faces = part.solid.arrays()
     is_cut = find_cut_faces(vertices, faces, part.planes)
     side_mm2, level_mm2 = (
@@ -123,7 +123,7 @@ def measure_cut_areas_mm2(part: Part, cost: CostModel) -> tuple[float, float]:
 
 
 def fit_area_prices(samples: list[Sample]) -> dict[str, tuple[float, float]]:
-    """Fit the seconds per mm2 of upright and of level cut faces, for pins and for marks, as `fit_prices`."""
+    """Fit the seconds per mm2 of upright and of other cut faces, for pins and for marks, as `fit_prices` does."""
     prices: dict[str, tuple[float, float]] = {}
     for group, kinds in {"pins": ("groove", "hole"), "marks": ("gutter", "mark")}.items():
         parts: dict[str, list[Sample]] = defaultdict(list)
@@ -171,7 +171,7 @@ def main() -> None:
     else:
         print("  ".join(f"{name} {price_s:.2f}" for name, price_s in prices.items()))
         for kind, (side_s, level_s) in fit_area_prices(samples).items():
-            print(f"{kind}: {side_s:.5f} s per mm2 of upright and {level_s:.5f} of level cut faces")
+            print(f"{kind}: {side_s:.5f} s per mm2 of upright and {level_s:.5f} of other cut faces")
 
 
 if __name__ == "__main__":
