@@ -123,7 +123,7 @@ def measure_cut_areas_mm2(part: Part, cost: CostModel) -> tuple[float, float]:
 
 
 def fit_area_prices(samples: list[Sample]) -> dict[str, tuple[float, float]]:
-    """Fit the seconds per mm2 of upright and of other cut faces, for pins and for marks, as `fit_prices` does."""
+    """Fit the seconds per mm2 of upright and of other cut faces, for pins and for marks; see `fit_prices`."""
     prices: dict[str, tuple[float, float]] = {}
     for group, kinds in {"pins": ("groove", "hole"), "marks": ("gutter", "mark")}.items():
         parts: dict[str, list[Sample]] = defaultdict(list)
