@@ -80,17 +80,17 @@ def print_program(
             try:
                 data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
                 port.write(link.take())
-            except PortError:
+                now_s = clock.now()
+                line, events = pass_to_link(link, data, now_s)
+                port.write(line)
+                events = [*events, *link.tick(now_s)]
+                faults += [event.fault for event in events if isinstance(event, LinkFault)]
+                if not is_connected and link.phase is Phase.LIVE:
+                    is_connected = True
+                    link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
+                port.write(link.take())
+            except PortError:  # by a read or, when the port goes after it, by any of the writes
                 return link, [Fault.PORT_LOST]
-            now_s = clock.now()
-            line, events = pass_to_link(link, data, now_s)
-            port.write(line)
-            events = [*events, *link.tick(now_s)]
-            faults += [event.fault for event in events if isinstance(event, LinkFault)]
-            if not is_connected and link.phase is Phase.LIVE:
-                is_connected = True
-                link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-            port.write(link.take())
     return link, faults
 
 
