@@ -27,7 +27,8 @@ from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
 MAX_ROUNDS = 8  # maximum number of rounds; each one chooses boxes, and computes their true prices
-MAX_REJECTIONS = 40  # maximum number of partitions rejected because of a sliver or a weak joint
+# Maximum number of partitions that are rejected because of a sliver, a weak joint, or a part without a pose.
+MAX_REJECTIONS = 40
 # Another round follows if the true makespan is more than this multiple of the expected one.
 RETRY_RATIO = 1.01
 # The least makespan according to the tables is sought to an accuracy of `TOLERANCE_S`, or of the share
@@ -136,8 +137,11 @@ class ExactSearch:
             if self._correct_piece_counts(boxes) or self._exclude_faulty_boxes(boxes):
                 self._drop_pieces(boxes)
                 continue
-            round_count += 1
             longest_s = self._compute_true_makespan_s(boxes)
+            if math.isinf(longest_s):  # the tables now exclude the box whose piece has no pose
+                self.rejections.append("fits its printer in no pose")
+                continue
+            round_count += 1
             if longest_s < best_s:
                 best_boxes, best_s = boxes, longest_s
             if longest_s <= RETRY_RATIO * makespan_s or round_count == MAX_ROUNDS:
@@ -297,7 +301,7 @@ class ExactSearch:
         problem, model = self.problem, self.problem.model
         if self.rejections:
             return NoFit(
-                f"no partition was found whose parts can all be glued well; in the last of "
+                f"no partition was found whose parts can all be printed and glued well; in the last of "
                 f"{len(self.rejections)} that were tried, one part {self.rejections[-1]}: use more printers, "
                 "a larger --longest-side, or (farm decompose) a lower --min-glue"
             )

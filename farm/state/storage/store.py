@@ -233,15 +233,18 @@ class Store:
         """Time after which events are missing from these books; None if no events are missing.
 
         Events are missing from a backup, and after lost commits, until a `BooksRestored` is committed.
+        Raises StoreError.
         """
-        (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
-        if at_s is None and self._has_lost_events:
-            (at_s,) = self._db.execute("SELECT coalesce(max(at_s), 0) FROM event").fetchone()
+        with _convert_read_errors():
+            (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
+            if at_s is None and self._has_lost_events:
+                (at_s,) = self._db.execute("SELECT coalesce(max(at_s), 0) FROM event").fetchone()
         return None if at_s is None else float(at_s)
 
     def load(self) -> Books:
-        """Load the books as last committed."""
-        return _load_books(self._db)
+        """Load the books as last committed. Raises StoreError."""
+        with _convert_read_errors():
+            return _load_books(self._db)
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
@@ -377,11 +380,11 @@ class Store:
 
 @contextmanager
 def _convert_read_errors() -> Iterator[None]:
-    """Raise SQLite's errors in a block that reads the event log as StoreError."""
+    """Raise SQLite's errors in a block that reads the database as StoreError."""
     try:
         yield
     except sqlite3.Error as error:
-        raise StoreError(f"the event log cannot be read: {error}") from error
+        raise StoreError(f"the database cannot be read: {error}") from error
 
 
 def _restrict_access(path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from decompose.geometry import Model
 from decompose.grid import Box, count_cuts, index_box
 from decompose.options import Engine, Options
 from decompose.pieces import Piece
-from decompose.print_time import CostModel
+from decompose.print_time import CostModel, Pose
 from decompose.printers import TargetPrinter
 from decompose.problem import Effort, Problem
 
@@ -155,3 +155,24 @@ def test_search_ends_when_its_share_of_the_budget_is_spent(
     ExactSearch(problem, grid, problem.price_boxes(grid), 1.0).run()
     assert effort.is_cut_short
     assert effort.spent_s < effort.budget_s
+
+
+def test_box_without_a_pose_is_replaced(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a part of each partition have no pose, for more partitions than a search has rounds."""
+    grid = problem.build_grid(problem.model)
+    search = ExactSearch(problem, grid, problem.price_boxes(grid), 0.0)
+    find_poses = Problem.find_poses
+    failed_count = 0
+
+    def find_poses_except_first(self: Problem, pieces: Sequence[Piece]) -> list[Pose | None]:
+        nonlocal failed_count
+        poses = find_poses(self, pieces)
+        if pieces and failed_count <= exact_search.MAX_ROUNDS:
+            failed_count += 1
+            poses[0] = None
+        return poses
+
+    monkeypatch.setattr(Problem, "find_poses", find_poses_except_first)
+    partition = search.run()
+    assert failed_count > exact_search.MAX_ROUNDS
+    assert partition and all(np.isfinite(search.true_times_s[box]) for box in partition)

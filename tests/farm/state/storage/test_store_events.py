@@ -74,7 +74,7 @@ def test_failed_deletion_of_events_raises_a_store_error(tmp_path):
         assert list_times_s(store) == [1.0, 2.0]
 
 
-def test_failed_reads_of_events_raise_a_store_error(tmp_path):
+def test_failed_reads_raise_a_store_error(tmp_path):
     with Store(tmp_path / "farm.db") as store:
         record_events(store, 1.0, 2.0)
     reads = (
@@ -83,7 +83,9 @@ def test_failed_reads_of_events_raise_a_store_error(tmp_path):
         lambda: store.read_events(0, 10),
         lambda: store.find_last_deletable_number(1.5, 10),
         lambda: store.count_events(2),
+        lambda: store.copied_s,
+        store.load,
     )
     for read in reads:
-        with pytest.raises(StoreError, match="the event log cannot be read"):
+        with pytest.raises(StoreError, match="the database cannot be read"):
             read()
