@@ -47,7 +47,7 @@ from decompose.errors import DecomposeError
 from decompose.export import write_decomposition
 from decompose.geometry import load_model
 from decompose.options import BUDGET_S, BestOptions, Engine, Options
-from decompose.print_time import CostModel, find_best_pose
+from decompose.print_time import CostModel, find_best_pose, measure_pose
 from decompose.printers import TargetPrinter
 from decompose.rebalance import rebalance_planes
 from decompose.results import Decomposition
@@ -56,6 +56,7 @@ from farm.compute import DeferredFunction, TaskFiles
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
+from farm.planning.parts.slice_part import resolve_slice_settings
 from farm.planning.printer_settings import build_slicing_printer, list_max_part_sizes_mm
 from farm.planning.tasks import slice_part
 from slicing.errors import SlicingError
@@ -212,26 +213,24 @@ def slice_parts(
 
 
 def slice_whole_model(run: Run, pose_name: str, results: Path, cache: Path) -> float | None:
-    """Slice the uncut model as it stands, or in its best pose; return CuraEngine's time in seconds."""
+    """Slice the uncut model as it stands, or in its best pose; return CuraEngine's time in seconds.
+
+    As for a part, its layers are fitted to its height, and its first layer and its brim to its foot.
+    """
     record_path = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole-{pose_name}.json"
     if record_path.is_file():
         seconds: float | None = json.loads(record_path.read_text())
         return seconds
-    vertices, faces = load_model(run.path, longest_side_mm=run.side_mm).solid.arrays()
-    if pose_name == BEST_POSE:
-        cost = CostModel.from_settings(make_print_time_settings(run.quality))
-        pose = find_best_pose(
-            vertices, faces, np.zeros(len(faces), np.bool_), (), cost, run.quality == "glue"
-        )
-        assert pose is not None  # no model is too large for a printer without limits
-        vertices = vertices @ pose.to_model[:3, :3]
-    lo, hi = vertices.min(axis=0), vertices.max(axis=0)
-    mesh = trimesh.Trimesh(vertices - [*(lo + hi)[:2] / 2.0, lo[2]], faces, process=False)
     stl = results / f"{run.path.stem}-whole-{pose_name}.stl"
+    gcode, resources = stl.with_suffix(".gcode"), find_resources()
+    mesh, print_options = _place_whole_model(run, pose_name)
     mesh.export(stl)
-    settings = resolve_settings(run.settings_request, find_resources())
-    gcode = stl.with_suffix(".gcode")
-    request = PlateRequest(stl, settings, gcode, find_engine(), ENDLESS_BED, WHOLE_TIMEOUT_S, cache)
+    task = SliceTask(
+        "whole", stl, run.settings_request, resources, resolve_settings(run.settings_request, resources), (),
+        find_engine(), gcode, cache, print_options,
+    )  # fmt: skip
+    settings = resolve_slice_settings(task, mesh)
+    request = PlateRequest(stl, settings, gcode, task.engine, ENDLESS_BED, WHOLE_TIMEOUT_S, cache)
     try:
         seconds = slice_plate(request).sliced_s
     except SlicingError as error:
@@ -241,6 +240,23 @@ def slice_whole_model(run: Run, pose_name: str, results: Path, cache: Path) -> f
     stl.unlink()
     gcode.unlink(missing_ok=True)
     return seconds
+
+
+def _place_whole_model(run: Run, pose_name: str) -> tuple[trimesh.Trimesh, PartPrintOptions]:
+    """Place the uncut model on the bed, as it stands or in its best pose; return it with its settings."""
+    vertices, faces = load_model(run.path, longest_side_mm=run.side_mm).solid.arrays()
+    cost, is_cut = CostModel.from_settings(make_print_time_settings(run.quality)), np.zeros(len(faces), bool)
+    fits_first_layer = run.quality == "glue"
+    if pose_name == BEST_POSE:
+        pose = find_best_pose(vertices, faces, is_cut, (), cost, fits_first_layer)
+        assert pose is not None  # no model is too large for a printer without limits
+    else:
+        pose = measure_pose(vertices, faces, is_cut, np.eye(3), cost, fits_first_layer)
+    placed_mm = (vertices - pose.to_model[:3, 3]) @ pose.to_model[:3, :3]
+    print_options = PartPrintOptions(
+        brim_width_mm=pose.brim_width_mm, layer_0_expansion_mm=pose.layer_0_expansion_mm
+    )
+    return trimesh.Trimesh(placed_mm, faces, process=False), print_options
 
 
 def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
