@@ -36,6 +36,26 @@ class Runs(NamedTuple):
     ends: Floats
 
 
+class RasterCounts(NamedTuple):
+    """Counts in the raster of one level.
+
+    Attributes
+    ----------
+    islands, bodies, holes
+        Number of islands, of bodies, and of holes of the bodies. Cells that share a corner are connected.
+    solid_cells
+        Number of cells of solid.
+    rectangle_cells
+        Number of cells of the smallest rectangle around all cells that are not empty.
+    """
+
+    islands: int
+    bodies: int
+    holes: int
+    solid_cells: int
+    rectangle_cells: int
+
+
 @jit
 def sum_islands_mm(
     runs: Runs, shape: tuple[int, int], height_mm: float, step_mm: float
@@ -63,21 +83,19 @@ def sum_islands_mm(
     extra_island_count, extra_body_count, total_hole_count, hole_paths_mm, island_paths_mm = 0, 0, 0, 0.0, 0.0
     rows, row_length = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
     kinds = _fill_levels(runs, ny, height_mm, (rows, row_length))
-    parent = np.zeros(rows * row_length, np.int64)
     for level in range(ISLAND_LEVEL_COUNT):
-        kind = kinds[level]
-        island_count, body_count, cell_count = _count_islands(kind, parent, rows, row_length)
-        if island_count > 1:
-            rectangle_cell_count = _count_rectangle_cells(kind, rows, row_length)
-            extra_island_count += island_count - 1
+        counts = count_islands(kinds[level])
+        if counts.islands > 1:
+            extra_island_count += counts.islands - 1
             island_paths_mm += _estimate_paths_mm(
-                island_count - 1, island_count, rectangle_cell_count, step_mm
+                counts.islands - 1, counts.islands, counts.rectangle_cells, step_mm
             )
-        extra_body_count += max(0, body_count - 1)
-        hole_count = max(0, body_count - _compute_euler_number(kind, rows, row_length))
-        if hole_count > 0:
-            total_hole_count += hole_count
-            hole_paths_mm += _estimate_paths_mm(hole_count, body_count + hole_count, cell_count, step_mm)
+        extra_body_count += max(0, counts.bodies - 1)
+        if counts.holes > 0:
+            total_hole_count += counts.holes
+            hole_paths_mm += _estimate_paths_mm(
+                counts.holes, counts.bodies + counts.holes, counts.solid_cells, step_mm
+            )
     level_mm = height_mm / ISLAND_LEVEL_COUNT
     return (
         extra_island_count * level_mm,
@@ -129,105 +147,75 @@ def _fill_levels(runs: Runs, ny: int, height_mm: float, shape: tuple[int, int]) 
     Returns
     -------
     ndarray
-        (ISLAND_LEVEL_COUNT, rows * row_length) int8: 1 for solid, 2 for support, else 0.
+        (ISLAND_LEVEL_COUNT, rows, row_length) int8: 1 for solid, 2 for support, else 0.
     """
     rows, row_length = shape
-    kinds = np.zeros((ISLAND_LEVEL_COUNT, rows * row_length), np.int8)
-    for index in range(rows * row_length):
-        column = index // row_length * ISLAND_STRIDE * ny + index % row_length * ISLAND_STRIDE
-        for k in range(runs.start[column], runs.start[column] + runs.counts[column]):
-            bottom_mm, top_mm = runs.ends[k, 0], runs.ends[k, 1]
-            support_bottom_mm = bottom_mm - runs.ends[k, 3]
-            for level in range(ISLAND_LEVEL_COUNT):
+    kinds = np.zeros((ISLAND_LEVEL_COUNT, rows, row_length), np.int8)
+    for i in range(rows):
+        for j in range(row_length):
+            column = i * ISLAND_STRIDE * ny + j * ISLAND_STRIDE
+            for k in range(runs.start[column], runs.start[column] + runs.counts[column]):
+                bottom_mm, top_mm = runs.ends[k, 0], runs.ends[k, 1]
+                support_bottom_mm = bottom_mm - runs.ends[k, 3]
+                # The last level below the support or the run, or an earlier one.
+                level = max(0, int(support_bottom_mm / height_mm * ISLAND_LEVEL_COUNT - 1.0))
                 z_mm = height_mm * (level + 0.5) / ISLAND_LEVEL_COUNT
-                if bottom_mm < z_mm < top_mm:
-                    kinds[level, index] = 1
-                elif support_bottom_mm < z_mm <= bottom_mm:
-                    kinds[level, index] = 2
+                while level < ISLAND_LEVEL_COUNT and z_mm < top_mm:
+                    if z_mm > support_bottom_mm:
+                        kinds[level, i, j] = 1 if z_mm > bottom_mm else 2
+                    level += 1
+                    z_mm = height_mm * (level + 0.5) / ISLAND_LEVEL_COUNT
     return kinds
 
 
 @jit
-def _count_rectangle_cells(kind: Bytes, rows: int, row_length: int) -> int:
-    """Count the cells of the smallest rectangle around the cells of a raster that are not empty.
+def count_islands(kinds: Bytes) -> RasterCounts:
+    """Count the islands, the bodies and their holes in a raster.
+
+    Each row is divided into stretches of cells of one kind. The number of bodies minus the number of holes is
+    the number of their stretches minus the number of contacts between stretches in neighbouring rows.
 
     Parameters
     ----------
-    kind
-        (rows * row_length,) int8, 0 for an empty cell.
-    rows, row_length
-        Number of rows of the raster, and number of cells in each row.
+    kinds
+        (rows, row_length) int8: 1 for solid, 2 for support, else 0.
     """
+    rows, row_length = kinds.shape
+    # Kind, first and last cell of each stretch, row after row.
+    stretches = np.zeros((rows * row_length, 3), np.int64)
+    parent = np.arange(rows * row_length)
+    island_count, body_count, body_contact_count, body_stretch_count, solid_cell_count = 0, 0, 0, 0, 0
     low_i, high_i, low_j, high_j = rows, -1, row_length, -1
+    row_start, count = 0, 0  # first stretch of the previous row, and number of stretches before this row
     for i in range(rows):
-        for j in range(row_length):
-            if kind[i * row_length + j] > 0:
-                low_i, high_i, low_j, high_j = min(low_i, i), max(high_i, i), min(low_j, j), max(high_j, j)
-    return max(0, high_i + 1 - low_i) * max(0, high_j + 1 - low_j)
-
-
-@jit
-def _count_islands(kind: Bytes, parent: Ints, rows: int, row_length: int) -> tuple[int, int, int]:
-    """Count the islands, the bodies, and the cells of solid in a raster.
-
-    Parameters
-    ----------
-    kind
-        (rows * row_length,) int8: 1 for solid, 2 for support, else 0.
-    parent
-        (rows * row_length,) int64 buffer for the forest of connected cells; it is overwritten.
-    rows, row_length
-        Number of rows of the raster, and number of cells in each row.
-    """
-    island_count, body_count, cell_count = 0, 0, 0
-    for i in range(rows):
-        for j in range(row_length):
-            index = i * row_length + j
-            parent[index] = index
-            if kind[index] == 0:
+        previous, previous_end = row_start, count
+        row_start, j = count, 0
+        while j < row_length:
+            kind = kinds[i, j]
+            first = j
+            j += 1
+            if kind == 0:
                 continue
-            solid_count = 1 if kind[index] == 1 else 0
-            island_count, body_count, cell_count = (
-                island_count + 1,
-                body_count + solid_count,
-                cell_count + solid_count,
-            )
-            for n in range(4):  # the four neighbours that have been visited
-                u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
-                if u < 0 or v < 0 or v >= row_length or kind[u * row_length + v] != kind[index]:
-                    continue
-                joined_count = join_sets(parent, index, u * row_length + v)
-                island_count -= joined_count
-                body_count -= solid_count * joined_count
-    return island_count, body_count, cell_count
-
-
-@jit
-def _compute_euler_number(kind: Bytes, rows: int, row_length: int) -> int:
-    """Compute the Euler number of a raster: the number of bodies minus the number of holes.
-
-    The number follows from the patterns of two by two cells (Gray 1971). Cells that share a corner are one
-    body.
-
-    Parameters
-    ----------
-    kind
-        (rows * row_length,) int8: 1 for solid.
-    rows, row_length
-        Number of rows of the raster, and number of cells in each row.
-    """
-    quads = 0
-    for i in range(-1, rows):
-        for j in range(-1, row_length):
-            a = i >= 0 and j >= 0 and kind[i * row_length + j] == 1
-            b = i >= 0 and j + 1 < row_length and kind[i * row_length + j + 1] == 1
-            c = i + 1 < rows and j >= 0 and kind[(i + 1) * row_length + j] == 1
-            d = i + 1 < rows and j + 1 < row_length and kind[(i + 1) * row_length + j + 1] == 1
-            filled_count = int(a) + int(b) + int(c) + int(d)
-            if filled_count == 1:
-                quads += 1
-            elif filled_count == 3:
-                quads -= 1
-            elif filled_count == 2 and a == d:
-                quads -= 2
-    return quads // 4
+            while j < row_length and kinds[i, j] == kind:
+                j += 1
+            stretches[count, 0], stretches[count, 1], stretches[count, 2] = kind, first, j - 1
+            low_i, high_i, low_j, high_j = min(low_i, i), i, min(low_j, first), max(high_j, j - 1)
+            is_body = 1 if kind == 1 else 0
+            island_count += 1
+            body_count += is_body
+            body_stretch_count += is_body
+            solid_cell_count += is_body * (j - first)
+            while previous < previous_end and stretches[previous, 2] < first - 1:
+                previous += 1
+            k = previous
+            while k < previous_end and stretches[k, 1] <= j:
+                if stretches[k, 0] == kind:
+                    joined_count = join_sets(parent, count, k)
+                    island_count -= joined_count
+                    body_count -= is_body * joined_count
+                    body_contact_count += is_body
+                k += 1
+            count += 1
+    hole_count = body_count + body_contact_count - body_stretch_count
+    rectangle_cell_count = max(0, high_i + 1 - low_i) * max(0, high_j + 1 - low_j)
+    return RasterCounts(island_count, body_count, hole_count, solid_cell_count, rectangle_cell_count)
