@@ -7,13 +7,13 @@ wall behind it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from decompose.arrays import Bools, Floats
 from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
-from decompose.jit import jit
 
 SAME_PLANE_MM = 1e-9  # maximum difference between coordinates of the same plane
 MAX_DIVISION = 4  # maximum number of fine cells along each side of a cell
@@ -70,7 +70,7 @@ def _find_near_cells(bounds_mm: Floats, planes: tuple[Floats, Floats, Floats], d
     return np.asarray(counts[:-1, :-1, :-1] > 0)
 
 
-MAX_UNCOVERED_SHARE = 1e-9  # maximum share of a cell that may stay uncovered because of rounding
+MAX_UNCOVERED_CELLS = 1e-6  # maximum volume in cells that may stay uncovered because of rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,10 +83,18 @@ class NeededCells:
         (n + 1,) ascending coordinates of the planes perpendicular to each axis, in mm.
     is_needed
         (nx, ny, nz) bool, true for cells to be covered.
+    counts_below
+        (nx + 1, ny + 1, nz + 1) float64 number of needed cells between the lowest corner of the grid and each
+        of its corners.
     """
 
     planes: tuple[Floats, Floats, Floats]
     is_needed: Bools
+    counts_below: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        sums = self.is_needed.cumsum(axis=0, dtype=np.float64).cumsum(axis=1).cumsum(axis=2)
+        object.__setattr__(self, "counts_below", np.pad(sums, ((1, 0),) * 3))
 
     def is_partition(self, boxes_mm: Floats) -> bool:
         """Check whether boxes (n, 2, 3) in mm do not overlap, and cover all needed cells."""
@@ -94,35 +102,25 @@ class NeededCells:
         overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
         if (np.triu((overlap > SAME_PLANE_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_PLANE_MM).any():
             return False
-        x_shares, y_shares, z_shares = (
-            np.maximum(
-                0.0,
-                np.minimum(hi[:, axis, None], planes[1:]) - np.maximum(lo[:, axis, None], planes[:-1]),
+        uncovered_cells = self.counts_below[-1, -1, -1] - self._sum_covered_cells(boxes_mm)
+        return bool(uncovered_cells <= MAX_UNCOVERED_CELLS)
+
+    def _sum_covered_cells(self, boxes_mm: Floats) -> float:
+        """Sum the shares of the needed cells that disjoint boxes (n, 2, 3) cover.
+
+        Within a cell, the covered share is linear along each axis, as are the sums between its corners.
+        """
+        positions = np.stack(
+            [
+                np.interp(boxes_mm[:, :, axis], planes, np.arange(len(planes)))
+                for axis, planes in enumerate(self.planes)
+            ]
+        )  # (3, n, 2)
+        covered_cells = 0.0
+        for corner in np.ndindex(2, 2, 2):
+            points = np.stack([positions[axis, :, side] for axis, side in enumerate(corner)])
+            sign = 1 - 2 * ((3 - sum(corner)) % 2)
+            covered_cells += sign * float(
+                map_coordinates(self.counts_below, points, order=1, mode="nearest").sum()
             )
-            / np.diff(planes)
-            for axis, planes in enumerate(self.planes)
-        )
-        return bool(_covers_all(x_shares, y_shares, z_shares, self.is_needed))
-
-
-@jit
-def _covers_all(x_shares: Floats, y_shares: Floats, z_shares: Floats, is_needed: Bools) -> bool:
-    """Check whether boxes cover all needed cells, except for rounding.
-
-    Parameters
-    ----------
-    x_shares, y_shares, z_shares
-        (n, nx), (n, ny) and (n, nz) float64 share of each cell's length that each box covers, along each
-        axis.
-    is_needed
-        (nx, ny, nz) bool, true for cells to be covered.
-    """
-    covered_shares = np.zeros(is_needed.shape)
-    for box in range(len(x_shares)):
-        rows, layers = np.flatnonzero(y_shares[box]), np.flatnonzero(z_shares[box])
-        for x in np.flatnonzero(x_shares[box]):
-            for y in rows:
-                base_share = x_shares[box, x] * y_shares[box, y]
-                for z in layers:
-                    covered_shares[x, y, z] += base_share * z_shares[box, z]
-    return not np.any(is_needed & (covered_shares <= 1.0 - MAX_UNCOVERED_SHARE))
+        return covered_cells

@@ -78,3 +78,38 @@ def test_kept_interior_is_needed(cost: CostModel) -> None:
     volume_mm3 = np.prod(np.meshgrid(*map(np.diff, kept_cells.planes), indexing="ij"), axis=0)
     assert volume_mm3[kept_cells.is_needed].sum() >= np.prod(SIDES_MM)
     assert volume_mm3[shell_cells.is_needed].sum() < np.prod(SIDES_MM)
+
+
+def measure_uncovered_cells(cells: NeededCells, boxes_mm: np.ndarray) -> float:
+    """Sum the uncovered shares of the needed cells, cell by cell."""
+    covered_shares = np.zeros(cells.is_needed.shape)
+    for box_mm in boxes_mm:
+        x, y, z = (
+            np.clip(np.minimum(box_mm[1, a], p[1:]) - np.maximum(box_mm[0, a], p[:-1]), 0.0, None)
+            / np.diff(p)
+            for a, p in enumerate(cells.planes)
+        )
+        covered_shares += x[:, None, None] * y[:, None] * z
+    return float(np.where(cells.is_needed, 1.0 - covered_shares, 0.0).sum())
+
+
+@given(st.integers(0, 10**6), st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_boxes_are_a_partition_if_every_needed_cell_is_covered(seed: int, shrinks: bool) -> None:
+    """Cut a block into boxes at random planes; perhaps shrink them, so that cells may be left open."""
+    rng = np.random.default_rng(seed)
+    planes = tuple(np.cumsum(rng.uniform(0.5, 3.0, rng.integers(3, 7))) for _ in range(3))
+    is_needed = rng.random([len(p) - 1 for p in planes]) < rng.choice([0.1, 0.5, 1.0])
+    cells = NeededCells(planes, is_needed)
+    boxes_mm = np.array([[[p[0] - 1.0 for p in planes], [p[-1] + 1.0 for p in planes]]])
+    for _ in range(rng.integers(0, 6)):
+        i, axis = rng.integers(len(boxes_mm)), rng.integers(3)
+        low_mm, high_mm = boxes_mm[i, :, axis]
+        cut_mm = rng.choice([rng.uniform(low_mm, high_mm), (low_mm + high_mm) / 2.0])
+        boxes_mm = np.concatenate([boxes_mm, boxes_mm[i : i + 1]])
+        boxes_mm[i, 1, axis] = boxes_mm[-1, 0, axis] = cut_mm
+    if shrinks:
+        sides, axis = rng.integers(2), rng.integers(3)
+        boxes_mm[rng.integers(len(boxes_mm)), sides, axis] += (0.5 - sides) * rng.choice([0.02, 0.4])
+    if (boxes_mm[:, 0] < boxes_mm[:, 1]).all():
+        assert cells.is_partition(boxes_mm) == (measure_uncovered_cells(cells, boxes_mm) < 1e-6)
