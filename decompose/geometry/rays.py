@@ -130,43 +130,67 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     rays
         Vertical rays.
     """
+    ny = rays.shape[1]
+    rows, counts = _find_crossed_rows(triangles, normals, rays)
+    crossings = _allocate_crossings(counts)
+    fill_counts = np.zeros(len(counts) - 1, np.int64)
+    (x0, y0), step_mm = rays.origin_mm, rays.step_mm
+    for k in range(len(rows)):
+        t, i = rows[k, 0], rows[k, 1]
+        (ax, ay, az), slope_x, slope_y, (lowest, highest) = _compute_plane(triangles, normals, t)
+        row_z = az + (x0 + i * step_mm - ax) * slope_x
+        for j in range(rows[k, 2], rows[k, 3]):
+            z = row_z + (y0 + j * step_mm - ay) * slope_y
+            column = i * ny + j
+            _insert_crossing(crossings, column, fill_counts[column], min(max(z, lowest), highest), t)
+            fill_counts[column] += 1
+    return crossings
+
+
+@jit
+def _find_crossed_rows(triangles: Floats, normals: Floats, rays: Rays) -> tuple[Ints, Ints]:
+    """Find the rays of constant x that cross each triangle.
+
+    Parameters
+    ----------
+    triangles, normals, rays
+        As in `find_crossings`.
+
+    Returns
+    -------
+    tuple
+        (rows, 4) int64: triangle, index along x, and half-open range of the indices along y. Then 0 and the
+        number of crossings of each ray, (rays + 1,) int64.
+    """
     x0, y0, step_mm = rays.origin_mm[0], rays.origin_mm[1], rays.step_mm
     nx, ny = rays.shape
-    crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
-    fill_counts = np.zeros(nx * ny, np.int64)
+    counts = np.zeros(nx * ny + 1, np.int64)
+    rows, row_count = np.zeros((len(triangles) + 4 * nx, 4), np.int64), 0
     edges = np.zeros((3, 4))
-    # The first `crossed_count` of these triangles may be crossed by rays.
-    crossed_triangles, crossed_count = np.arange(len(triangles)), len(triangles)
-    for round_number in range(2):  # the first round counts the crossings, the second one fills them in
-        if round_number == 1:
-            crossings = _allocate_crossings(crossings.start)
-        triangle_count, crossed_count = crossed_count, 0
-        for k in range(triangle_count):
-            t = crossed_triangles[k]
-            if normals[t, 2] == 0.0:
+    for t in range(len(triangles)):
+        if normals[t, 2] == 0.0:
+            continue
+        (first_x, end_x), (first_y, end_y) = _find_ray_rectangle(triangles, t, rays)
+        if first_x >= end_x or first_y >= end_y:  # most triangles of a fine mesh are between the rays
+            continue
+        _set_edges(triangles, t, edges)
+        if row_count + end_x - first_x > len(rows):
+            more_rows = np.zeros((2 * len(rows) + end_x - first_x, 4), np.int64)
+            more_rows[:row_count] = rows[:row_count]
+            rows = more_rows
+        for i in range(first_x, end_x):
+            low, high = _find_edge_span(edges, x0 + i * step_mm)
+            if low > high:
                 continue
-            (first_x, end_x), (first_y, end_y) = _find_ray_rectangle(triangles, t, rays)
-            if first_x >= end_x or first_y >= end_y:  # most triangles of a fine mesh are between the rays
+            begin, end = _find_ray_range(low, high, y0, step_mm, ny)
+            if begin >= end:
                 continue
-            crossed_triangles[crossed_count] = t
-            crossed_count += 1
-            _set_edges(triangles, t, edges)
-            (ax, ay, az), slope_x, slope_y, (lowest, highest) = _compute_plane(triangles, normals, t)
-            for i in range(first_x, end_x):
-                x = x0 + i * step_mm
-                low, high = _find_edge_span(edges, x)
-                if low > high:
-                    continue
-                begin, end = _find_ray_range(low, high, y0, step_mm, ny)
-                for j in range(begin, end):
-                    column = i * ny + j
-                    if round_number == 0:
-                        crossings.start[column + 1] += 1
-                        continue
-                    z = az + (x - ax) * slope_x + (y0 + j * step_mm - ay) * slope_y
-                    _insert_crossing(crossings, column, fill_counts[column], min(max(z, lowest), highest), t)
-                    fill_counts[column] += 1
-    return crossings
+            rows[row_count, 0], rows[row_count, 1] = t, i
+            rows[row_count, 2], rows[row_count, 3] = begin, end
+            row_count += 1
+            for column in range(i * ny + begin, i * ny + end):
+                counts[column + 1] += 1
+    return rows[:row_count], counts
 
 
 @jit_inline
