@@ -48,6 +48,17 @@ def test_supports_end_on_the_part(bench: Solid) -> None:
     assert result.touched_mm2 == 0.0
 
 
+def test_narrow_supports_of_a_large_model_are_measured() -> None:
+    """Leave slots of 2.5 mm between walls below a roof of 450 x 300 mm."""
+    starts_mm = np.arange(0.0, 450.0, 18.7).tolist()
+    walls = [Solid.box((x, 0, 0), (x + 16.2, 300, 20)) for x in starts_mm]
+    roof = Solid.box((0, 0, 20), (starts_mm[-1] + 16.2, 300, 25))
+    result = measure_solid(Solid.union([*walls, roof]))
+    slot_count = len(walls) - 1
+    assert result.support_mm3 == pytest.approx(slot_count * 2.5 * 300 * 20, rel=0.1)
+    assert result.support_side_mm2 == pytest.approx(slot_count * 2 * (300 + 2.5) * 20, rel=0.05)
+
+
 def test_marked_faces_are_touched_from_below_and_from_above(bench: Solid) -> None:
     # Support touches the seat, but not the base of the foot.
     assert measure_solid(bench, -1.0).touched_mm2 == pytest.approx(30 * 20, rel=0.05)
