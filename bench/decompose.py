@@ -217,7 +217,7 @@ def slice_whole_model(run: Run, pose_name: str, results: Path, cache: Path) -> f
 
     As for a part, its layers are fitted to its height, and its first layer and its brim to its foot.
     """
-    record_path = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole-{pose_name}.json"
+    record_path = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-uncut-{pose_name}.json"
     if record_path.is_file():
         seconds: float | None = json.loads(record_path.read_text())
         return seconds

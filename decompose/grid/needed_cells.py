@@ -70,7 +70,9 @@ def _find_near_cells(bounds_mm: Floats, planes: tuple[Floats, Floats, Floats], d
     return np.asarray(counts[:-1, :-1, :-1] > 0)
 
 
-MAX_UNCOVERED_CELLS = 1e-6  # maximum volume in cells that may stay uncovered because of rounding
+# Maximum share of all cells that may stay uncovered because of rounding, or of faces that are not exactly at
+# the same coordinate (`SAME_PLANE_MM`).
+MAX_UNCOVERED_SHARE = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +105,7 @@ class NeededCells:
         if (np.triu((overlap > SAME_PLANE_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_PLANE_MM).any():
             return False
         uncovered_cells = self.counts_below[-1, -1, -1] - self._sum_covered_cells(boxes_mm)
-        return bool(uncovered_cells <= MAX_UNCOVERED_CELLS)
+        return bool(uncovered_cells <= MAX_UNCOVERED_SHARE * self.is_needed.size)
 
     def _sum_covered_cells(self, boxes_mm: Floats) -> float:
         """Sum the shares of the needed cells that disjoint boxes (n, 2, 3) cover.

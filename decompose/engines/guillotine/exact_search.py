@@ -27,8 +27,8 @@ from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
 MAX_ROUNDS = 8  # maximum number of rounds; each one chooses boxes, and computes their true prices
-# Maximum number of partitions that are rejected because of a sliver, a weak joint, or a part without a pose.
-MAX_REJECTIONS = 40
+MAX_REJECTIONS = 40  # maximum number of partitions rejected because of a sliver or a weak joint
+MAX_UNPOSED_COUNT = 40  # maximum number of partitions with a part that has no pose
 # Another round follows if the true makespan is more than this multiple of the expected one.
 RETRY_RATIO = 1.01
 # The least makespan according to the tables is sought to an accuracy of `TOLERANCE_S`, or of the share
@@ -116,7 +116,7 @@ class ExactSearch:
         """Search for the partition with the least true makespan; return its boxes, and the pieces in each."""
         best_boxes: list[Box] = []
         best_s = math.inf
-        round_count, effort = 0, self.problem.effort
+        round_count, unposed_count, effort = 0, 0, self.problem.effort
         search_end_s = effort.spent_s + SEARCH_SHARE * (effort.budget_s - effort.reserved_s - effort.spent_s)
         while True:
             is_late = effort.spent_s >= search_end_s
@@ -126,7 +126,8 @@ class ExactSearch:
                     break
             tolerance_s = max(TOLERANCE_S, (LATE_TOLERANCE if is_late else TOLERANCE) * self.min_s)
             makespan_s = self._solve(len(self.problem.printers), tolerance_s)
-            if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
+            is_hopeless = len(self.rejections) > MAX_REJECTIONS or unposed_count > MAX_UNPOSED_COUNT
+            if makespan_s is None or is_hopeless:
                 if best_boxes:
                     break  # prices only grow, so no other partition fits
                 raise self._make_no_fit_error()
@@ -139,7 +140,7 @@ class ExactSearch:
                 continue
             longest_s = self._compute_true_makespan_s(boxes)
             if math.isinf(longest_s):  # the tables now exclude the box whose piece has no pose
-                self.rejections.append("fits its printer in no pose")
+                unposed_count += 1
                 continue
             round_count += 1
             if longest_s < best_s:
@@ -226,7 +227,7 @@ class ExactSearch:
     def _improve_partition(self, partition: list[Box]) -> list[Box]:
         """Improve a partition at true prices by neighbourhood search, not limited to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
-            if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
+            if len(self.rejections) >= MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
             boxes = improve_locally(
                 self.tables, partition, len(self.problem.printers), effort=self.problem.effort
@@ -301,7 +302,7 @@ class ExactSearch:
         problem, model = self.problem, self.problem.model
         if self.rejections:
             return NoFit(
-                f"no partition was found whose parts can all be printed and glued well; in the last of "
+                f"no partition was found whose parts can all be glued well; in the last of "
                 f"{len(self.rejections)} that were tried, one part {self.rejections[-1]}: use more printers, "
                 "a larger --longest-side, or (farm decompose) a lower --min-glue"
             )
@@ -315,5 +316,9 @@ class ExactSearch:
                 f"{format_size(problem.max_part_sides_mm)} mm (without clips and brim): printers with room "
                 f"for {math.ceil(min_mm)} mm along each axis would be enough",
                 is_too_large=True,
+            )
+        if needed_printer_count <= len(problem.printers):
+            return NoFit(
+                "in each partition that was tried, a part fits its printer in no pose: use more printers"
             )
         return NoFit.from_shortage(model.extents_mm, needed_printer_count, len(problem.printers))

@@ -20,6 +20,7 @@ COLUMN_COUNT = 12_000  # approximate number of columns; support volumes have err
 # Maximum distance between these columns, for which there may be more of them: with 4 mm instead of 2 mm, the
 # narrow supports of a model that is larger than a bed have a quarter less area on their sides.
 MAX_STEP_MM = 2.0
+MAX_COLUMN_COUNT = 60_000  # maximum number of columns, approximately: those of a bed of 490 x 490 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +89,7 @@ class Columns:
 
 
 def measure_columns(
-    triangles: Floats, is_marked: Bools, overhang_cos: float, count: int | None = None
+    triangles: Floats, is_marked: Bools, overhang_cos: float, count: float | None = None
 ) -> Columns:
     """Cut a closed mesh into upright columns and measure its supports, mass and islands.
 
@@ -106,9 +107,9 @@ def measure_columns(
     triangles = np.ascontiguousarray(triangles)
     lo_mm, hi_mm = find_bounds(triangles)
     width_mm, depth_mm, height_mm = (hi_mm - lo_mm).tolist()
-    max_step_mm = math.inf if count else MAX_STEP_MM
-    step_mm = math.sqrt(width_mm * depth_mm / (count or COLUMN_COUNT))
-    step_mm = max(MIN_STEP_MM, min(step_mm, max_step_mm))
+    area_mm2 = width_mm * depth_mm
+    count = count or min(MAX_COLUMN_COUNT, max(COLUMN_COUNT, area_mm2 / MAX_STEP_MM**2))
+    step_mm = max(MIN_STEP_MM, math.sqrt(area_mm2 / count))
     rays = place_rays(lo_mm, hi_mm, step_mm)
     sums = sweep_columns(triangles, is_marked.astype(np.float64), rays, height_mm, overhang_cos)
     mass = np.maximum(sums.level_moments[:, 3:], 1e-12)

@@ -243,8 +243,7 @@ class Store:
 
     def load(self) -> Books:
         """Load the books as last committed. Raises StoreError."""
-        with _convert_read_errors():
-            return _load_books(self._db)
+        return _load_books(self._db)
 
     @contextmanager
     def transaction(self) -> Iterator[None]:

@@ -124,9 +124,10 @@ class PartCutter:
         part
             Part in its poses.
         is_measured
-            (2, 3) bool, true for faces whose slopes are measured; the others are 0.
+            (2, 3) bool, true for faces whose slopes are measured; the others are nan, like those of a part
+            that is too thin for it or would be split.
         """
-        slopes_s_per_mm = np.zeros((2, 3))
+        slopes_s_per_mm = np.full((2, 3), math.nan)
         for side, axis in np.ndindex(2, 3):
             length_mm = part.box_mm[1, axis] - part.box_mm[0, axis]
             if not is_measured[side, axis] or length_mm < 2.0 * PROBE_MM:

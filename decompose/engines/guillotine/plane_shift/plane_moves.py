@@ -21,8 +21,8 @@ from decompose.grid import SAME_PLANE_MM, Box, FlatFaces, Grid, NeededCells, ref
 from decompose.options import Interior
 from decompose.problem import Problem
 
-# Maximum number of fine cells, multiplied by the number of boxes, for which a check of a partition is quick
-# enough; the needed cells are refined only up to it.
+# Maximum number of fine cells, multiplied by the number of boxes. The needed cells are refined only up to it,
+# because finding them takes time and memory.
 MAX_CELL_BOXES = 20_000_000
 MIN_GAIN_S_PER_MM = 0.05  # minimum gain for each mm of a move, so that no face moves without a gain
 # Moves much shorter than this barely change the slopes: support volume, and so print time, changes in steps.
@@ -79,7 +79,7 @@ def extend_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
 
 
 def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
-    """Refine the needed cells, but only as far as partitions can still be checked quickly.
+    """Refine the needed cells, up to the limit on their number.
 
     Parameters
     ----------

@@ -232,8 +232,9 @@ class _PlaneShift:
         arguments = numbers, [parts[i] for i in numbers], is_missing[numbers]
         measured_slopes = self.problem.map(self.cutter.measure_slopes, *arguments)
         for i, slopes_s_per_mm in zip(numbers, measured_slopes, strict=True):
-            self.slopes.s_per_mm[i][is_missing[i]] = slopes_s_per_mm[is_missing[i]]
-        self.slopes.is_known[is_missing] = True
+            is_measured = np.isfinite(slopes_s_per_mm)
+            self.slopes.s_per_mm[i][is_measured] = slopes_s_per_mm[is_measured]
+            self.slopes.is_known[i] |= is_measured
 
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
         """Check whether any piece cannot be glued well."""

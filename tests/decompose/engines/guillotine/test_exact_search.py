@@ -11,6 +11,7 @@ import pytest
 from decompose.engines.guillotine import exact_search
 from decompose.engines.guillotine.exact_search import LOOSER_LIMIT_SHARES, ExactSearch
 from decompose.engines.guillotine.partitioner import Partitioner
+from decompose.errors import NoFit
 from decompose.geometry import Model
 from decompose.grid import Box, count_cuts, index_box
 from decompose.options import Engine, Options
@@ -176,3 +177,11 @@ def test_box_without_a_pose_is_replaced(problem: Problem, monkeypatch: pytest.Mo
     partition = search.run()
     assert failed_count > exact_search.MAX_ROUNDS
     assert partition and all(np.isfinite(search.true_times_s[box]) for box in partition)
+
+
+def test_parts_without_a_pose_are_no_weak_joints(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = problem.build_grid(problem.model)
+    search = ExactSearch(problem, grid, problem.price_boxes(grid), 0.0)
+    monkeypatch.setattr(Problem, "find_poses", lambda _, pieces: [None] * len(pieces))
+    with pytest.raises(NoFit, match=r"(?s)^(?!.*glue)"):
+        search.run()

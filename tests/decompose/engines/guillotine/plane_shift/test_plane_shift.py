@@ -241,18 +241,18 @@ def test_slopes_are_measured_once_for_searches_that_follow_one_another(
         return measure_slopes(self, i, part, is_measured)
 
     monkeypatch.setattr(PartCutter, "measure_slopes", record_faces)
-    problem = make_problem(tapered_block, cost, 2, cells=2)
-    search, parts = start_shift(problem)
-    parts = search.improve_parts(parts)
-    first_faces = sorted(measured_faces)
-    assert first_faces == sorted((i, *face) for i, *face in np.argwhere(search.groups >= 0).tolist())
-    boxes_mm = np.array([part.box_mm for part in parts])
-    pieces = [part.pieces for part in parts]
-    next_search = _PlaneShift(
-        problem, search.cells, search.reach_mm.repeat(3)[:3], boxes_mm, pieces, search.slopes
-    )
-    next_search.improve_parts(next_search.pose_start_parts())
-    assert sorted(measured_faces) == first_faces
+    improve_parts, searches = _PlaneShift.improve_parts, []
+
+    def improve_twice(self: _PlaneShift, parts: list[BoxPart]) -> list[BoxPart]:
+        searches.append(self)
+        monkeypatch.setattr(plane_shift, "MIN_TOTAL_GAIN", -1.0 if len(searches) < 2 else 1.0)
+        return improve_parts(self, parts)
+
+    monkeypatch.setattr(_PlaneShift, "improve_parts", improve_twice)
+    problem = replace(make_problem(tapered_block, cost, 2, cells=2), is_thorough=True)
+    shift_boxes(problem, make_halves(problem))
+    assert len(searches) == 2
+    assert measured_faces and len(measured_faces) == len(set(measured_faces))
 
 
 def test_new_pose_is_computed_once_and_recorded(
