@@ -215,7 +215,8 @@ def slice_parts(
 def slice_whole_model(run: Run, pose_name: str, results: Path, cache: Path) -> float | None:
     """Slice the uncut model as it stands, or in its best pose; return CuraEngine's time in seconds.
 
-    As for a part, its layers are fitted to its height, and its first layer and its brim to its foot.
+    As for a part, its layers are fitted to its height, and its first layer and its brim to its foot; it is
+    not scaled to compensate for shrinkage.
     """
     record_path = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-uncut-{pose_name}.json"
     if record_path.is_file():

@@ -228,7 +228,7 @@ class _PlaneShift:
         """Measure the slopes of all faces that may move, except those known from an earlier search."""
         is_missing = (self.groups >= 0) & ~self.slopes.is_known
         numbers = np.flatnonzero(is_missing.any(axis=(1, 2))).tolist()
-        self.cutter.record_effort([i for i in numbers for _ in range(int(is_missing[i].sum()))])
+        self.cutter.record_effort([i for i in numbers for _ in range(6)])
         arguments = numbers, [parts[i] for i in numbers], is_missing[numbers]
         measured_slopes = self.problem.map(self.cutter.measure_slopes, *arguments)
         for i, slopes_s_per_mm in zip(numbers, measured_slopes, strict=True):
