@@ -107,9 +107,9 @@ def measure_columns(
     triangles = np.ascontiguousarray(triangles)
     lo_mm, hi_mm = find_bounds(triangles)
     width_mm, depth_mm, height_mm = (hi_mm - lo_mm).tolist()
-    area_mm2 = width_mm * depth_mm
-    count = count or min(MAX_COLUMN_COUNT, max(COLUMN_COUNT, area_mm2 / MAX_STEP_MM**2))
-    step_mm = max(MIN_STEP_MM, math.sqrt(area_mm2 / count))
+    base_mm2 = width_mm * depth_mm
+    count = count or min(MAX_COLUMN_COUNT, max(COLUMN_COUNT, base_mm2 / MAX_STEP_MM**2))
+    step_mm = max(MIN_STEP_MM, math.sqrt(base_mm2 / count))
     rays = place_rays(lo_mm, hi_mm, step_mm)
     sums = sweep_columns(triangles, is_marked.astype(np.float64), rays, height_mm, overhang_cos)
     mass = np.maximum(sums.level_moments[:, 3:], 1e-12)
