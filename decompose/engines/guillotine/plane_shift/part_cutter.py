@@ -114,7 +114,7 @@ class PartCutter:
         rotation, options = pose.to_model[:3, :3].T, self._problem.options
         return measure_pose(vertices, faces, is_cut, rotation, self._problem.cost, options.fit_first_layer)
 
-    def measure_slopes(self, i: int, part: BoxPart, is_measured: Bools) -> Floats:
+    def measure_slopes(self, i: int, part: BoxPart, is_fixed: Bools) -> Floats:
         """Measure the change (2, 3) of a part's time, in s for each mm by which one face moves up its axis.
 
         Parameters
@@ -123,14 +123,12 @@ class PartCutter:
             Number of the part.
         part
             Part in its poses.
-        is_measured
-            (2, 3) bool, true for faces whose slopes are measured; the others are nan, like those of a part
-            that is too thin for it or would be split.
+        is_fixed
+            (2, 3) bool, true for faces that cannot move, whose slopes stay 0.
         """
-        slopes_s_per_mm = np.full((2, 3), math.nan)
+        slopes_s_per_mm = np.zeros((2, 3))
         for side, axis in np.ndindex(2, 3):
-            length_mm = part.box_mm[1, axis] - part.box_mm[0, axis]
-            if not is_measured[side, axis] or length_mm < 2.0 * PROBE_MM:
+            if is_fixed[side, axis] or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:
                 continue
             box_mm = part.box_mm.copy()
             box_mm[side, axis] += PROBE_MM * (1.0 - 2.0 * side)

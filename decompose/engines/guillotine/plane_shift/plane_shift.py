@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from decompose.arrays import Bools, Floats
+from decompose.arrays import Floats
 from decompose.engines.guillotine.plane_shift.box_part import (
     BoxPart,
     find_longest_time_s,
@@ -126,9 +126,8 @@ def shift_box_planes(
     problem.effort.record(Work.FACE_GRIDDED, problem.model.solid.face_count)
     cells = refine_needed_cells(problem, grid) if cells is None else cells
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
-    slopes = _Slopes.from_part_count(len(boxes_mm))
     while True:
-        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces, slopes)
+        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
         start_parts = search.pose_start_parts()
         parts = search.improve_parts(start_parts)
         has_gain = math.isfinite(find_longest_time_s(parts)) and (
@@ -138,28 +137,6 @@ def shift_box_planes(
             return [piece for part in parts for piece in part.pieces]
         boxes_mm = np.array([part.box_mm for part in parts])
         pieces = [part.pieces for part in parts]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Slopes:
-    """Slopes of the parts' times, which searches that start from one another share.
-
-    Attributes
-    ----------
-    s_per_mm
-        (parts, 2, 3) change of a part's time for each mm by which one of its faces moves up its axis; 0 where
-        it is not known. It is updated in place.
-    is_known
-        (parts, 2, 3) bool, true for the faces whose slope has been measured; updated in place.
-    """
-
-    s_per_mm: Floats
-    is_known: Bools
-
-    @classmethod
-    def from_part_count(cls, count: int) -> _Slopes:
-        """Build the slopes of a number of parts, none of which is known."""
-        return cls(np.zeros((count, 2, 3)), np.zeros((count, 2, 3), np.bool_))
 
 
 class _PlaneShift:
@@ -172,10 +149,8 @@ class _PlaneShift:
         cell_mm: Floats,
         boxes_mm: Floats,
         pieces: Sequence[Sequence[Piece]],
-        slopes: _Slopes,
     ) -> None:
         self.problem = problem
-        self.slopes = slopes
         self.cells = cells
         self.start_boxes_mm = boxes_mm
         self.start_parts = [
@@ -202,11 +177,15 @@ class _PlaneShift:
         """Improve the positions of the planes, starting from parts in their poses."""
         if not (self.is_free.any() and math.isfinite(find_longest_time_s(best_parts))):
             return best_parts
-        self._measure_unknown_slopes(best_parts)
+        numbers, is_fixed = range(len(best_parts)), self.groups < 0
+        self.cutter.record_effort([i for i in numbers for _ in range(6)])
+        slopes_s_per_mm = np.array(
+            list(self.problem.map(self.cutter.measure_slopes, numbers, best_parts, is_fixed))
+        )
         for round_number in range(MAX_ROUNDS):
             if round_number and self.problem.effort.is_spent():
                 break
-            moved_parts = self._take_steps(best_parts)
+            moved_parts = self._take_steps(best_parts, slopes_s_per_mm)
             if moved_parts is best_parts:
                 break
             new_parts = self.cutter.pose_parts(moved_parts, best_parts)
@@ -224,28 +203,15 @@ class _PlaneShift:
                     break
         return best_parts
 
-    def _measure_unknown_slopes(self, parts: Sequence[BoxPart]) -> None:
-        """Measure the slopes of all faces that may move, except those known from an earlier search."""
-        is_missing = (self.groups >= 0) & ~self.slopes.is_known
-        numbers = np.flatnonzero(is_missing.any(axis=(1, 2))).tolist()
-        self.cutter.record_effort([i for i in numbers for _ in range(6)])
-        arguments = numbers, [parts[i] for i in numbers], is_missing[numbers]
-        measured_slopes = self.problem.map(self.cutter.measure_slopes, *arguments)
-        for i, slopes_s_per_mm in zip(numbers, measured_slopes, strict=True):
-            is_measured = np.isfinite(slopes_s_per_mm)
-            self.slopes.s_per_mm[i][is_measured] = slopes_s_per_mm[is_measured]
-            self.slopes.is_known[i] |= is_measured
-
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
         """Check whether any piece cannot be glued well."""
         return bool(
             find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
         )
 
-    def _take_steps(self, parts: list[BoxPart]) -> list[BoxPart]:
+    def _take_steps(self, parts: list[BoxPart], slopes_s_per_mm: Floats) -> list[BoxPart]:
         """Take steps in which each part keeps its pose; return the same parts if no step gains enough."""
         step_mm = FIRST_STEP_SHARE * self.reach_mm
-        slopes_s_per_mm = self.slopes.s_per_mm
         for _ in range(STEPS_PER_ROUND):
             boxes_mm, expected_s = self._solve_valid_step(parts, slopes_s_per_mm, step_mm)
             if expected_s > (1.0 - MIN_GAIN) * find_longest_time_s(parts):

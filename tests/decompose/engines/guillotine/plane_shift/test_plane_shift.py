@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from decompose.engines.guillotine.plane_shift import plane_shift
 from decompose.engines.guillotine.plane_shift.box_part import BoxPart, find_longest_time_s
 from decompose.engines.guillotine.plane_shift.part_cutter import PartCutter
-from decompose.engines.guillotine.plane_shift.plane_shift import _PlaneShift, _Slopes, shift_planes
+from decompose.engines.guillotine.plane_shift.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
 from decompose.grid import PLANE_CLEARANCE_MM, Box, NeededCells, find_flat_faces
 from decompose.options import Engine, Interior, Options
@@ -104,9 +104,9 @@ class RoundCounter:
         self.started_count = 0
         take_steps = _PlaneShift._take_steps
 
-        def count_round(shift: _PlaneShift, parts: list[BoxPart]) -> list[BoxPart]:
+        def count_round(shift: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
             self.started_count += 1
-            return take_steps(shift, parts)
+            return take_steps(shift, parts, slopes)
 
         monkeypatch.setattr(_PlaneShift, "_take_steps", count_round)
 
@@ -123,8 +123,7 @@ def start_shift(problem: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     boxes_mm = np.array([grid.find_bounds_mm(box) for box in pieces_by_box])
     cell_mm = np.array([np.diff(item).min() for item in grid.planes])
     cells = NeededCells(grid.planes, grid.is_needed)
-    slopes = _Slopes.from_part_count(len(boxes_mm))
-    result = _PlaneShift(problem, cells, cell_mm, boxes_mm, list(pieces_by_box.values()), slopes)
+    result = _PlaneShift(problem, cells, cell_mm, boxes_mm, list(pieces_by_box.values()))
     return result, result.pose_start_parts()
 
 
@@ -179,7 +178,9 @@ def test_fixed_longest_part_does_not_stop_other_faces(
 ) -> None:
     """Check that an identical round is not repeated."""
     shifts = []
-    monkeypatch.setattr(_PlaneShift, "_take_steps", lambda _, parts: shifts.append(len(parts)) or [*parts])
+    monkeypatch.setattr(
+        _PlaneShift, "_take_steps", lambda _, parts, slopes: shifts.append(len(parts)) or [*parts]
+    )
     problem = make_problem(tapered_block, cost, 2, cells=2)
     shift_boxes(problem, make_halves(problem))
     assert shifts == [2]
@@ -214,8 +215,9 @@ def test_time_that_jumps_limits_its_face_and_the_other_parts_still_improve(
         [[[a, *low_mm[1:]], [b, *high_mm[1:]]] for a, b in pairwise(ends_mm)], dtype=np.float64
     )
     pieces = [cut_box(bar, *box) for box in boxes_mm]
-    cells, slopes = NeededCells(grid.planes, grid.is_needed), _Slopes.from_part_count(len(boxes_mm))
-    search = _PlaneShift(problem, cells, np.full(3, 50.0), boxes_mm, pieces, slopes)
+    search = _PlaneShift(
+        problem, NeededCells(grid.planes, grid.is_needed), np.full(3, 50.0), boxes_mm, pieces
+    )
     parts = search.pose_start_parts()
     cut = PartCutter.cut_in_old_poses
 
@@ -229,30 +231,6 @@ def test_time_that_jumps_limits_its_face_and_the_other_parts_still_improve(
     new_parts = search.improve_parts(parts)
     assert 0.5 * free_mm <= new_parts[0].box_mm[1, 0] - parts[0].box_mm[1, 0] <= free_mm
     assert find_longest_time_s(new_parts) < 0.9 * find_longest_time_s(parts)
-
-
-def test_slopes_are_measured_once_for_searches_that_follow_one_another(
-    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    measure_slopes, measured_faces = PartCutter.measure_slopes, []
-
-    def record_faces(self: PartCutter, i: int, part: BoxPart, is_measured: np.ndarray) -> np.ndarray:
-        measured_faces.extend((i, *face) for face in np.argwhere(is_measured).tolist())
-        return measure_slopes(self, i, part, is_measured)
-
-    monkeypatch.setattr(PartCutter, "measure_slopes", record_faces)
-    improve_parts, searches = _PlaneShift.improve_parts, []
-
-    def improve_twice(self: _PlaneShift, parts: list[BoxPart]) -> list[BoxPart]:
-        searches.append(self)
-        monkeypatch.setattr(plane_shift, "MIN_TOTAL_GAIN", -1.0 if len(searches) < 2 else 1.0)
-        return improve_parts(self, parts)
-
-    monkeypatch.setattr(_PlaneShift, "improve_parts", improve_twice)
-    problem = replace(make_problem(tapered_block, cost, 2, cells=2), is_thorough=True)
-    shift_boxes(problem, make_halves(problem))
-    assert len(searches) == 2
-    assert measured_faces and len(measured_faces) == len(set(measured_faces))
 
 
 def test_new_pose_is_computed_once_and_recorded(
