@@ -5,12 +5,21 @@ from __future__ import annotations
 from decompose.connectors.coupon import Coupon, make_coupon
 from decompose.connectors.faces import LEVEL_SIN, Blank, build_polygons, list_rings
 from decompose.connectors.plan import drill_parts, plan_connectors
-from decompose.connectors.records import Connectors, Mark, Pin, Tool, find_pairs, measure_distance_mm
+from decompose.connectors.records import (
+    Connector,
+    Connectors,
+    Mark,
+    Pin,
+    Tool,
+    find_pairs,
+    measure_distance_mm,
+)
 from decompose.connectors.report import describe_connectors, list_pin_sizes, read_pair_distances_mm
 
 __all__ = [
     "LEVEL_SIN",
     "Blank",
+    "Connector",
     "Connectors",
     "Coupon",
     "Mark",

@@ -140,6 +140,9 @@ class Gutter:
     groove: Tool
 
 
+Connector = Pin | Mark | Gutter
+
+
 @dataclass(frozen=True, slots=True)
 class Connectors:
     """Pins, marks and gutters of all parts.
@@ -173,6 +176,16 @@ class Connectors:
             *(groove for mark in self.marks for groove in mark.grooves),
             *(gutter.groove for gutter in self.gutters),
         ]
+
+    def remove(self, connector: Connector, reason: str) -> Connectors:
+        """Remove a connector, and add the reason to the failures."""
+        return replace(
+            self,
+            pins=tuple(pin for pin in self.pins if pin is not connector),
+            marks=tuple(mark for mark in self.marks if mark is not connector),
+            gutters=tuple(gutter for gutter in self.gutters if gutter is not connector),
+            failures=(*self.failures, reason),
+        )
 
     def remove_from_part(self, part: int, reason: str) -> Connectors:
         """Remove the connectors that cut a part, and add the reason to the failures."""

@@ -130,14 +130,18 @@ def _drill_without_faults(
 def _remove_faulty_connectors(
     connectors: Connectors, faults: list[ConnectorFault], decomposition: Decomposition
 ) -> Connectors:
-    """Remove the connectors of parts with a fault; if a fault names no part, remove all pins."""
+    """Remove each faulty connector, or all of a faulty part; if a fault names no part, remove all pins."""
     for fault in faults:
         if fault.part is None:
             reason = f"no pins: {fault.problem} (rule {fault.rule})"
             connectors = replace(connectors, pins=(), failures=(*connectors.failures, reason))
-        else:
-            name = decomposition.parts[fault.part].id
+            continue
+        name = decomposition.parts[fault.part].id
+        if fault.connector is None:
             reason = f"{name} has no holes and marks: {fault.problem} (rule {fault.rule})"
-            if reason not in connectors.failures:
-                connectors = connectors.remove_from_part(fault.part, reason)
-    return connectors
+            connectors = connectors.remove_from_part(fault.part, reason)
+        else:
+            kind = type(fault.connector).__name__.lower()
+            reason = f"a {kind} of {name} is left out: {fault.problem} (rule {fault.rule})"
+            connectors = connectors.remove(fault.connector, reason)
+    return replace(connectors, failures=tuple(dict.fromkeys(connectors.failures)))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -15,34 +14,19 @@ from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.connectors import (
     Blank,
+    Connector,
     Connectors,
     Pin,
-    Tool,
-    build_polygons,
     find_pairs,
-    list_rings,
     measure_distance_mm,
 )
 from decompose.errors import Rule
 from decompose.geometry import Solid, choose_plane_axes
 from decompose.pieces import Joint
-from decompose.results.overhangs import measure_ceiling_mm2
 from decompose.results.removed_material import EPS_MM3, find_other_changes, is_thick
+from decompose.results.tool_groups import FILM_MM, PARALLEL_COS, RIM_MM, ToolGroup, extrude_outline
 
-# Maximum area in one layer, in the ceiling of a tool, that may be left without support: in a hole or groove,
-# and where strokes of a mark cross. The ceiling of a tool consists of the sides that overhang it.
-EPS_MM2, SPECK_MM2 = 0.005, 0.3
-# Minimum wall around a tool, and between two tools. The search for places keeps a slightly thicker wall
-# (`connectors.records.RIM_MM`).
-RIM_MM = 1.15
-FILM_MM = 0.06  # depth below a face down to which nothing is checked, because of rounding errors
-# Maximum angles between a ceiling and the vertical; the slicer supports ceilings of 50 degrees or more.
-MAX_HOLE_DEG, MAX_GROOVE_DEG = 40.5, 48.0
-MAX_MOUTH_COS = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 KEY_END_GAP_MM = 0.25  # gap at each end of a key
-KEY_RIM_MM = 0.75  # minimum wall around the groove of a key
-ARC_SEGMENTS = 4  # number of sides of a polygon around a circle, for each quarter of it
-PARALLEL_COS = 1.0 - 1e-9  # minimum cosine between two parallel directions
 IN_PLANE_SIN = 1e-6  # maximum sine of the angle between a face and a direction that lies in it
 OUTSIDE_DISTANCE_MM = 2000.0  # distance that is larger than any model
 MIN_OPENING_MM = 1.0  # minimum gap that a joint must show if one of its bodies is rotated by 180 degrees
@@ -50,11 +34,22 @@ MIN_OPENING_MM = 1.0  # minimum gap that a joint must show if one of its bodies 
 
 @dataclass(frozen=True, slots=True)
 class ConnectorFault:
-    """A rule that connectors of a part break, and why; `part` is None if pins of several parts break it."""
+    """A rule that connectors break, and why.
+
+    Attributes
+    ----------
+    rule, problem
+        Rule, and words that describe the problem.
+    part
+        Number of the part that the connectors cut; None if pins of several parts break the rule.
+    connector
+        Connector whose removal mends the fault; None if that is not known.
+    """
 
     rule: Rule
     part: int | None
     problem: str
+    connector: Connector | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,64 +65,71 @@ class DrilledParts:
 
     def find_faults(self) -> Iterator[ConnectorFault]:
         """Check all rules, part by part, then pin by pin; yield the faults."""
-        groups: dict[int, list[_ToolGroup]] = {}
+        groups: dict[int, list[ToolGroup]] = {}
         for group in self._list_groups():
             groups.setdefault(group.tools[0].part, []).append(group)
         for part, part_groups in sorted(groups.items()):
-            for rule, problem in self._check_part(part, part_groups):
-                yield ConnectorFault(rule, part, problem)
+            yield from self._check_part(part, part_groups)
         for pin in self.connectors.pins:
             for rule, problem in self._check_pin(pin):
-                yield ConnectorFault(rule, pin.holes[0].part, problem)
+                yield ConnectorFault(rule, pin.holes[0].part, problem, pin)
         for problem in find_wrong_fits(self.connectors.pins, self.used_distances_mm):
             yield ConnectorFault(Rule.PINS_UNAMBIGUOUS, None, problem)
 
-    def _list_groups(self) -> Iterator[_ToolGroup]:
+    def _list_groups(self) -> Iterator[ToolGroup]:
         """Yield the tools of each hole, groove, mark and gutter as a group."""
         for pin in self.connectors.pins:
+            kind = "hole" if pin.key_direction is None else "groove"
             for hole in pin.holes:
-                kind, max_overhang_deg = (
-                    ("hole", MAX_HOLE_DEG) if pin.key_direction is None else ("groove", MAX_GROOVE_DEG)
-                )
-                yield _ToolGroup((hole,), self.joints[pin.joint], math.radians(max_overhang_deg), kind)
+                yield ToolGroup((hole,), self.joints[pin.joint], kind, pin)
         for mark in self.connectors.marks:
-            yield _ToolGroup(mark.grooves, self.joints[mark.joint], math.radians(MAX_GROOVE_DEG), "mark")
+            yield ToolGroup(mark.grooves, self.joints[mark.joint], "mark", mark)
         for gutter in self.connectors.gutters:
-            yield _ToolGroup(
-                (gutter.groove,), self.joints[gutter.joint], math.radians(MAX_GROOVE_DEG), "gutter"
-            )
+            yield ToolGroup((gutter.groove,), self.joints[gutter.joint], "gutter", gutter)
 
-    def _check_part(self, part: int, groups: Sequence[_ToolGroup]) -> Iterator[tuple[Rule, str]]:
-        """Check a drilled part; yield each broken rule, and words that describe the problem."""
+    def _check_part(self, part: int, groups: Sequence[ToolGroup]) -> Iterator[ConnectorFault]:
+        """Check a drilled part; yield its faults."""
         undrilled_solid, drilled_solid = self.blanks[part].solid, self.drilled_solids[part]
         for problem in find_other_changes(
             undrilled_solid, drilled_solid, [tool for group in groups for tool in group.tools]
         ):
-            yield Rule.ONLY_HOLES_REMOVED, problem
+            yield ConnectorFault(Rule.ONLY_HOLES_REMOVED, part, problem)
         if len(drilled_solid.list_pieces()) != 1:
-            yield Rule.ONLY_HOLES_REMOVED, "it is no longer one piece"
-        sleeves = Solid.union([group.build_sleeve() for group in groups if not group.has_exit])
-        if sleeves.subtract(undrilled_solid).volume_mm3 > EPS_MM3 or any(
-            is_thick(self._subtract_parts(group.build_sleeve())) for group in groups if group.has_exit
-        ):
-            yield Rule.PIN_WALLS, "the wall around a hole or mark is too thin"
-        if any(not group.is_hidden(undrilled_solid) for group in groups):
-            yield Rule.PIN_WALLS, "a hole or mark is not inside its joint"
-        if any(
-            a.solid.measure_gap_mm(b.solid, RIM_MM) < RIM_MM - FILM_MM
-            for a, b in combinations(groups, 2)
-            if a.is_near(b)
-        ):
-            yield Rule.PIN_WALLS, "two holes or marks are too close to each other"
+            yield ConnectorFault(Rule.ONLY_HOLES_REMOVED, part, "it is no longer one piece")
+        for group in self._find_thin_walls(undrilled_solid, groups):
+            problem = f"the wall around a {group.kind} is too thin"
+            yield ConnectorFault(Rule.PIN_WALLS, part, problem, group.connector)
         for group in groups:
-            overhang_rad = group.compute_overhang_rad(self.blanks[part].up_direction)
-            if overhang_rad > group.max_overhang_rad:
-                yield (
-                    Rule.SUPPORT_FREE,
-                    f"a {group.kind} overhangs by {math.degrees(overhang_rad):.0f} degrees",
-                )
-            if group.measure_ceiling_mm2(self.blanks[part].up_direction) > group.max_ceiling_mm2:
-                yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} needs support"
+            for rule, problem in self._check_group(part, group):
+                yield ConnectorFault(rule, part, problem, group.connector)
+        for a, b in combinations(groups, 2):
+            if a.is_near(b) and a.solid.measure_gap_mm(b.solid, RIM_MM) < RIM_MM - FILM_MM:
+                problem = f"a {a.kind} and a {b.kind} are too close to each other"
+                yield ConnectorFault(Rule.PIN_WALLS, part, problem, b.connector)
+
+    def _find_thin_walls(self, undrilled_solid: Solid, groups: Sequence[ToolGroup]) -> Iterator[ToolGroup]:
+        """Find the tools of a part around which the wall is too thin."""
+        closed_groups = [group for group in groups if not group.has_exit]
+        sleeves = [group.build_sleeve() for group in closed_groups]
+        if Solid.union(sleeves).subtract(undrilled_solid).volume_mm3 > EPS_MM3:  # rare, so all together first
+            max_mm3 = EPS_MM3 / len(sleeves)
+            for group, sleeve in zip(closed_groups, sleeves, strict=True):
+                if sleeve.subtract(undrilled_solid).volume_mm3 > max_mm3:
+                    yield group
+        for group in groups:
+            if group.has_exit and is_thick(self._subtract_parts(group.build_sleeve())):
+                yield group
+
+    def _check_group(self, part: int, group: ToolGroup) -> Iterator[tuple[Rule, str]]:
+        """Check the tools of one connector; yield each broken rule, and words that describe the problem."""
+        undrilled_solid, up_direction = self.blanks[part].solid, self.blanks[part].up_direction
+        if not group.is_hidden(undrilled_solid):
+            yield Rule.PIN_WALLS, f"a {group.kind} is not inside its joint"
+        overhang_rad = group.compute_overhang_rad(up_direction)
+        if overhang_rad > group.max_overhang_rad:
+            yield Rule.SUPPORT_FREE, f"a {group.kind} overhangs by {math.degrees(overhang_rad):.0f} degrees"
+        if group.measure_ceiling_mm2(up_direction) > group.max_ceiling_mm2:
+            yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} needs support"
 
     def _subtract_parts(self, solid: Solid) -> Solid:
         """Subtract all undrilled parts from a solid; the rest lies outside the model or between two parts."""
@@ -195,7 +197,7 @@ def _build_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
     circle = shapely.Point(pin.position_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
     middle_mm = float(pin.position_mm @ axis)
     front_mm = pin.length_mm / 2.0 if exit_direction is None else OUTSIDE_DISTANCE_MM
-    return _extrude_outline(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + front_mm)
+    return extrude_outline(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + front_mm)
 
 
 def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()) -> list[str]:
@@ -255,133 +257,3 @@ def _measure_play_mm(pin: Pin) -> float:
     ]
     inner_mm = max(shapely.Point(0.0, 0.0).distance(hull.exterior) for hull in hulls)
     return float(2.0 * inner_mm - pin.diameter_mm)
-
-
-@dataclass(frozen=True, eq=False)  # without slots, because of its cached properties
-class _ToolGroup:
-    """Tools of one hole, groove, mark or gutter.
-
-    Attributes
-    ----------
-    tools, joint
-        Tools, and the joint on whose faces they are.
-    max_overhang_rad
-        Maximum angle between a ceiling and the vertical.
-    kind
-        Word for the group in messages: hole, groove, mark or gutter.
-    """
-
-    tools: tuple[Tool, ...]
-    joint: Joint
-    max_overhang_rad: float
-    kind: str
-
-    @property
-    def max_ceiling_mm2(self) -> float:
-        """Maximum area in one layer of the ceiling that may be left without support; larger for a mark."""
-        return SPECK_MM2 if self.kind == "mark" else EPS_MM2
-
-    @cached_property
-    def solid(self) -> Solid:
-        """Union of the tools."""
-        return Solid.union([Solid.hull(tool.points_mm) for tool in self.tools])
-
-    @cached_property
-    def bounds_mm(self) -> Floats:
-        """Least and greatest coordinates (2, 3) of the tools."""
-        points_mm = np.concatenate([tool.points_mm for tool in self.tools])
-        return np.stack([points_mm.min(axis=0), points_mm.max(axis=0)])
-
-    def is_near(self, other: _ToolGroup) -> bool:
-        """Check whether the bounding boxes of two groups are closer than the minimum wall."""
-        (a_low, a_high), (b_low, b_high) = self.bounds_mm, other.bounds_mm
-        return bool((np.maximum(a_low, b_low) - np.minimum(a_high, b_high)).max() < RIM_MM)
-
-    @cached_property
-    def _outline(self) -> shapely.Geometry:
-        """Outline of the tools on their face, with the wall around them."""
-        across = choose_plane_axes(self.tools[0].inward_normal)
-        hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
-        rim_radius_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # the polygon contains the arc
-        return shapely.union_all(hulls).buffer(rim_radius_mm, quad_segs=ARC_SEGMENTS)
-
-    @property
-    def rim_mm(self) -> float:
-        """Minimum wall around the tools."""
-        return KEY_RIM_MM if self.kind == "groove" else RIM_MM
-
-    def build_sleeve(self) -> Solid:
-        """Build the union of the tools and the minimum wall around them, from just below the face."""
-        first = self.tools[0]
-        if self.kind == "groove":
-            enlarged_points_mm = (first.points_mm[:, None] + self.rim_mm * _SPHERE_POINTS).reshape(-1, 3)
-            end_mm = float((enlarged_points_mm @ first.inward_normal).max())
-            below = _extrude_outline(
-                self._outline, first.inward_normal, first.face_offset_mm + FILM_MM, end_mm
-            )
-            return Solid.hull(enlarged_points_mm).intersect(below)
-        end_mm = max(float((tool.points_mm @ first.inward_normal).max()) for tool in self.tools) + RIM_MM
-        return _extrude_outline(self._outline, first.inward_normal, first.face_offset_mm + FILM_MM, end_mm)
-
-    @property
-    def has_exit(self) -> bool:
-        """True if the tools are a groove that leaves its part through a second face."""
-        return self.tools[0].exit_direction is not None
-
-    def is_hidden(self, undrilled_solid: Solid) -> bool:
-        """Check whether the mouths of the tools, and the wall around them, lie within a face of the joint."""
-        inward_normal = self.tools[0].inward_normal
-        across = choose_plane_axes(inward_normal)
-        outline = self._outline
-        if self.has_exit:
-            wall = self.build_sleeve().intersect(undrilled_solid)
-            outline = build_polygons(wall.project(np.vstack([across, inward_normal])))
-        for face in self.joint.faces:
-            along = float(face.normal @ inward_normal)
-            if abs(along) < PARALLEL_COS or abs(face.offset_mm * along - self.tools[0].face_offset_mm) > 1e-6:
-                continue
-            face_outline = shapely.transform(
-                face.outline,
-                lambda points_mm, face=face: (
-                    (points_mm @ face.axes + face.offset_mm * face.normal) @ across.T
-                ),
-            )
-            if face_outline.buffer(FILM_MM).contains(outline):
-                return True
-        return False
-
-    def measure_ceiling_mm2(self, up_direction: Floats) -> float:
-        """Measure the area that needs support in each layer above the tools, and return the largest."""
-        first = self.tools[0]
-        tools = [tool.points_mm for tool in self.tools]
-        return measure_ceiling_mm2(
-            tools, first.inward_normal, first.face_offset_mm, up_direction, first.exit_direction
-        )
-
-    def compute_overhang_rad(self, up_direction: Floats) -> float:
-        """Compute, from the tools' triangles, the angle between the flattest ceiling and the vertical."""
-        overhang_rad = -1.0
-        for tool in self.tools:
-            vertices, faces = Solid.hull(tool.points_mm).arrays()
-            a, b, c = (vertices[faces[:, k]] for k in range(3))
-            normals = np.cross(b - a, c - a)
-            sizes = np.linalg.norm(normals, axis=1)
-            normals = normals[sizes > 1e-6] / sizes[sizes > 1e-6, None]
-            is_open = normals @ tool.inward_normal <= MAX_MOUTH_COS
-            if tool.exit_direction is not None:
-                is_open |= normals @ tool.exit_direction > PARALLEL_COS
-            sides = normals[~is_open]
-            overhang_rad = max(overhang_rad, float((sides @ up_direction).max()))
-        return math.asin(min(1.0, overhang_rad))
-
-
-_CORNERS = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
-_SPHERE_POINTS = (
-    _CORNERS[_CORNERS.any(axis=1)] / np.linalg.norm(_CORNERS[_CORNERS.any(axis=1)], axis=1)[:, None]
-)
-"""Points (26, 3) on the unit sphere."""
-
-
-def _extrude_outline(outline: shapely.Geometry, axis: Floats, start_mm: float, end_mm: float) -> Solid:
-    """Extrude an outline along an axis (3,), between two coordinates on that axis."""
-    return Solid.prism(list_rings(outline), np.vstack([choose_plane_axes(axis), axis]), start_mm, end_mm)

@@ -130,10 +130,14 @@ def _build_air(
     upwards = up_direction - (up_direction @ inward_normal) * inward_normal
     upwards = upwards / np.linalg.norm(upwards)
     frame = np.stack([np.cross(upwards, inward_normal), upwards, inward_normal])
-    low_mm, high_mm = (
-        (corners_mm @ frame[:2].T).min(axis=0) - AIR_MM,
-        (corners_mm @ frame[:2].T).max(axis=0) + AIR_MM,
-    )
+    # A leaning face moves sideways with height: the block spans all heights of the tools, at front and back.
+    heights_mm = corners_mm @ up_direction
+    limits_mm = np.array([heights_mm.min(), heights_mm.max()])[:, None]
+    depths_mm = face_offset_mm + np.array([-AIR_MM, 0.0])
+    along_mm = (limits_mm - depths_mm * float(inward_normal @ up_direction)) / float(upwards @ up_direction)
+    across_mm = corners_mm @ frame[0]
+    low_mm = np.array([across_mm.min(), along_mm.min()]) - AIR_MM
+    high_mm = np.array([across_mm.max(), along_mm.max()]) + AIR_MM
     ring = np.array([low_mm, (high_mm[0], low_mm[1]), high_mm, (low_mm[0], high_mm[1])])
     return Solid.prism([ring], frame, face_offset_mm - AIR_MM, face_offset_mm)
 

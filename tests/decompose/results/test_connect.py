@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -27,7 +27,7 @@ from decompose.printers import TargetPrinter
 from decompose.problem.connector_cost import MARK_AREA_PRICES, PIN_AREA_PRICES, set_connector_prices
 from decompose.results import Decomposition, Part, check_stl, connect, connect_parts, decomposition
 from decompose.results.connector_prices import price_connectors
-from decompose.results.connector_rules import DrilledParts, find_wrong_fits
+from decompose.results.connector_rules import ConnectorFault, DrilledParts, find_wrong_fits
 
 ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
 UP_AXIS = np.array([0.0, 0.0, 1.0])
@@ -267,20 +267,37 @@ def test_parts_stay_as_they_were_cut_without_options(halves: Decomposition) -> N
     assert connect_parts(plain_halves) is plain_halves
 
 
-def test_parts_that_break_a_rule_stay_as_they_were_cut(
+def test_only_the_pin_that_breaks_a_rule_is_left_out(
     halves: Decomposition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    plans: list[Connectors] = []
+
     def plan_pin_outside(*args: object) -> Connectors:
         connectors = plan_connectors(*args)  # type: ignore[arg-type]
         deep_pin, shallow_pin = connectors.pins
-        return replace(connectors, pins=(move_hole(deep_pin, (0.0, 0.0, 50.0)), shallow_pin))
+        plans.append(replace(connectors, pins=(move_hole(deep_pin, (0.0, 0.0, 50.0)), shallow_pin)))
+        return plans[0]
 
     monkeypatch.setattr(connect, "plan_connectors", plan_pin_outside)
+    connectors = connect_parts(halves).connectors
+    assert connectors.pins == plans[0].pins[1:] and connectors.marks == plans[0].marks
+    assert connectors.failures
+    assert all(failure.startswith("a pin of p0") for failure in connectors.failures)
+
+
+def test_part_that_breaks_a_rule_stays_as_it_was_cut(
+    halves: Decomposition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def find_faults(parts: DrilledParts) -> Iterator[ConnectorFault]:
+        if any(tool.part == 0 for tool in parts.connectors.tools):
+            yield ConnectorFault(Rule.ONLY_HOLES_REMOVED, 0, "it is no longer one piece")
+
+    monkeypatch.setattr(DrilledParts, "find_faults", find_faults)
     result = connect_parts(halves)
-    assert not result.connectors.pins
-    assert all("has no holes and marks" in failure for failure in result.connectors.failures)
-    bare_parts = [part for part in result.parts if part.drilled_solid is None]
-    assert bare_parts and all(part.connectors_s == 0.0 for part in bare_parts)
+    first, second = result.parts
+    assert first.drilled_solid is None and first.connectors_s == 0.0 and second.connectors_s > 0.0
+    [failure] = result.connectors.failures
+    assert failure == "p01 has no holes and marks: it is no longer one piece (rule drilled)"
 
 
 @pytest.mark.parametrize("kind", [ModelNotSolid, shapely.errors.GEOSException, QhullError])

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
-from decompose.connectors.tools import make_groove
+from decompose.connectors.tools import make_groove, make_hole
 from decompose.geometry import Solid
 from decompose.results import overhangs
 from decompose.results.overhangs import measure_ceiling_mm2
+from decompose.results.tool_groups import EPS_MM2
 
 UP_AXIS = np.array([0.0, 0.0, 1.0])
 X_AXIS = np.array([1.0, 0.0, 0.0])
@@ -41,6 +44,15 @@ def test_ceiling_that_needs_support_is_found(
     tool: np.ndarray, direction: np.ndarray, min_mm2: float, max_mm2: float
 ) -> None:
     assert min_mm2 <= measure_ceiling_mm2([tool], direction, 0.0, UP_AXIS) <= max_mm2
+
+
+@example(rise=0.4290, depth_mm=5.9)  # the layers above the mouth lie beside the upper end of the hole
+@given(st.floats(-1.0, 1.0), st.floats(2.3, 8.0))
+def test_no_hole_that_the_search_makes_has_a_ceiling_that_needs_support(rise: float, depth_mm: float) -> None:
+    direction = np.array([np.sqrt(1.0 - rise**2), 0.0, rise])
+    hole = make_hole(0, np.zeros(3), direction, UP_AXIS, (3.25, depth_mm), np.zeros(3))
+    assert hole is not None
+    assert measure_ceiling_mm2([hole.points_mm], direction, 0.0, UP_AXIS) <= EPS_MM2
 
 
 def test_bodies_that_meet_are_one_hollow() -> None:
