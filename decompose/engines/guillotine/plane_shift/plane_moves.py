@@ -224,6 +224,45 @@ def find_free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, ste
     return is_free
 
 
+def find_invalid_groups(
+    groups: Ints, old_boxes_mm: Floats, new_boxes_mm: Floats, cells: NeededCells
+) -> list[int]:
+    """Find the groups whose moves break a partition.
+
+    Parameters
+    ----------
+    groups
+        (n, 2, 3) from `group_faces`.
+    old_boxes_mm, new_boxes_mm
+        (n, 2, 3) corners before and after the moves of all groups. The old boxes are a partition; the new
+        ones are not.
+    cells
+        Cells that have to remain covered.
+
+    Returns
+    -------
+    list of int
+        Groups that break the partition if only they move. If there are none, those that break it after the
+        groups with lower numbers have moved, except those that break it too.
+    """
+    moved_groups = np.unique(groups[old_boxes_mm != new_boxes_mm]).tolist()
+    lone_groups = [
+        group
+        for group in moved_groups
+        if not cells.is_partition(np.where(groups == group, new_boxes_mm, old_boxes_mm))
+    ]
+    if lone_groups:
+        return lone_groups
+    boxes_mm, invalid_groups = old_boxes_mm, []
+    for group in moved_groups:
+        moved_boxes_mm = np.where(groups == group, new_boxes_mm, boxes_mm)
+        if cells.is_partition(moved_boxes_mm):
+            boxes_mm = moved_boxes_mm
+        else:
+            invalid_groups.append(group)
+    return invalid_groups
+
+
 def find_clear_position_mm(flat_faces: FlatFaces, position_mm: float, target_mm: float) -> float:
     """Find the position of a plane that is clear of all flat faces and closest to the plane's target.
 

@@ -30,6 +30,7 @@ from decompose.engines.guillotine.plane_shift.plane_moves import (
     extend_boxes,
     find_clear_position_mm,
     find_free_directions,
+    find_invalid_groups,
     group_faces,
     move_groups,
     refine_needed_cells,
@@ -311,8 +312,8 @@ class _PlaneShift:
     ) -> tuple[Floats, float]:
         """Compute the best boxes as `_solve_step` does; reduce steps until the boxes remain a partition.
 
-        The maximum steps `step_mm` are reduced in place: those of the groups whose move alone would break the
-        partition, or those of all groups if only several moves together would break it.
+        The maximum steps `step_mm` of the groups that break the partition are reduced in place. A group that
+        still breaks it after half of the reductions stays.
 
         Returns
         -------
@@ -320,17 +321,12 @@ class _PlaneShift:
             (n, 2, 3) boxes in mm and their makespan in s; inf if no step was found.
         """
         start_boxes_mm = np.array([part.box_mm for part in parts])
-        start_mm = self._find_positions_mm(start_boxes_mm)
-        for _ in range(MAX_REDUCTIONS):
+        for number in range(MAX_REDUCTIONS):
             boxes_mm, expected_s = self._solve_step(parts, slopes_s_per_mm, step_mm)
             if self.cells.is_partition(boxes_mm):
                 return boxes_mm, expected_s
-            is_invalid = np.zeros(len(step_mm), np.bool_)
-            for group in np.flatnonzero(self._find_positions_mm(boxes_mm) != start_mm):
-                is_invalid[group] = not self.cells.is_partition(
-                    np.where(self.groups == group, boxes_mm, start_boxes_mm)
-                )
-            step_mm[is_invalid | ~is_invalid.any()] *= STEP_REDUCTION
+            invalid_groups = find_invalid_groups(self.groups, start_boxes_mm, boxes_mm, self.cells)
+            step_mm[invalid_groups] *= STEP_REDUCTION if number < MAX_REDUCTIONS // 2 else 0.0
         return start_boxes_mm, math.inf
 
     def _solve_step(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from decompose.engines.guillotine.plane_shift.plane_moves import (
     extend_boxes,
     find_clear_position_mm,
     find_free_directions,
+    find_invalid_groups,
     group_faces,
     move_groups,
     solve_plane_shifts,
@@ -66,6 +68,25 @@ def test_arms_of_a_pinwheel_move_alone(is_mirrored: int) -> None:
     assert groups.max() == 3
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
     assert cells.is_partition(move_groups(boxes, groups, np.array([7.0, -6.0, 5.0, -4.0])))
+
+
+@pytest.mark.parametrize(
+    ("shifts_mm", "invalid_groups"),
+    [
+        ((25.0, 0.0, 5.0), [0]),  # the first plane passes the second one
+        ((12.0, -12.0, 5.0), [1]),  # only both moves together let the two planes pass each other
+        ((12.0, -5.0, -25.0), [2]),
+    ],
+)
+def test_only_planes_that_pass_others_are_invalid(
+    shifts_mm: tuple[float, ...], invalid_groups: list[int]
+) -> None:
+    boxes = convert_to_mm([(x, 0, 0, end, 6, 6) for x, end in pairwise((0, 1, 3, 5, 6))])
+    cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
+    groups = group_faces(boxes)
+    moved_boxes = move_groups(boxes, groups, np.array(shifts_mm))
+    assert not cells.is_partition(moved_boxes)
+    assert find_invalid_groups(groups, boxes, moved_boxes, cells) == invalid_groups
 
 
 def test_four_boxes_about_an_edge_share_one_of_their_planes() -> None:
