@@ -177,13 +177,31 @@ class Connectors:
             *(gutter.groove for gutter in self.gutters),
         ]
 
+    @property
+    def members(self) -> tuple[Connector, ...]:
+        """All pins, marks and gutters."""
+        return (*self.pins, *self.marks, *self.gutters)
+
     def remove(self, connector: Connector, reason: str) -> Connectors:
-        """Remove a connector, and add the reason to the failures."""
+        """Remove a connector, and add the reason to the failures.
+
+        If it is a pin of a pair (`find_pairs`), only the other pin of the pair stays at the step, apart from
+        keys that slide: further pins all have one shape, so that the body would also fit if it is turned.
+        """
+        removed: list[Connector] = [connector]
+        pair = find_pairs(self.pins).get(connector.step, ()) if isinstance(connector, Pin) else ()
+        if isinstance(connector, Pin) and any(pin is connector for pin in pair):
+            removed += [
+                pin
+                for pin in self.pins
+                if pin.step == connector.step and not pin.slides and all(pin is not other for other in pair)
+            ]
+        numbers = set(map(id, removed))
         return replace(
             self,
-            pins=tuple(pin for pin in self.pins if pin is not connector),
-            marks=tuple(mark for mark in self.marks if mark is not connector),
-            gutters=tuple(gutter for gutter in self.gutters if gutter is not connector),
+            pins=tuple(pin for pin in self.pins if id(pin) not in numbers),
+            marks=tuple(mark for mark in self.marks if id(mark) not in numbers),
+            gutters=tuple(gutter for gutter in self.gutters if id(gutter) not in numbers),
             failures=(*self.failures, reason),
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from decompose.connectors import Blank, Connectors, drill_parts, plan_connectors
+from decompose.connectors import Blank, Connectors, Pin, drill_parts, plan_connectors
 from decompose.errors import DecomposeError
 from decompose.files.names import find_part_number
 from decompose.geometry import Solid
@@ -18,8 +18,8 @@ from decompose.results.hidden_sides import list_hidden_grooves, list_hidden_rece
 def connect_parts(decomposition: Decomposition) -> Decomposition:
     """Cut holes for pins, and marks, into the parts of a result whose assembly is planned.
 
-    Parts that would break a rule get neither holes nor marks. If pins of several parts break a rule together,
-    no part gets pins. The reasons are in `Connectors.failures`.
+    A connector that would break a rule is left out. If no single one is to blame, the part gets none; if pins
+    of several parts break a rule together, no part gets pins. The reasons are in `Connectors.failures`.
 
     Parameters
     ----------
@@ -108,9 +108,9 @@ def _drill_without_faults(
     Raises
     ------
     DecomposeError
-        Rules are still broken after as many attempts as there are parts.
+        Rules are still broken after more attempts than there are connectors.
     """
-    for _ in range(len(blanks)):
+    for _ in range(len(connectors.members) + 1):  # each attempt removes at least one
         drilled_solids = drill_parts(blanks, connectors)
         parts = DrilledParts(
             blanks,
@@ -132,16 +132,19 @@ def _remove_faulty_connectors(
 ) -> Connectors:
     """Remove each faulty connector, or all of a faulty part; if a fault names no part, remove all pins."""
     for fault in faults:
+        because = f"{fault.problem} (rule {fault.rule})"
         if fault.part is None:
-            reason = f"no pins: {fault.problem} (rule {fault.rule})"
+            reason = f"no pins: {because}"
             connectors = replace(connectors, pins=(), failures=(*connectors.failures, reason))
             continue
         name = decomposition.parts[fault.part].id
         if fault.connector is None:
-            reason = f"{name} has no holes and marks: {fault.problem} (rule {fault.rule})"
-            connectors = connectors.remove_from_part(fault.part, reason)
-        else:
-            kind = type(fault.connector).__name__.lower()
-            reason = f"a {kind} of {name} is left out: {fault.problem} (rule {fault.rule})"
+            connectors = connectors.remove_from_part(fault.part, f"{name} has no holes and marks: {because}")
+        elif any(connector is fault.connector for connector in connectors.members):
+            joint = decomposition.joints[fault.connector.joint]
+            neighbour = decomposition.parts[joint.a + joint.b - fault.part].id
+            is_key = isinstance(fault.connector, Pin) and fault.connector.key_direction is not None
+            kind = "key" if is_key else type(fault.connector).__name__.lower()
+            reason = f"a {kind} of {name} towards {neighbour} is left out: {because}"
             connectors = connectors.remove(fault.connector, reason)
     return replace(connectors, failures=tuple(dict.fromkeys(connectors.failures)))

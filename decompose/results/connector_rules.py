@@ -96,14 +96,22 @@ class DrilledParts:
             yield ConnectorFault(Rule.ONLY_HOLES_REMOVED, part, problem)
         if len(drilled_solid.list_pieces()) != 1:
             yield ConnectorFault(Rule.ONLY_HOLES_REMOVED, part, "it is no longer one piece")
+        faulty_groups = set()
         for group in self._find_thin_walls(undrilled_solid, groups):
+            faulty_groups.add(group)
             problem = f"the wall around a {group.kind} is too thin"
             yield ConnectorFault(Rule.PIN_WALLS, part, problem, group.connector)
         for group in groups:
             for rule, problem in self._check_group(part, group):
+                faulty_groups.add(group)
                 yield ConnectorFault(rule, part, problem, group.connector)
         for a, b in combinations(groups, 2):
-            if a.is_near(b) and a.solid.measure_gap_mm(b.solid, RIM_MM) < RIM_MM - FILM_MM:
+            if (
+                faulty_groups.isdisjoint((a, b))
+                and a.is_near(b)
+                and a.solid.measure_gap_mm(b.solid, RIM_MM) < RIM_MM - FILM_MM
+            ):
+                faulty_groups.add(b)
                 problem = f"a {a.kind} and a {b.kind} are too close to each other"
                 yield ConnectorFault(Rule.PIN_WALLS, part, problem, b.connector)
 
@@ -112,9 +120,10 @@ class DrilledParts:
         closed_groups = [group for group in groups if not group.has_exit]
         sleeves = [group.build_sleeve() for group in closed_groups]
         if Solid.union(sleeves).subtract(undrilled_solid).volume_mm3 > EPS_MM3:  # rare, so all together first
-            max_mm3 = EPS_MM3 / len(sleeves)
-            for group, sleeve in zip(closed_groups, sleeves, strict=True):
-                if sleeve.subtract(undrilled_solid).volume_mm3 > max_mm3:
+            outside_mm3 = [sleeve.subtract(undrilled_solid).volume_mm3 for sleeve in sleeves]
+            least_mm3 = min(EPS_MM3 / len(sleeves), max(outside_mm3))
+            for group, group_mm3 in zip(closed_groups, outside_mm3, strict=True):
+                if group_mm3 >= least_mm3:
                     yield group
         for group in groups:
             if group.has_exit and is_thick(self._subtract_parts(group.build_sleeve())):

@@ -55,7 +55,9 @@ PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
 MIN_MOVE_MM = 0.02  # minimum move of a plane
 # A part's time has jumped if it is longer than the slopes predict by more than this share of the makespan.
 MAX_LINEAR_ERROR = 0.005
-MAX_REDUCTIONS = 12  # maximum number of times that steps are reduced until the boxes remain a partition
+# Maximum number of times that planes which block each other take shorter steps, and are stopped after that,
+# until the boxes remain a partition.
+MAX_REDUCTIONS, MAX_STOPS = 6, 6
 MAX_SOLUTIONS = 4
 """Maximum number of times that the linear programme of a step is solved. Before each further time, the planes
 that flat faces have stopped are fixed."""
@@ -312,8 +314,8 @@ class _PlaneShift:
     ) -> tuple[Floats, float]:
         """Compute the best boxes as `_solve_step` does; reduce steps until the boxes remain a partition.
 
-        The maximum steps `step_mm` of the groups that break the partition are reduced in place. A group that
-        still breaks it after half of the reductions stays.
+        The maximum steps `step_mm` of the groups that break the partition are reduced in place. Groups that
+        still break it after `MAX_REDUCTIONS` are stopped, for the next steps of the round as well.
 
         Returns
         -------
@@ -321,12 +323,12 @@ class _PlaneShift:
             (n, 2, 3) boxes in mm and their makespan in s; inf if no step was found.
         """
         start_boxes_mm = np.array([part.box_mm for part in parts])
-        for number in range(MAX_REDUCTIONS):
+        for number in range(MAX_REDUCTIONS + MAX_STOPS):
             boxes_mm, expected_s = self._solve_step(parts, slopes_s_per_mm, step_mm)
             if self.cells.is_partition(boxes_mm):
                 return boxes_mm, expected_s
             invalid_groups = find_invalid_groups(self.groups, start_boxes_mm, boxes_mm, self.cells)
-            step_mm[invalid_groups] *= STEP_REDUCTION if number < MAX_REDUCTIONS // 2 else 0.0
+            step_mm[invalid_groups] *= STEP_REDUCTION if number < MAX_REDUCTIONS else 0.0
         return start_boxes_mm, math.inf
 
     def _solve_step(

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from decompose.engines.guillotine.plane_shift import plane_shift
 from decompose.engines.guillotine.plane_shift.box_part import BoxPart, find_longest_time_s
 from decompose.engines.guillotine.plane_shift.part_cutter import PartCutter
+from decompose.engines.guillotine.plane_shift.plane_moves import move_groups
 from decompose.engines.guillotine.plane_shift.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
 from decompose.grid import PLANE_CLEARANCE_MM, Box, NeededCells, find_flat_faces
@@ -116,10 +117,11 @@ def make_halves(problem: Problem) -> list[Box]:
     return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
 
 
-def start_shift(problem: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
-    """Start the search for two halves of a model; return it with the halves in their poses."""
+def start_shift(problem: Problem, partition: list[Box] | None = None) -> tuple[_PlaneShift, list[BoxPart]]:
+    """Start the search for a partition of a model, or its halves; return it with the parts in their poses."""
     grid = problem.build_grid(problem.model)
-    pieces_by_box = {box: cut_cells(problem.model.solid, grid, box) for box in make_halves(problem)}
+    partition = make_halves(problem) if partition is None else partition
+    pieces_by_box = {box: cut_cells(problem.model.solid, grid, box) for box in partition}
     boxes_mm = np.array([grid.find_bounds_mm(box) for box in pieces_by_box])
     cell_mm = np.array([np.diff(item).min() for item in grid.planes])
     cells = NeededCells(grid.planes, grid.is_needed)
@@ -301,6 +303,25 @@ def test_next_search_continues_from_the_result_of_the_last(
     assert compute_longest_s(problem, new_pieces) < 0.95 * compute_longest_s(problem, old_pieces)
     _, quick_pieces = shift_boxes(replace(problem, is_thorough=False), make_halves(problem))
     assert compute_longest_s(problem, quick_pieces) > 1.05 * compute_longest_s(problem, new_pieces)
+
+
+def test_planes_that_always_block_each_other_are_stopped_alone(
+    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = make_problem(tapered_block, cost, 4, cells=4)
+    length, width, height = problem.build_grid(problem.model).cells.shape
+    search, parts = start_shift(problem, [(x, 0, 0, x + 2, width, height) for x in range(0, length, 2)])
+    first_mm, second_mm, _ = search._find_positions_mm(search.start_boxes_mm)
+
+    def pass_each_other(_: object, __: object, ___: object, step_mm: np.ndarray) -> tuple[np.ndarray, float]:
+        shifts_mm = np.where(step_mm > 0.0, np.array([0.8, -0.8, 0.5]) * (second_mm - first_mm), 0.0)
+        return move_groups(search.start_boxes_mm, search.groups, shifts_mm), 1.0
+
+    monkeypatch.setattr(_PlaneShift, "_solve_step", pass_each_other)
+    step_mm = np.full(3, 10.0)
+    boxes_mm, expected_s = search._solve_valid_step(parts, np.zeros((4, 2, 3)), step_mm)
+    assert expected_s == 1.0 and search.cells.is_partition(boxes_mm)
+    assert step_mm.tolist() == [10.0, 0.0, 10.0]
 
 
 def test_time_ratio_of_a_slice_is_used(tapered_block: Solid, cost: CostModel) -> None:
