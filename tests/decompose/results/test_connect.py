@@ -308,7 +308,7 @@ def test_thin_walls_and_close_marks_are_blamed_on_one_connector(drilled_parts: D
 def test_no_body_fits_turned_after_a_pin_is_left_out(drilled_parts: DrilledParts) -> None:
     """Leave out a pin of a pair that has further pins of the shape of the other one."""
     deep_pin, shallow_pin, *_ = (pin for pin in drilled_parts.connectors.pins if pin.step == 0)
-    third_pin = replace(shallow_pin, position_mm=shallow_pin.position_mm + [10.0, 0.0, 0.0])
+    third_pin = replace(shallow_pin, position_mm=shallow_pin.position_mm + np.array([10.0, 0.0, 0.0]))
     connectors = replace(drilled_parts.connectors, pins=(deep_pin, shallow_pin, third_pin))
     assert connectors.remove(third_pin, "").pins == (deep_pin, shallow_pin)
     assert connectors.remove(deep_pin, "").pins == (shallow_pin,)
