@@ -188,20 +188,16 @@ class Connectors:
         If it is a pin of a pair (`find_pairs`), only the other pin of the pair stays at the step, apart from
         keys that slide: further pins all have one shape, so that the body would also fit if it is turned.
         """
-        removed: list[Connector] = [connector]
-        pair = find_pairs(self.pins).get(connector.step, ()) if isinstance(connector, Pin) else ()
-        if isinstance(connector, Pin) and any(pin is connector for pin in pair):
-            removed += [
-                pin
-                for pin in self.pins
-                if pin.step == connector.step and not pin.slides and all(pin is not other for other in pair)
-            ]
-        numbers = set(map(id, removed))
+        removed = {connector}
+        if isinstance(connector, Pin):
+            step, pair = connector.step, find_pairs(self.pins).get(connector.step, ())
+            if connector in pair:
+                removed.update(p for p in self.pins if p.step == step and not p.slides and p not in pair)
         return replace(
             self,
-            pins=tuple(pin for pin in self.pins if id(pin) not in numbers),
-            marks=tuple(mark for mark in self.marks if id(mark) not in numbers),
-            gutters=tuple(gutter for gutter in self.gutters if id(gutter) not in numbers),
+            pins=tuple(pin for pin in self.pins if pin not in removed),
+            marks=tuple(mark for mark in self.marks if mark not in removed),
+            gutters=tuple(gutter for gutter in self.gutters if gutter not in removed),
             failures=(*self.failures, reason),
         )
 

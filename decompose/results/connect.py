@@ -140,7 +140,7 @@ def _remove_faulty_connectors(
         name = decomposition.parts[fault.part].id
         if fault.connector is None:
             connectors = connectors.remove_from_part(fault.part, f"{name} has no holes and marks: {because}")
-        elif any(connector is fault.connector for connector in connectors.members):
+        elif fault.connector in connectors.members:
             joint = decomposition.joints[fault.connector.joint]
             neighbour = decomposition.parts[joint.a + joint.b - fault.part].id
             is_key = isinstance(fault.connector, Pin) and fault.connector.key_direction is not None

@@ -24,9 +24,13 @@ from decompose.engines.guillotine.plane_shift.box_part import (
     find_spare_length_mm,
     sort_times_s,
 )
+from decompose.engines.guillotine.plane_shift.linear_programme import (
+    ShiftLimits,
+    solve_plane_shifts,
+    update_slopes,
+)
 from decompose.engines.guillotine.plane_shift.part_cutter import PartCutter
 from decompose.engines.guillotine.plane_shift.plane_moves import (
-    ShiftLimits,
     extend_boxes,
     find_clear_position_mm,
     find_free_directions,
@@ -34,8 +38,6 @@ from decompose.engines.guillotine.plane_shift.plane_moves import (
     group_faces,
     move_groups,
     refine_needed_cells,
-    solve_plane_shifts,
-    update_slopes,
 )
 from decompose.grid import Box, Cell, Grid, NeededCells, find_flat_faces
 from decompose.pieces import SLIVER_MM, Piece, find_faults
