@@ -1,6 +1,6 @@
 """Pins and marks on the joints of decomposed models: share of the glued area near a pin, and cost.
 
-Models are cut by the engine `guillotine`, with and without pins and marks. The parts with them are drilled,
+Models are cut by the engine `best`, with and without pins and marks. The parts with them are drilled,
 and all rules are checked. With --slices, the first of these parts are sliced without and with their holes and
 marks. Marks are read back from the outer walls, and the material of supports is compared.
 
@@ -107,7 +107,7 @@ def load_case(name: str, longest_side_mm: float) -> Model:
 def cut_model(model: Model, printers: int, connectors: ConnectorOptions) -> Decomposition:
     """Cut a model for a number of printers, and compute the order of its assembly."""
     target_printers = [TargetPrinter(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
-    options = Options(Engine.GUILLOTINE, prove=False, connectors=connectors)
+    options = Options(Engine.BEST, prove=False, connectors=connectors)
     return decompose_model(model, target_printers, options, make_cost()).with_assembly()
 
 

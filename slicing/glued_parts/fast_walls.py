@@ -20,9 +20,9 @@ from slicing.glued_parts.sides import (
     find_bed_points,
     find_hidden_seams,
     find_level_lines,
-    find_long_layers,
     list_side_runs,
     list_wall_lines,
+    measure_spare_times_s,
 )
 from slicing.settings import EngineSettings
 
@@ -32,7 +32,8 @@ def speed_up_hidden_walls(
 ) -> bytes:
     """Raise the speed of walls along hidden sides to `EngineSettings.compute_hidden_wall_speed_mm_s`.
 
-    Walls in layers that the slicer slows down, and in the slow first layers, keep their speed.
+    Walls in layers that the slicer slows down, and in the slow first layers, keep their speed. In a layer
+    that would become shorter than the minimum layer time, the speed is raised by less.
 
     Parameters
     ----------
@@ -74,10 +75,8 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
         As in `speed_up_hidden_walls`.
     """
     points_mm = find_bed_points(path, settings)
-    # No layer becomes shorter than the minimum layer time, even if all its walls are fast.
-    min_time_s = settings.hidden_wall_ratio * float(settings.extruder["cool_min_layer_time"])
-    is_line = find_level_lines(path) & find_long_layers(path, min_time_s)
-    fast_moves = FastMoves(np.zeros(len(is_line)), np.zeros(len(is_line)))
+    is_line = find_level_lines(path)
+    fast_moves = FastMoves(np.zeros(len(is_line)), path.feed_mm_min.copy())
     for wall in list_wall_lines(settings):
         fast_mm_s = settings.compute_hidden_wall_speed_mm_s(wall.speed_mm_s, wall.width_mm)
         if fast_mm_s <= wall.speed_mm_s:
@@ -89,7 +88,29 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
             share = _find_fast_share(wall_moves, end_points_mm, side, wall.depth_mm)
             fast_moves.share[wall_moves] = np.maximum(fast_moves.share[wall_moves], share)
         fast_moves.feed_mm_min[wall_moves] = 60.0 * fast_mm_s
-    return fast_moves
+    return _limit_speed(path, fast_moves, float(settings.extruder["cool_min_layer_time"]))
+
+
+def _limit_speed(path: Toolpath, fast_moves: FastMoves, min_layer_s: float) -> FastMoves:
+    """Reduce the speeds of each layer so that it does not become shorter than the minimum layer time.
+
+    The head accelerates more than at the lower speed, so a layer saves less than is assumed here.
+    """
+    moves = np.flatnonzero(fast_moves.share > 0.0)
+    if len(moves) == 0:
+        return fast_moves
+    slow_min_per_mm = 1.0 / path.feed_mm_min[moves]
+    saved_min_per_mm = slow_min_per_mm - 1.0 / fast_moves.feed_mm_min[moves]
+    lengths_mm = fast_moves.share[moves] * np.hypot(*(path.end - path.start)[moves, :2].T)
+    layers, numbers = np.unique(path.layer[moves], return_inverse=True)
+    saved_s = 60.0 * np.bincount(numbers, lengths_mm * saved_min_per_mm)
+    spare_s = measure_spare_times_s(path, min_layer_s)
+    layer_spare_s = np.array([spare_s.get(layer, 0.0) for layer in layers.tolist()])
+    ratio = np.clip(layer_spare_s / saved_s, 0.0, 1.0)[numbers]
+    share, feed_mm_min = fast_moves.share.copy(), fast_moves.feed_mm_min.copy()
+    share[moves] = np.where(ratio > 0.0, share[moves], 0.0)
+    feed_mm_min[moves] = 1.0 / (slow_min_per_mm - ratio * saved_min_per_mm)
+    return FastMoves(share, feed_mm_min)
 
 
 def _find_fast_share(

@@ -119,17 +119,24 @@ class Backing:
             ],
         )
 
-    def supports(self, stretch: Stretch) -> bool:
-        """Check whether the outer wall along a stretch without skin needs no inner wall.
+    def supports(self, run: Sequence[Stretch]) -> bool:
+        """Check whether the outer wall along a run of stretches without skin needs no inner wall.
 
-        Infill has to reach it, and the next layer's outer wall has to lie on it.
+        Infill has to reach it, and the next layer's outer wall has to lie on it. A short stretch needs no
+        infill if infill reaches another stretch of the run, because the corner between them is rigid.
         """
-        positions_mm = self.infill[stretch.side].find_positions_mm(stretch)
-        gaps_mm = np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm)
-        is_long = stretch.high_mm - stretch.low_mm > TRANSITION_MM
-        if (is_long and len(positions_mm) == 0) or float(gaps_mm.max()) > MAX_UNSUPPORTED_MM:
+        infill_mm = [self.infill[stretch.side].find_positions_mm(stretch) for stretch in run]
+        gaps_mm = [
+            float(np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm).max())
+            for stretch, positions_mm in zip(run, infill_mm, strict=True)
+        ]
+        is_long = max(stretch.high_mm - stretch.low_mm for stretch in run) > TRANSITION_MM
+        if (is_long and not any(map(len, infill_mm))) or max(gaps_mm) > MAX_UNSUPPORTED_MM:
             return False
-        return self.outer_wall[stretch.side].measure_gaps_mm(stretch, stretch.layer + 1) <= MAX_GAPS_MM
+        return all(
+            self.outer_wall[stretch.side].measure_gaps_mm(stretch, stretch.layer + 1) <= MAX_GAPS_MM
+            for stretch in run
+        )
 
 
 def _find_outer_wall(

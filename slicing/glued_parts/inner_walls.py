@@ -144,7 +144,7 @@ def _find_removal(
                 continue
             end_points_mm = [starts_mm + share[:, None] * deltas_mm for share in (first, last)]
             stretches = _list_stretches(layer, numbers, end_points_mm, last > first, sides)
-            if all(backing.supports(stretch) for stretch in stretches):
+            if stretches and backing.supports(stretches):
                 removal.first_share[moves], removal.last_share[moves] = first, last
                 removal.is_skipped[moves] = is_whole
                 removal.stretches.extend(stretches)

@@ -116,12 +116,6 @@ def find_level_lines(path: Toolpath) -> Bools:
     return np.asarray((path.extruded_mm > 0.0) & (delta_mm[:, 2] == 0.0) & is_moved)
 
 
-def find_long_layers(path: Toolpath, min_time_s: float) -> Bools:
-    """Mark the moves (n,) of layers that take at least a minimum time, according to the comments."""
-    spare_s = measure_spare_times_s(path, min_time_s)
-    return np.isin(path.layer, [layer for layer, seconds in spare_s.items() if seconds >= 0.0])
-
-
 def measure_spare_times_s(path: Toolpath, min_time_s: float) -> dict[int, float]:
     """Measure by how many seconds each layer exceeds a minimum time, according to the comments."""
     spare_s, first, elapsed_s = {}, 0, 0.0

@@ -178,15 +178,21 @@ def test_short_layers_keep_their_speed(make_request):
     assert slice_plate(make_request(tower, hidden_sides=(side,))).sha256 == plain_result.sha256
 
 
-def test_layer_that_could_become_shorter_than_the_minimum_keeps_its_speed(make_request, make_settings):
-    _, path = slice_toolpath(make_request)
-    ends_s = [end_s for _, end_s in path.list_layer_ends()]
-    for ratio, changes in ((1.8, False), (2.2, True)):
-        min_s = round(max(np.diff(ends_s[3:])) / ratio, 2)
-        settings = make_settings(cool_min_layer_time=min_s)
-        plain_result, _ = slice_toolpath(make_request, settings=settings)
-        result, _ = slice_toolpath(make_request, [SIDE], settings=settings)
-        assert (result.sha256 != plain_result.sha256) == changes
+@pytest.mark.parametrize("spare_share", [0.01, 0.03, 0.5])
+def test_speed_rises_until_a_layer_takes_the_minimum_time(make_request, make_settings, spare_share):
+    _, plain_path = slice_toolpath(make_request)
+    layers_s = np.diff([end_s for _, end_s in plain_path.list_layer_ends()])
+    min_s = round((1.0 - spare_share) * float(layers_s[6:-6].min()), 3)
+    settings = make_settings(cool_min_layer_time=min_s)
+    plain_result, _ = slice_toolpath(make_request, settings=settings)
+    result, path = slice_toolpath(make_request, [SIDE], settings=settings)
+    feeds_mm_min = path.feed_mm_min[find_lines(path, "WALL-OUTER", OUTER_DEPTH_MM, above_layer=6)]
+    fastest_mm_min = float(feeds_mm_min.max())
+    assert fastest_mm_min == pytest.approx(FAST_MM_MIN) if spare_share > 0.4 else fastest_mm_min < FAST_MM_MIN
+    assert fastest_mm_min > 2450.0
+    assert result.sliced_s < plain_result.sliced_s
+    new_layers_s = np.diff([end_s for _, end_s in path.list_layer_ends()])
+    assert float(new_layers_s[6:-6].min()) >= min_s
 
 
 def test_speed_is_limited_by_the_ratio_and_by_infill(make_request, make_settings):

@@ -320,6 +320,18 @@ def test_inner_wall_stays_where_no_infill_is_beside_it(slice_walls):
     assert list_layers_with_changed_walls(slice_walls, plate, RIGHT) == []
 
 
+def test_inner_wall_is_removed_around_a_short_side_without_infill(slice_walls):
+    """Check a long side and a short one beside it, which infill reaches in every other layer only."""
+    outline = shapely.Polygon([(-30.0, -25.0), (30.0, -25.0), (30.0, 25.0), (19.0, 25.0), (-30.0, -6.0)])
+    mesh = trimesh.creation.extrude_polygon(outline, 8.0)
+    lines_mm, layers = list_lines(slice_walls(RIGHT, BACK, mesh=mesh)[1], "WALL-INNER", INFILL_LAYERS)
+    is_on_right = np.abs(30.0 - lines_mm[:, :, 0] - INNER_LINE_DEPTH_MM).max(axis=1) < 0.02
+    lengths_mm = np.bincount(
+        layers[is_on_right], np.linalg.norm(np.diff(lines_mm[is_on_right], axis=1), axis=2)[:, 0]
+    )
+    assert np.flatnonzero(lengths_mm > 20.0).tolist() == []
+
+
 @pytest.mark.parametrize("step_mm", [0.0, 0.25, 0.5])
 def test_inner_wall_stays_below_a_wall_that_lies_on_it(slice_walls, step_mm):
     """Check a side whose upper half is a little further back than the lower one."""
