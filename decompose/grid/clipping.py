@@ -35,7 +35,8 @@ class CellContents(NamedTuple):
         (nx, ny, nz, 4). Columns 0 to 2: sums of area times unit normal, in mm2. Column 3: sum of area times
         the x component of the normal times the distance in x from the lower side of the cell, in mm3.
     sums
-        (nx, ny, nz, SUM_COUNT) as in `Grid`, but the column `VOLUME` is 0.
+        (nx, ny, nz, SUM_COUNT) as in `Grid`, but the column `VOLUME` is 0; (0, 0, 0, SUM_COUNT) if they are
+        not needed.
     bounds_mm
         (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf if there is none.
     """
@@ -47,17 +48,20 @@ class CellContents(NamedTuple):
 
 
 @jit
-def _allocate_contents(shape: tuple[int, int, int]) -> CellContents:
+def _allocate_contents(shape: tuple[int, int, int], has_sums: bool) -> CellContents:
     """Allocate the contents of a grid of empty cells.
 
     Parameters
     ----------
     shape
         Shape of the grid, in cells.
+    has_sums
+        Whether `CellContents.sums` are needed.
     """
     bounds_mm = np.full((*shape, 6), np.inf)
     bounds_mm[:, :, :, 3:] = -np.inf
-    return CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUM_COUNT)), bounds_mm)
+    sums = np.zeros((*shape, SUM_COUNT) if has_sums else (0, 0, 0, SUM_COUNT))
+    return CellContents(np.zeros(shape), np.zeros((*shape, 4)), sums, bounds_mm)
 
 
 @jit
@@ -215,6 +219,8 @@ def _add_fragment(
     for k in range(3):
         cosine = normal[k]
         flux[x, y, z, k] += area_mm2 * cosine
+        if len(sums) == 0:
+            continue
         lateral_mm2 = area_mm2 * np.sqrt(max(0.0, 1.0 - cosine * cosine))
         sums[x, y, z, LATERAL_AREA + k] += lateral_mm2
         if abs(cosine) > skin_cos:
@@ -227,7 +233,9 @@ def _add_fragment(
 
 
 @jit
-def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang_cos: float) -> CellContents:
+def clip_into_cells(
+    triangles: Floats, planes: Planes, skin_cos: float, overhang_cos: float, has_sums: bool
+) -> CellContents:
     """Clip every triangle to the cells that it crosses, and add up its fragments by cell.
 
     Parameters
@@ -239,9 +247,11 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     skin_cos, overhang_cos
         Limits of the component of a unit normal along an axis. Above them, a face has skin, or counts as an
         overhang.
+    has_sums
+        Whether `CellContents.sums` are needed.
     """
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
-    contents = _allocate_contents(shape)
+    contents = _allocate_contents(shape, has_sums)
     polygons = np.zeros((4, 12, 3))  # the triangle after clipping along 0, 1, 2, 3 axes
     half_polygon = np.zeros((12, 3))
     count, last, cell = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)

@@ -200,19 +200,12 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     planes
         (n + 1,) ascending coordinates of the planes perpendicular to each axis, in mm.
     """
-    area_mm2, flux, sums, bounds_mm = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
+    contents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos, True)
+    area_mm2, flux, sums, bounds_mm = contents
     surface_bounds_mm = bounds_mm.copy()  # `bounds_mm` becomes the bounds of the solid below
-    steps_mm = [np.diff(p) for p in planes]
-    cuts = []
-    for axis in range(3):
-        face_flux = np.zeros([n + (a == axis) for a, n in enumerate(area_mm2.shape)])
-        inner_index = [slice(None)] * 3
-        inner_index[axis] = slice(1, None)
-        face_flux[tuple(inner_index)] = -np.cumsum(flux[..., axis], axis=axis)
-        min_face_mm2 = np.multiply.outer(steps_mm[(axis + 1) % 3], steps_mm[(axis + 2) % 3]).min()
-        face_flux[np.abs(face_flux) < 1e-9 * min_face_mm2] = 0.0
-        cuts.append(np.maximum(face_flux, 0.0))
-    sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps_mm[0][:, None, None])
+    cuts = _sum_cuts(flux, planes)
+    x_steps_mm = np.diff(planes[0])[:, None, None]
+    sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * x_steps_mm)
     # Where solid crosses a side of a cell, its bounds reach this side; a cell without surface is full or
     # empty.
     for axis in range(3):
@@ -223,16 +216,57 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
         low_mm, high_mm = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
         bounds_mm[..., axis] = np.where(is_lower_side_cut, low_mm, bounds_mm[..., axis])
         bounds_mm[..., axis + 3] = np.where(is_upper_side_cut, high_mm, bounds_mm[..., axis + 3])
-    cells = np.full(area_mm2.shape, Cell.EXTERNAL, dtype=np.int8)
-    cells[(area_mm2 == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
-    cells[area_mm2 > 0.0] = Cell.BOUNDARY
+    cells = _classify_cells(area_mm2, cuts)
     is_needed = cells != Cell.EXTERNAL
     if not rules.keeps_interior:
         is_needed = (cells == Cell.BOUNDARY) | _find_wall_cells(
             cells, surface_bounds_mm, planes, rules.min_wall_mm
         )
-    cut_areas = (cuts[0], cuts[1], cuts[2])
-    return Grid(planes, cells, is_needed, sums, area_mm2, bounds_mm, surface_bounds_mm, cut_areas, NO_BODIES)
+    return Grid(planes, cells, is_needed, sums, area_mm2, bounds_mm, surface_bounds_mm, cuts, NO_BODIES)
+
+
+def find_cells(
+    triangles: Floats, planes: tuple[Floats, Floats, Floats]
+) -> tuple[npt.NDArray[np.int8], Floats]:
+    """Find the classes of cells, and the bounds of the surface in them, without the other fields of a grid.
+
+    A grid with the same planes takes three times as much memory.
+
+    Parameters
+    ----------
+    triangles, planes
+        As in `fill_grid`.
+
+    Returns
+    -------
+    tuple
+        `Grid.cells` and `Grid.surface_bounds_mm`.
+    """
+    contents = clip_into_cells(triangles, planes, 1.0, 1.0, False)
+    return _classify_cells(contents.area_mm2, _sum_cuts(contents.flux, planes)), contents.bounds_mm
+
+
+def _sum_cuts(flux: Floats, planes: tuple[Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
+    """Compute `Grid.cuts` from the flux through the surface in each cell, see `CellContents`."""
+    cuts = []
+    for axis in range(3):
+        other_steps_mm = [np.diff(planes[(axis + i) % 3]) for i in (1, 2)]
+        cut_mm2 = np.zeros([n + (a == axis) for a, n in enumerate(flux.shape[:3])])
+        inner_index = [slice(None)] * 3
+        inner_index[axis] = slice(1, None)
+        np.cumsum(-flux[..., axis], axis=axis, out=cut_mm2[tuple(inner_index)])
+        min_face_mm2 = np.multiply.outer(*other_steps_mm).min()
+        cut_mm2[cut_mm2 < 1e-9 * min_face_mm2] = 0.0
+        cuts.append(cut_mm2)
+    return cuts[0], cuts[1], cuts[2]
+
+
+def _classify_cells(area_mm2: Floats, cuts: tuple[Floats, Floats, Floats]) -> npt.NDArray[np.int8]:
+    """Classify cells by the area of the surface in them, and the area of the solid on their lower x side."""
+    cells = np.full(area_mm2.shape, Cell.EXTERNAL, dtype=np.int8)
+    cells[(area_mm2 == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
+    cells[area_mm2 > 0.0] = Cell.BOUNDARY
+    return cells
 
 
 def _find_bodies(bounds_mm: Floats, cuts: tuple[Floats, Floats, Floats], divisions: int) -> CellBodies:

@@ -13,10 +13,10 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from decompose.arrays import Bools, Floats
-from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
+from decompose.grid.grid import Cell, Grid, divide_planes, find_cells
 
 SAME_PLANE_MM = 1e-9  # maximum difference between coordinates of the same plane
-MAX_DIVISION = 4  # maximum number of fine cells along each side of a cell
+MAX_DIVISION = 6  # maximum number of fine cells along each side of a cell
 
 
 def refine_cells(
@@ -39,17 +39,16 @@ def refine_cells(
     """
     divisions = max(1, min(MAX_DIVISION, int((max_cells / grid.is_needed.size) ** (1.0 / 3.0))))
     px, py, pz = (divide_planes(planes, divisions) for planes in grid.planes)
-    fine_grid = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
-    is_needed = fine_grid.cells != Cell.EXTERNAL
+    planes = (px, py, pz)
+    cells, surface_bounds_mm = find_cells(triangles, planes)
+    is_needed = cells != Cell.EXTERNAL
     if not keeps_interior:
-        boundary = fine_grid.cells == Cell.BOUNDARY
-        is_needed = boundary | is_needed & _find_near_cells(
-            fine_grid.surface_bounds_mm[boundary], fine_grid.planes, min_wall_mm
-        )
+        boundary = cells == Cell.BOUNDARY
+        is_needed = boundary | is_needed & _find_near_cells(surface_bounds_mm[boundary], planes, min_wall_mm)
     is_cell_needed = grid.is_needed
     for axis in range(3):
         is_cell_needed = is_cell_needed.repeat(divisions, axis=axis)
-    return NeededCells(fine_grid.planes, is_needed & is_cell_needed)
+    return NeededCells(planes, is_needed & is_cell_needed)
 
 
 def _find_near_cells(bounds_mm: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:

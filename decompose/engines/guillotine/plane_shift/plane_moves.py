@@ -18,9 +18,9 @@ from decompose.grid import SAME_PLANE_MM, Box, FlatFaces, Grid, NeededCells, ref
 from decompose.options import Interior
 from decompose.problem import Problem
 
-# Maximum number of fine cells, multiplied by the number of boxes. The needed cells are refined only up to it,
-# because finding them takes time and memory.
-MAX_CELL_BOXES = 20_000_000
+# Maximum number of fine cells. The needed cells are refined only up to it, because finding them takes time
+# and memory.
+MAX_FINE_CELLS = 2_000_000
 
 
 def extend_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
@@ -84,8 +84,7 @@ def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
     """
     vertices, faces = problem.model.solid.arrays()
     keeps_interior = problem.options.interior is Interior.KEEP
-    max_cells = MAX_CELL_BOXES // len(problem.printers)
-    return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keeps_interior, max_cells)
+    return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keeps_interior, MAX_FINE_CELLS)
 
 
 def _slice_cells(box: Ints) -> tuple[slice, ...]:
