@@ -1,11 +1,11 @@
 """Pins and marks on the joints of decomposed models: share of the glued area near a pin, and cost.
 
-Models are cut by the engine `best`, with and without pins and marks. The parts with them are drilled,
-and all rules are checked. With --slices, the first of these parts are sliced without and with their holes and
-marks. Marks are read back from the outer walls, and the material of supports is compared.
+Models are cut with and without pins and marks. The parts with them are drilled, and all rules are checked.
+With --slices, the first of these parts are sliced without and with their holes and marks. Marks are read back
+from the outer walls, and the material of supports is compared.
 
 Usage: python -m bench.joints MODEL|SHAPE... [--printers 8,20] [--longest-side 330] [--slices 0]
-    [--budget 1800] [--resume FILE] [--json]
+    [--engine best] [--budget 1800] [--resume FILE] [--json]
 
 A SHAPE is a name of `bench.models.shapes`. No case is started after --budget seconds. --resume stores a line
 of JSON for each finished case in FILE, and skips the cases that are already in it.
@@ -104,10 +104,12 @@ def load_case(name: str, longest_side_mm: float) -> Model:
     return load_model(Path(name), longest_side_mm=longest_side_mm)
 
 
-def cut_model(model: Model, printers: int, connectors: ConnectorOptions) -> Decomposition:
+def cut_model(
+    model: Model, printers: int, connectors: ConnectorOptions, engine: Engine = Engine.GUILLOTINE
+) -> Decomposition:
     """Cut a model for a number of printers, and compute the order of its assembly."""
     target_printers = [TargetPrinter(str(number), USABLE_VOLUMES_MM) for number in range(printers)]
-    options = Options(Engine.BEST, prove=False, connectors=connectors)
+    options = Options(engine, prove=False, connectors=connectors)
     return decompose_model(model, target_printers, options, make_cost()).with_assembly()
 
 
@@ -130,11 +132,11 @@ def level_planes(model: Model, drilled_result: Decomposition) -> Decomposition:
     return min((drilled_result, connect_parts(levelled_result.with_assembly())), key=find_longest_price_s)
 
 
-def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
+def measure(name: str, printers: int, longest_side_mm: float, slices: int, engine: Engine) -> Row:
     """Cut a model, drill its parts, and measure them."""
     model = load_case(name, longest_side_mm)
-    bare_result = cut_model(model, printers, ConnectorOptions())
-    cut_result = cut_model(model, printers, ALL_CONNECTORS)
+    bare_result = cut_model(model, printers, ConnectorOptions(), engine)
+    cut_result = cut_model(model, printers, ALL_CONNECTORS, engine)
     start_s = process_time()
     drilled_result = connect_parts(cut_result)
     compute_s = process_time() - start_s
@@ -223,6 +225,7 @@ def main() -> None:
     parser.add_argument("--printers", default="8")
     parser.add_argument("--longest-side", type=float, default=330.0)
     parser.add_argument("--slices", type=int, default=0)
+    parser.add_argument("--engine", type=Engine, default=Engine.BEST)
     parser.add_argument("--budget", type=float, default=1800.0)
     parser.add_argument("--resume", type=Path)
     parser.add_argument("--json", action="store_true")
@@ -235,7 +238,7 @@ def main() -> None:
             if key not in rows_by_case:
                 if monotonic() > deadline_s:
                     continue
-                row = measure(name, printers, options.longest_side, options.slices)
+                row = measure(name, printers, options.longest_side, options.slices, options.engine)
                 rows_by_case[key] = {"printers": printers, **asdict(row)}
                 if options.resume is not None:
                     with options.resume.open("a", encoding="utf-8") as file:

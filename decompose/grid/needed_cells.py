@@ -38,7 +38,7 @@ def refine_cells(
         Maximum number of fine cells in total, unless the grid itself has more cells.
     """
     divisions = max(1, min(MAX_DIVISION, int((max_cells / grid.is_needed.size) ** (1.0 / 3.0))))
-    px, py, pz = (divide_planes(planes, divisions) for planes in grid.planes)
+    px, py, pz = (divide_planes(cell_planes, divisions) for cell_planes in grid.planes)
     planes = (px, py, pz)
     cells, surface_bounds_mm = find_cells(triangles, planes)
     is_needed = cells != Cell.EXTERNAL

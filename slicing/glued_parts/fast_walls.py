@@ -5,7 +5,7 @@ CuraEngine has one speed for outer walls and one for inner walls.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,10 @@ from slicing.glued_parts.sides import (
     measure_spare_times_s,
 )
 from slicing.settings import EngineSettings
+
+MIN_SPEED_SHARE = 0.02
+"""Minimum share of the time that all walls of a layer would save at the highest speed. For less, no lines are
+divided."""
 
 
 def speed_up_hidden_walls(
@@ -82,19 +86,29 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
         if fast_mm_s <= wall.speed_mm_s:
             continue
         has_full_speed = path.feed_mm_min > 60.0 * wall.speed_mm_s - 1.0
-        wall_moves = np.flatnonzero(is_line & path.is_feature(wall.feature) & has_full_speed)
+        is_slower = path.feed_mm_min < 60.0 * fast_mm_s
+        wall_moves = np.flatnonzero(is_line & path.is_feature(wall.feature) & has_full_speed & is_slower)
         end_points_mm = points_mm[0][wall_moves], points_mm[1][wall_moves]
         for side in sides:
             share = _find_fast_share(wall_moves, end_points_mm, side, wall.depth_mm)
             fast_moves.share[wall_moves] = np.maximum(fast_moves.share[wall_moves], share)
         fast_moves.feed_mm_min[wall_moves] = 60.0 * fast_mm_s
-    return _limit_speed(path, fast_moves, float(settings.extruder["cool_min_layer_time"]))
+    return _limit_speed(path, fast_moves, measure_spare_times_s(path, settings))
 
 
-def _limit_speed(path: Toolpath, fast_moves: FastMoves, min_layer_s: float) -> FastMoves:
+def _limit_speed(path: Toolpath, fast_moves: FastMoves, spare_s: Mapping[int, float]) -> FastMoves:
     """Reduce the speeds of each layer so that it does not become shorter than the minimum layer time.
 
     The head accelerates more than at the lower speed, so a layer saves less than is assumed here.
+
+    Parameters
+    ----------
+    path
+        Moves of the file.
+    fast_moves
+        Moves at the highest speeds.
+    spare_s
+        Seconds by which each layer exceeds the minimum layer time.
     """
     moves = np.flatnonzero(fast_moves.share > 0.0)
     if len(moves) == 0:
@@ -104,11 +118,10 @@ def _limit_speed(path: Toolpath, fast_moves: FastMoves, min_layer_s: float) -> F
     lengths_mm = fast_moves.share[moves] * np.hypot(*(path.end - path.start)[moves, :2].T)
     layers, numbers = np.unique(path.layer[moves], return_inverse=True)
     saved_s = 60.0 * np.bincount(numbers, lengths_mm * saved_min_per_mm)
-    spare_s = measure_spare_times_s(path, min_layer_s)
     layer_spare_s = np.array([spare_s.get(layer, 0.0) for layer in layers.tolist()])
     ratio = np.clip(layer_spare_s / saved_s, 0.0, 1.0)[numbers]
     share, feed_mm_min = fast_moves.share.copy(), fast_moves.feed_mm_min.copy()
-    share[moves] = np.where(ratio > 0.0, share[moves], 0.0)
+    share[moves] = np.where(ratio > MIN_SPEED_SHARE, share[moves], 0.0)
     feed_mm_min[moves] = 1.0 / (slow_min_per_mm - ratio * saved_min_per_mm)
     return FastMoves(share, feed_mm_min)
 

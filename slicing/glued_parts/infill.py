@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,11 +22,12 @@ from slicing.glued_parts.sides import (
 )
 
 MAX_UNSUPPORTED_MM = 18.5
-"""[assumed] Maximum length of the outer wall between two points where infill reaches it. The lines of the
-sparsest infill of quality `glue` are 12.4 mm apart along a side that they meet at 45 degrees."""
+"""[assumed] Maximum length of the outer wall between two points where infill reaches it, or a side ends. The
+lines of the sparsest infill of quality `glue` are 12.4 mm apart along a side that they meet at 45 degrees."""
 MAX_GAPS_MM = 3.0
 """Maximum length of a stretch without an inner wall that the next layer's outer wall may leave uncovered."""
 _BOUNDARY_DEPTH_MM = 0.3  # depth below the edge of the inner wall within which lines of infill end
+_SAME_PLACE_MM = 0.01  # maximum distance between the ends of stretches that touch
 _TAPER_MM = 1.0  # range of depths below this boundary in which the shift of the infill decreases to zero
 _SKIN_DEPTH_MM = 2.0  # depth behind a side up to which skin needs the inner wall
 
@@ -123,20 +124,40 @@ class Backing:
         """Check whether the outer wall along a run of stretches without skin needs no inner wall.
 
         Infill has to reach it, and the next layer's outer wall has to lie on it. A short stretch needs no
-        infill if infill reaches another stretch of the run, because the corner between them is rigid.
+        infill if infill reaches the stretch before or after it, because the corner between them is rigid.
+
+        Parameters
+        ----------
+        run
+            Successive stretches of a wall, all those of a ring if it is one.
         """
+        run = _join_ends(run)
         infill_mm = [self.infill[stretch.side].find_positions_mm(stretch) for stretch in run]
-        gaps_mm = [
-            float(np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm).max())
-            for stretch, positions_mm in zip(run, infill_mm, strict=True)
-        ]
-        is_long = max(stretch.high_mm - stretch.low_mm for stretch in run) > TRANSITION_MM
-        if (is_long and not any(map(len, infill_mm))) or max(gaps_mm) > MAX_UNSUPPORTED_MM:
-            return False
+        has_infill = [len(positions_mm) > 0 for positions_mm in infill_mm]
+        # The last stretch precedes the first one in a ring; at the ends of an open run, an inner wall stays.
+        for number, (stretch, positions_mm) in enumerate(zip(run, infill_mm, strict=True)):
+            gaps_mm = np.diff(positions_mm, prepend=stretch.low_mm, append=stretch.high_mm)
+            is_long = stretch.high_mm - stretch.low_mm > TRANSITION_MM
+            is_held = has_infill[number - 1] or has_infill[number] or has_infill[(number + 1) % len(run)]
+            if (is_long and not is_held) or float(gaps_mm.max()) > MAX_UNSUPPORTED_MM:
+                return False
         return all(
             self.outer_wall[stretch.side].measure_gaps_mm(stretch, stretch.layer + 1) <= MAX_GAPS_MM
             for stretch in run
         )
+
+
+def _join_ends(run: Sequence[Stretch]) -> list[Stretch]:
+    """Join the first and the last stretch of a ring, if the ring begins in the middle of a side."""
+    first, last = run[0], run[-1]
+    is_split = len(run) > 1 and first.side == last.side
+    is_split &= (
+        first.low_mm <= last.high_mm + _SAME_PLACE_MM and last.low_mm <= first.high_mm + _SAME_PLACE_MM
+    )
+    if not is_split:
+        return list(run)
+    low_mm, high_mm = min(first.low_mm, last.low_mm), max(first.high_mm, last.high_mm)
+    return [replace(first, low_mm=low_mm, high_mm=high_mm), *run[1:-1]]
 
 
 def _find_outer_wall(

@@ -74,8 +74,8 @@ def remove_inner_walls(
 ) -> bytes:
     """Remove the inner wall along hidden sides, if `removes_inner_walls`.
 
-    A layer keeps its inner wall where no infill supports the outer wall, and within `TRANSITION_MM` of skin
-    or of a wall that stays.
+    A layer keeps its inner wall where infill does not support the outer wall (`Backing.supports`), and within
+    `TRANSITION_MM` of skin or of a wall that stays.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _find_removal(
     """Find the moves of inner walls at the depth `wall_depth_mm` that are removed."""
     count = len(path.layer)
     removal = _Removal(np.zeros(count), np.zeros(count), np.zeros(count, np.bool_), [])
-    spare_s = measure_spare_times_s(path, float(settings.extruder["cool_min_layer_time"]))
+    spare_s = measure_spare_times_s(path, settings)
     is_line = find_level_lines(path) & (path.layer > 0)
     wall_moves = np.flatnonzero(is_line & path.is_feature("WALL-INNER"))
     if len(wall_moves) == 0:

@@ -112,7 +112,7 @@ def _reorder(
     """Reorder the lines of blocks where that saves travel and no layer becomes too short."""
     segments: dict[int, list[Segment]] = {}
     outer_walls = OuterWalls(path)
-    spare_s = measure_spare_times_s(path, float(settings.extruder["cool_min_layer_time"]))
+    spare_s = measure_spare_times_s(path, settings)
     for block in blocks:
         layer = int(path.layer[block.lines[0][0]])
         order = find_order(block.stops)

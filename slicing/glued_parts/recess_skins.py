@@ -118,7 +118,7 @@ def remove_recess_skins(
     if not recesses or not removes_inner_walls(settings):
         return gcode
     is_removed = np.zeros(len(path.layer), np.bool_)
-    spare_s = measure_spare_times_s(path, float(settings.extruder["cool_min_layer_time"]))
+    spare_s = measure_spare_times_s(path, settings)
     lengths_mm = measure_lengths_mm(path)
     for patch in _list_patches(path, recesses, settings):
         layer = int(path.layer[patch[0]])

@@ -116,8 +116,15 @@ def find_level_lines(path: Toolpath) -> Bools:
     return np.asarray((path.extruded_mm > 0.0) & (delta_mm[:, 2] == 0.0) & is_moved)
 
 
-def measure_spare_times_s(path: Toolpath, min_time_s: float) -> dict[int, float]:
-    """Measure by how many seconds each layer exceeds a minimum time, according to the comments."""
+def measure_spare_times_s(path: Toolpath, settings: EngineSettings) -> dict[int, float]:
+    """Measure by how many seconds each layer exceeds the minimum layer time, according to the comments.
+
+    The slicer turns the fan faster in layers that are shorter than another time, unless the fan always has
+    its maximum speed, as for PLA. The fan does not follow changes of the G-code, so the minimum is this time.
+    """
+    min_time_s = float(settings.extruder["cool_min_layer_time"])
+    if float(settings.extruder["cool_fan_speed_min"]) < float(settings.extruder["cool_fan_speed_max"]):
+        min_time_s = max(min_time_s, float(settings.extruder["cool_min_layer_time_fan_speed_max"]))
     spare_s, first, elapsed_s = {}, 0, 0.0
     for move, end_s in path.list_layer_ends():
         if move > first:

@@ -128,7 +128,7 @@ def reorder_inner_walls(gcode: bytes, path: Toolpath, settings: EngineSettings) 
     if not removes_inner_walls(settings):
         return gcode
     outer_walls = OuterWalls(path)
-    spare_s = measure_spare_times_s(path, float(settings.extruder["cool_min_layer_time"]))
+    spare_s = measure_spare_times_s(path, settings)
     for chain in _list_chains(path):
         layer = int(path.layer[chain.moves[-1]])
         plan = _find_best_plan(chain, outer_walls.build_travel_area(layer))

@@ -87,7 +87,7 @@ class EngineSettings:
     scale_z: float
     hidden_layers: HiddenLayers  # solid layers at the hidden faces of a part
     hidden_wall_ratio: float = 1.0  # maximum ratio of the speed of walls on hidden sides to that of others
-    # Whether inner walls are left out along hidden sides, where infill is next to these sides.
+    # Whether inner walls are left out along hidden sides, where infill supports the outer walls.
     has_single_hidden_walls: bool = False
     # Angle from the vertical up to which faces get no support if they are small; 0 to support all of them.
     small_overhang_deg: float = 0.0

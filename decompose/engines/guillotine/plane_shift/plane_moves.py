@@ -19,8 +19,8 @@ from decompose.options import Interior
 from decompose.problem import Problem
 
 # Maximum number of fine cells. The needed cells are refined only up to it, because finding them takes time
-# and memory.
-MAX_FINE_CELLS = 2_000_000
+# and memory. It is just above the number for the largest grid of the search, so only other grids reach it.
+MAX_NEEDED_CELLS = 2_000_000
 
 
 def extend_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
@@ -84,7 +84,7 @@ def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
     """
     vertices, faces = problem.model.solid.arrays()
     keeps_interior = problem.options.interior is Interior.KEEP
-    return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keeps_interior, MAX_FINE_CELLS)
+    return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keeps_interior, MAX_NEEDED_CELLS)
 
 
 def _slice_cells(box: Ints) -> tuple[slice, ...]:
