@@ -197,7 +197,7 @@ def test_speed_rises_until_a_layer_takes_the_minimum_time(make_request, make_set
 
 @pytest.mark.parametrize(("fan_share", "changes"), [(100.0, True), (20.0, False)])
 def test_layer_with_a_faster_fan_keeps_its_speed(make_request, make_settings, fan_share, changes):
-    """Check a fan that runs faster in layers of less than ten minutes, but only if it has another speed for them."""
+    """Check a fan that runs faster in layers of less than ten minutes, unless it has only one speed."""
     settings = make_settings(cool_fan_speed_min=fan_share, cool_min_layer_time_fan_speed_max=600.0)
     plain_result, _ = slice_toolpath(make_request, settings=settings)
     result, _ = slice_toolpath(make_request, [SIDE], settings=settings)
