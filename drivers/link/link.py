@@ -1,4 +1,7 @@
-"""Marlin's serial protocol without I/O; the package's docstring has the theory of operation."""
+"""Marlin's serial protocol without I/O; the package's docstring has the theory of operation.
+
+The class is longer than others because each of its methods changes the state of the one exchange of lines.
+"""
 
 from __future__ import annotations
 

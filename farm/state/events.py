@@ -1,4 +1,7 @@
-"""Events, named in the past tense, and the resulting instructions, named in the imperative."""
+"""Events, named in the past tense, and the resulting instructions, named in the imperative.
+
+They are one list of records without code, so that a reader sees all that can happen in one file.
+"""
 
 from __future__ import annotations
 

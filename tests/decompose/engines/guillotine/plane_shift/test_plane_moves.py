@@ -17,8 +17,14 @@ from decompose.engines.guillotine.plane_shift.plane_moves import (
     find_invalid_groups,
     group_faces,
     move_groups,
+    refine_needed_cells,
 )
+from decompose.geometry import Model, Solid
 from decompose.grid import Box, FlatFaces, NeededCells
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import TargetPrinter
+from decompose.problem import Problem
 
 PLANES = tuple(np.arange(7) * 10.0 for _ in range(3))
 
@@ -139,3 +145,19 @@ def test_plane_stops_before_flat_faces(flats: dict[float, float], old_mm: float,
     )
     if all(abs(flat_mm - new_mm) >= clearance_mm for flat_mm, clearance_mm in flats.items()):
         assert position_mm == new_mm
+
+
+@pytest.mark.parametrize("printers", [2, 100])
+def test_plane_is_free_beside_solid_that_ends_before_it(cost: CostModel, printers: int) -> None:
+    """Check an L whose wide half ends 1 mm before the plane; only its narrow half crosses the plane."""
+    wide_half = Solid.box((0.0, 0.0, 0.0), (104.0, 100.0, 40.0))
+    solid = Solid.union([wide_half, Solid.box((0.0, 0.0, 0.0), (200.0, 50.0, 40.0))])
+    target_printers = tuple(TargetPrinter(f"p{i}", ((220.0, 220.0, 200.0),)) for i in range(printers))
+    problem = Problem(Model(solid, (), 1.0), target_printers, cost, Options(Engine.GUILLOTINE, 20))
+    grid = problem.build_grid(problem.model)
+    plane_mm = float(grid.planes[0][np.searchsorted(grid.planes[0], 104.5)])
+    assert 104.8 < plane_mm < 105.1
+    boxes_mm = np.array([[(-1, -1, -1), (plane_mm, 101, 41)], [(plane_mm, -1, -1), (201, 55, 41)]])
+    cells = refine_needed_cells(problem, grid)
+    is_free = find_free_directions(boxes_mm, group_faces(boxes_mm), cells, step_mm=0.4)
+    assert is_free.tolist() == [[True, True]]

@@ -15,12 +15,7 @@ from hypothesis import strategies as st
 from decompose.engines.guillotine.plane_shift import plane_shift
 from decompose.engines.guillotine.plane_shift.box_part import BoxPart, find_longest_time_s
 from decompose.engines.guillotine.plane_shift.part_cutter import PartCutter
-from decompose.engines.guillotine.plane_shift.plane_moves import (
-    find_free_directions,
-    group_faces,
-    move_groups,
-    refine_needed_cells,
-)
+from decompose.engines.guillotine.plane_shift.plane_moves import move_groups
 from decompose.engines.guillotine.plane_shift.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
 from decompose.grid import PLANE_CLEARANCE_MM, Box, NeededCells, find_flat_faces
@@ -79,21 +74,6 @@ def test_tapered_block_is_cut_into_two_parts_of_equal_time(tapered_block: Solid,
     assert (
         new_pieces[0].boxes_mm[0, 1, 0] == new_pieces[1].boxes_mm[0, 0, 0] < old_pieces[0].boxes_mm[0, 1, 0]
     )
-
-
-@pytest.mark.parametrize("printers", [2, 100])
-def test_plane_is_free_beside_solid_that_ends_before_it(cost: CostModel, printers: int) -> None:
-    """Check an L whose wide half ends 1 mm before the plane; only its narrow half crosses the plane."""
-    wide_half = Solid.box((0.0, 0.0, 0.0), (104.0, 100.0, 40.0))
-    solid = Solid.union([wide_half, Solid.box((0.0, 0.0, 0.0), (200.0, 50.0, 40.0))])
-    problem = make_problem(solid, cost, printers, cells=20)
-    grid = problem.build_grid(problem.model)
-    plane_mm = float(grid.planes[0][np.searchsorted(grid.planes[0], 104.5)])
-    assert 104.8 < plane_mm < 105.1
-    boxes_mm = np.array([[(-1, -1, -1), (plane_mm, 101, 41)], [(plane_mm, -1, -1), (201, 55, 41)]])
-    cells = refine_needed_cells(problem, grid)
-    is_free = find_free_directions(boxes_mm, group_faces(boxes_mm), cells, step_mm=0.4)
-    assert is_free.tolist() == [[True, True]]
 
 
 def test_other_parts_are_balanced_if_one_pose_would_get_worse(
