@@ -106,6 +106,36 @@ class NeededCells:
         uncovered_cells = self.counts_below[-1, -1, -1] - self._sum_covered_cells(boxes_mm)
         return bool(uncovered_cells <= MAX_UNCOVERED_SHARE * self.is_needed.size)
 
+    def find_needed_bounds_mm(self, box_mm: Floats) -> Floats:
+        """Find the bounds (2, 3) in mm of the needed cells in a box (2, 3); the box itself if it has none."""
+        first, last = self._find_cell_range(box_mm)
+        x0, y0, z0, x1, y1, z1 = *first, *last
+        c = self.counts_below
+        counts = (
+            c[x0 : x1 + 1, y1, z1] - c[x0 : x1 + 1, y0, z1] - c[x0 : x1 + 1, y1, z0] + c[x0 : x1 + 1, y0, z0],
+            c[x1, y0 : y1 + 1, z1] - c[x0, y0 : y1 + 1, z1] - c[x1, y0 : y1 + 1, z0] + c[x0, y0 : y1 + 1, z0],
+            c[x1, y1, z0 : z1 + 1] - c[x0, y1, z0 : z1 + 1] - c[x1, y0, z0 : z1 + 1] + c[x0, y0, z0 : z1 + 1],
+        )
+        bounds_mm = box_mm.copy()
+        for axis, axis_counts in enumerate(counts):
+            needed = np.flatnonzero(np.diff(axis_counts) > 0.5)
+            if not len(needed):
+                return box_mm.copy()
+            planes = self.planes[axis]
+            bounds_mm[0, axis] = max(box_mm[0, axis], planes[first[axis] + needed[0]])
+            bounds_mm[1, axis] = min(box_mm[1, axis], planes[first[axis] + needed[-1] + 1])
+        return bounds_mm
+
+    def _find_cell_range(self, box_mm: Floats) -> tuple[list[int], list[int]]:
+        """Find the range of cells along each axis that a box (2, 3) overlaps: the first ones, and the ends."""
+        first, last = [], []
+        for planes, (low_mm, high_mm) in zip(self.planes, box_mm.T, strict=True):
+            low = int(np.searchsorted(planes, low_mm + SAME_PLANE_MM, side="right")) - 1
+            high = int(np.searchsorted(planes, high_mm - SAME_PLANE_MM, side="left"))
+            first.append(min(max(low, 0), len(planes) - 1))
+            last.append(min(max(high, 0), len(planes) - 1))
+        return first, last
+
     def _sum_covered_cells(self, boxes_mm: Floats) -> float:
         """Sum the shares of the needed cells that disjoint boxes (n, 2, 3) cover.
 

@@ -10,6 +10,8 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.engines.guillotine.plane_shift.box_part import BoxPart, compute_slowest_piece_s
+from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
+from decompose.grid import FlatFaces, NeededCells
 from decompose.pieces import Piece, cut_box, find_cut_faces
 from decompose.print_time import Pose, measure_pose
 from decompose.problem import Problem, Work
@@ -32,8 +34,16 @@ class PartCutter:
         (3,) maximum move of a face along each axis.
     """
 
-    def __init__(self, problem: Problem, start_parts: Sequence[BoxPart], reach_mm: Floats) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        start_parts: Sequence[BoxPart],
+        reach_mm: Floats,
+        cells: NeededCells,
+        flat_faces: Sequence[FlatFaces],
+    ) -> None:
         self._problem = problem
+        self._cells, self._flat_faces = cells, flat_faces
         self._start_parts = start_parts
         # Solid in the reach of each part, which is faster to cut than the whole model.
         self._nearby_solids = [
@@ -48,14 +58,34 @@ class PartCutter:
 
     def cut_part(self, i: int, box_mm: Floats) -> BoxPart:
         """Cut a part with another box; the pieces keep their printers if there are as many as before."""
-        pieces = cut_box(self._nearby_solids[i], *box_mm)
         start_pieces = self._start_parts[i].pieces
+        pieces = cut_box(self._nearby_solids[i], *self._trim_box(box_mm))
+        if len(pieces) != len(start_pieces):
+            pieces = cut_box(self._nearby_solids[i], *box_mm)
         if len(pieces) == len(start_pieces):
             pieces = [
                 replace(piece, printer=start_piece.printer, time_ratio=start_piece.time_ratio)
                 for piece, start_piece in zip(pieces, start_pieces, strict=True)
             ]
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
+
+    def trim_parts(self, parts: Sequence[BoxPart]) -> list[BoxPart]:
+        """Cut parts again that extend beyond the needed cells in their boxes."""
+        trimmed_parts = list(parts)
+        for i, part in enumerate(parts):
+            if (self._trim_box(part.box_mm) != part.pieces[0].boxes_mm[0]).any():
+                self.record_effort([i])
+                trimmed_parts[i] = self.cut_part(i, part.box_mm)
+        return trimmed_parts
+
+    def _trim_box(self, box_mm: Floats) -> Floats:
+        """Trim a box (2, 3) in mm to the needed cells in it, but not to a plane beside a flat face."""
+        trimmed_mm = self._cells.find_needed_bounds_mm(box_mm)
+        for side, axis in np.argwhere(trimmed_mm != box_mm).tolist():
+            trimmed_mm[side, axis] = find_clear_position_mm(
+                self._flat_faces[axis], box_mm[side, axis], trimmed_mm[side, axis]
+            )
+        return trimmed_mm
 
     def pose_parts(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
         """Find the best poses of parts; parts that have not moved since `previous_parts` keep their poses."""

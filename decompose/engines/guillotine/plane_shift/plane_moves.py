@@ -8,13 +8,13 @@ boxes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
 
 import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.disjoint_sets import DisjointSets
-from decompose.grid import SAME_PLANE_MM, Box, FlatFaces, Grid, NeededCells, refine_cells
+from decompose.grid import SAME_PLANE_MM, FlatFaces, Grid, NeededCells, refine_cells
 from decompose.options import Interior
 from decompose.problem import Problem
 
@@ -23,53 +23,56 @@ from decompose.problem import Problem
 MAX_NEEDED_CELLS = 2_000_000
 
 
-def extend_boxes(partition: Sequence[Box], empty_cells: Bools) -> list[Box]:
-    """Extend boxes over cells without solid, so that more faces of neighbours touch each other.
+def extend_boxes(boxes_mm: Floats) -> Floats:
+    """Extend boxes over space that no box covers, so that more faces of neighbours touch each other.
 
-    A face can only move into a neighbour that covers the whole face. Nothing is printed in the added cells.
+    A face can only move into a neighbour that covers the whole face. Nothing has to be printed in the added
+    space, because the boxes cover all needed cells.
 
     Parameters
     ----------
-    partition
-        Disjoint boxes in cells.
-    empty_cells
-        (nx, ny, nz) bool, true for cells without solid.
+    boxes_mm
+        (n, 2, 3) corners of disjoint boxes.
 
     Returns
     -------
-    list[Box]
-        Extended boxes in the same order.
+    ndarray
+        (n, 2, 3) corners in mm of disjoint boxes that contain the former ones.
     """
-    boxes = np.array(partition)
-    is_free = empty_cells.copy()
-    for box in boxes:
-        is_free[_slice_cells(box)] = False
+    boxes_mm = boxes_mm.copy()
     touching_boxes = [
         (int(i), int(j), axis)
         for axis in range(3)
-        for i, j in np.argwhere(boxes[:, None, axis + 3] == boxes[None, :, axis])
+        for i, j in np.argwhere(
+            np.abs(boxes_mm[:, None, 1, axis] - boxes_mm[None, :, 0, axis]) < SAME_PLANE_MM
+        )
     ]
     for _ in range(2):
         for i, j, axis in touching_boxes:
             other_axes = [a for a in range(3) if a != axis]
-            low = np.maximum(boxes[i, other_axes], boxes[j, other_axes])
-            if (
-                np.minimum(boxes[i, [a + 3 for a in other_axes]], boxes[j, [a + 3 for a in other_axes]])
-                <= low
-            ).any():
+            low_mm, high_mm = (
+                np.maximum(boxes_mm[i, 0], boxes_mm[j, 0])[other_axes],
+                np.minimum(boxes_mm[i, 1], boxes_mm[j, 1])[other_axes],
+            )
+            if (high_mm - low_mm <= SAME_PLANE_MM).any():
                 continue
             for box, neighbour in ((i, j), (j, i)):
-                for side in (*other_axes, *(a + 3 for a in other_axes)):
-                    extend = min if side < 3 else max
-                    larger_box = boxes[box].copy()
-                    larger_box[side] = extend(boxes[box, side], boxes[neighbour, side])
-                    gained_cell_count = np.prod(larger_box[3:] - larger_box[:3]) - np.prod(
-                        boxes[box, 3:] - boxes[box, :3]
-                    )
-                    if gained_cell_count > 0 and is_free[_slice_cells(larger_box)].sum() == gained_cell_count:
-                        boxes[box] = larger_box
-                        is_free[_slice_cells(larger_box)] = False
-    return [(a, b, c, d, e, f) for a, b, c, d, e, f in boxes.tolist()]
+                for side, other_axis in itertools.product((0, 1), other_axes):
+                    _extend_face(boxes_mm, box, (side, other_axis), boxes_mm[neighbour, side, other_axis])
+    return boxes_mm
+
+
+def _extend_face(boxes_mm: Floats, box: int, face: tuple[int, int], limit_mm: float) -> None:
+    """Extend a face of a box outward to a coordinate, unless another box is in the way; changes the boxes."""
+    extended_mm = boxes_mm[box].copy()
+    extended_mm[face] = (max if face[0] else min)(extended_mm[face], limit_mm)
+    if extended_mm[face] == boxes_mm[box][face]:
+        return
+    overlap_mm = np.minimum(extended_mm[1], boxes_mm[:, 1]) - np.maximum(extended_mm[0], boxes_mm[:, 0])
+    is_overlapping = (overlap_mm > SAME_PLANE_MM).all(axis=1)
+    is_overlapping[box] = False
+    if not is_overlapping.any():
+        boxes_mm[box] = extended_mm
 
 
 def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
@@ -85,11 +88,6 @@ def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
     vertices, faces = problem.model.solid.arrays()
     keeps_interior = problem.options.interior is Interior.KEEP
     return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keeps_interior, MAX_NEEDED_CELLS)
-
-
-def _slice_cells(box: Ints) -> tuple[slice, ...]:
-    """Build the index of the cells in a box (6,)."""
-    return tuple(slice(box[axis], box[axis + 3]) for axis in range(3))
 
 
 def group_faces(boxes_mm: Floats) -> Ints:

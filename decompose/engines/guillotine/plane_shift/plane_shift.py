@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -39,7 +38,7 @@ from decompose.engines.guillotine.plane_shift.plane_moves import (
     move_groups,
     refine_needed_cells,
 )
-from decompose.grid import Box, Cell, Grid, NeededCells, find_flat_faces
+from decompose.grid import Box, Grid, NeededCells, find_flat_faces
 from decompose.pieces import SLIVER_MM, Piece, find_faults
 from decompose.printers import TargetPrinter
 from decompose.problem import WORK_NS, Problem, Work
@@ -88,8 +87,7 @@ def shift_planes(
         there is no gain. All solid that must be printed remains in a box; other solid may be left out
         (`grid.needed_cells`).
     """
-    extended_boxes = extend_boxes(list(box_pieces), grid.cells == Cell.EXTERNAL)
-    boxes_mm = np.array([grid.find_bounds_mm(box) for box in extended_boxes])
+    boxes_mm = np.array([grid.find_bounds_mm(box) for box in box_pieces])
     return shift_box_planes(problem, grid, boxes_mm, list(box_pieces.values()), cells)
 
 
@@ -157,10 +155,10 @@ class _PlaneShift:
     ) -> None:
         self.problem = problem
         self.cells = cells
-        self.start_boxes_mm = boxes_mm
+        self.start_boxes_mm = extend_boxes(boxes_mm)
         self.start_parts = [
-            BoxPart(box, tuple(replace(piece, boxes_mm=box[None]) for piece in box_pieces), (), math.inf)
-            for box, box_pieces in zip(boxes_mm, pieces, strict=True)
+            BoxPart(box, tuple(box_pieces), (), math.inf)
+            for box, box_pieces in zip(self.start_boxes_mm, pieces, strict=True)
         ]
         self.groups = group_faces(self.start_boxes_mm)
         self.is_free = find_free_directions(self.start_boxes_mm, self.groups, self.cells, TRIAL_MM)
@@ -172,11 +170,11 @@ class _PlaneShift:
         self.reach_mm = (MAX_MOVE_SHARE * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flat_faces = [find_flat_faces(vertices[faces], axis) for axis in range(3)]
-        self.cutter = PartCutter(problem, self.start_parts, cell_mm)
+        self.cutter = PartCutter(problem, self.start_parts, cell_mm, cells, self.flat_faces)
 
     def pose_start_parts(self) -> list[BoxPart]:
         """Find the best poses for the parts of the first partition."""
-        return self.cutter.pose_parts(self.start_parts)
+        return self.cutter.pose_parts(self.cutter.trim_parts(self.start_parts))
 
     def improve_parts(self, best_parts: list[BoxPart]) -> list[BoxPart]:
         """Improve the positions of the planes, starting from parts in their poses."""
