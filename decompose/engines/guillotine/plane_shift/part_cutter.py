@@ -60,8 +60,6 @@ class PartCutter:
         """Cut a part with another box; the pieces keep their printers if there are as many as before."""
         start_pieces = self._start_parts[i].pieces
         pieces = cut_box(self._nearby_solids[i], *self._trim_box(box_mm))
-        if len(pieces) != len(start_pieces):
-            pieces = cut_box(self._nearby_solids[i], *box_mm)
         if len(pieces) == len(start_pieces):
             pieces = [
                 replace(piece, printer=start_piece.printer, time_ratio=start_piece.time_ratio)
