@@ -173,8 +173,13 @@ class _PlaneShift:
         self.cutter = PartCutter(problem, self.start_parts, cell_mm, cells, self.flat_faces)
 
     def pose_start_parts(self) -> list[BoxPart]:
-        """Find the best poses for the parts of the first partition."""
-        return self.cutter.pose_parts(self.cutter.trim_parts(self.start_parts))
+        """Find the best poses for the parts of the first partition, trimmed where that makes them faster."""
+        start_parts = self.cutter.pose_parts(self.start_parts)
+        trimmed_parts = self.cutter.pose_parts(self.cutter.trim_parts(start_parts), start_parts)
+        best_parts = [
+            min(pair, key=lambda part: part.seconds) for pair in zip(start_parts, trimmed_parts, strict=True)
+        ]
+        return start_parts if self._has_faults(best_parts) else best_parts
 
     def improve_parts(self, best_parts: list[BoxPart]) -> list[BoxPart]:
         """Improve the positions of the planes, starting from parts in their poses."""
@@ -226,7 +231,8 @@ class _PlaneShift:
                 linear_s = old_part.seconds + float((slopes_s_per_mm[i] * move_mm).sum())
                 if part.seconds >= longest_s and part.seconds - linear_s > MAX_LINEAR_ERROR * longest_s:
                     jumps.append(i)
-                update_slopes(slopes_s_per_mm[i], move_mm, part.seconds - old_part.seconds)
+                else:
+                    update_slopes(slopes_s_per_mm[i], move_mm, part.seconds - old_part.seconds)
             if sort_times_s(new_parts) < sort_times_s(parts):
                 parts = new_parts
             elif not self._limit_faces(parts, new_parts, jumps, SAFE_SHARES[0]):
