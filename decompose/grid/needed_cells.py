@@ -127,7 +127,7 @@ class NeededCells:
         return bounds_mm
 
     def _find_cell_range(self, box_mm: Floats) -> tuple[list[int], list[int]]:
-        """Find the range of cells along each axis that a box (2, 3) overlaps: the first ones, and the ends."""
+        """Find the first cell along each axis that a box (2, 3) overlaps, and the end of these cells."""
         first, last = [], []
         for planes, (low_mm, high_mm) in zip(self.planes, box_mm.T, strict=True):
             low = int(np.searchsorted(planes, low_mm + SAME_PLANE_MM, side="right")) - 1

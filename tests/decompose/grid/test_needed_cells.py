@@ -113,3 +113,24 @@ def test_boxes_are_a_partition_if_every_needed_cell_is_covered(seed: int, shrink
         boxes_mm[rng.integers(len(boxes_mm)), sides, axis] += (0.5 - sides) * rng.choice([0.02, 0.4])
     if (boxes_mm[:, 0] < boxes_mm[:, 1]).all():
         assert cells.is_partition(boxes_mm) == (measure_uncovered_cells(cells, boxes_mm) < 1e-6)
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=60, deadline=None)
+def test_bounds_of_needed_cells_in_a_box(seed: int) -> None:
+    """Compare with the cells one by one; the planes of the box are on cells and between them."""
+    rng = np.random.default_rng(seed)
+    planes = tuple(np.cumsum(rng.uniform(1.0, 3.0, 8)) for _ in range(3))
+    cells = NeededCells((planes[0], planes[1], planes[2]), rng.random((7, 7, 7)) < rng.choice([0.02, 0.3]))
+    ends = [np.sort(rng.choice(np.concatenate([p, rng.uniform(p[0], p[-1], 4)]), 2, False)) for p in planes]
+    box_mm = np.array(ends).T
+    lows, highs = (
+        np.stack([planes[a][index + side] for a, index in enumerate(np.nonzero(cells.is_needed))], axis=1)
+        for side in (0, 1)
+    )
+    lows, highs = np.maximum(lows, box_mm[0]), np.minimum(highs, box_mm[1])
+    is_inside = (highs - lows > 1e-6).all(axis=1)
+    expected_mm = (
+        np.array([lows[is_inside].min(axis=0), highs[is_inside].max(axis=0)]) if is_inside.any() else box_mm
+    )
+    np.testing.assert_allclose(cells.find_needed_bounds_mm(box_mm), expected_mm)
