@@ -175,7 +175,7 @@ class _PlaneShift:
     def pose_start_parts(self) -> list[BoxPart]:
         """Find the best poses for the parts of the first partition, trimmed where that makes them faster."""
         start_parts = self.cutter.pose_parts(self.start_parts)
-        trimmed_parts = self.cutter.pose_parts(self.cutter.trim_parts(start_parts), start_parts)
+        trimmed_parts = self.cutter.pose_parts(self.cutter.trim_parts(self.start_parts))
         best_parts = [
             min(pair, key=lambda part: part.seconds) for pair in zip(start_parts, trimmed_parts, strict=True)
         ]
