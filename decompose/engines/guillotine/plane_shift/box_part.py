@@ -22,7 +22,8 @@ class BoxPart:
     Attributes
     ----------
     box_mm
-        (2, 3) lower and upper corner of the box.
+        (2, 3) lower and upper corner of the box. The pieces may be cut out of a smaller box in it, with the
+        same needed cells.
     pieces, poses
         Connected pieces, and the poses of those pieces that fit their printers.
     seconds
@@ -33,6 +34,11 @@ class BoxPart:
     pieces: tuple[Piece, ...]
     poses: tuple[Pose, ...]
     seconds: float
+
+    @property
+    def cut_sides_mm(self) -> Floats:
+        """Sides (3,) of the box out of which the pieces are cut."""
+        return np.asarray(np.ptp(self.pieces[0].boxes_mm[0], axis=0))
 
     @property
     def size_mm(self) -> Floats:

@@ -12,11 +12,12 @@ from decompose.arrays import Bools, Floats
 from decompose.engines.guillotine.plane_shift.box_part import BoxPart, compute_slowest_piece_s
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells
-from decompose.pieces import Piece, cut_box, find_cut_faces
+from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces
 from decompose.print_time import Pose, measure_pose
 from decompose.problem import Problem, Work
 
 PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
+SAME_BOUNDS_MM = 1e-6  # maximum difference between equal bounds of a solid
 
 
 class PartCutter:
@@ -32,6 +33,10 @@ class PartCutter:
         Parts before any move.
     reach_mm
         (3,) maximum move of a face along each axis.
+    cells
+        Needed cells to which the boxes of parts are trimmed; None to cut parts out of their whole boxes.
+    flat_faces
+        Flat faces of the model along each axis, from which trimmed sides keep their distance.
     """
 
     def __init__(
@@ -39,7 +44,7 @@ class PartCutter:
         problem: Problem,
         start_parts: Sequence[BoxPart],
         reach_mm: Floats,
-        cells: NeededCells,
+        cells: NeededCells | None,
         flat_faces: Sequence[FlatFaces],
     ) -> None:
         self._problem = problem
@@ -57,7 +62,10 @@ class PartCutter:
         self._problem.effort.record(Work.FACE_MEASURED, sum(self._nearby_solids[i].face_count for i in parts))
 
     def cut_part(self, i: int, box_mm: Floats) -> BoxPart:
-        """Cut a part with another box; the pieces keep their printers if there are as many as before."""
+        """Cut a part out of another box, trimmed to its needed cells.
+
+        The pieces keep their printers if there are as many as before.
+        """
         start_pieces = self._start_parts[i].pieces
         pieces = cut_box(self._nearby_solids[i], *self._trim_box(box_mm))
         if len(pieces) == len(start_pieces):
@@ -68,22 +76,29 @@ class PartCutter:
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
     def trim_parts(self, parts: Sequence[BoxPart]) -> list[BoxPart]:
-        """Cut parts again that extend beyond the needed cells in their boxes."""
+        """Cut those parts again whose solid extends beyond the trimmed box; parts that would split stay."""
+        numbers = [i for i, part in enumerate(parts) if _extends_beyond(part, self._trim_box(part.box_mm))]
+        self.record_effort(numbers)
         trimmed_parts = list(parts)
-        for i, part in enumerate(parts):
-            if (self._trim_box(part.box_mm) != part.pieces[0].boxes_mm[0]).any():
-                self.record_effort([i])
-                trimmed_parts[i] = self.cut_part(i, part.box_mm)
+        cut_parts = self._problem.map(self.cut_part, numbers, [parts[i].box_mm for i in numbers])
+        for i, part in zip(numbers, cut_parts, strict=True):
+            if len(part.pieces) == len(parts[i].pieces):
+                trimmed_parts[i] = part
         return trimmed_parts
 
     def _trim_box(self, box_mm: Floats) -> Floats:
-        """Trim a box (2, 3) in mm to the needed cells in it, but not to a plane beside a flat face."""
+        """Trim a box (2, 3) in mm to the needed cells in it.
+
+        Sides stay clear of flat faces, and a box of which only a sliver would remain stays as long as it is.
+        """
+        if self._cells is None:
+            return box_mm
         trimmed_mm = self._cells.find_needed_bounds_mm(box_mm)
         for side, axis in np.argwhere(trimmed_mm != box_mm).tolist():
             trimmed_mm[side, axis] = find_clear_position_mm(
                 self._flat_faces[axis], box_mm[side, axis], trimmed_mm[side, axis]
             )
-        return trimmed_mm
+        return np.where(trimmed_mm[1] - trimmed_mm[0] < SLIVER_MM, box_mm, trimmed_mm)
 
     def pose_parts(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
         """Find the best poses of parts; parts that have not moved since `previous_parts` keep their poses."""
@@ -160,13 +175,22 @@ class PartCutter:
                 continue
             box_mm = part.box_mm.copy()
             box_mm[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
-            trimmed_part = self.cut_part(i, box_mm)
-            if len(trimmed_part.pieces) == len(part.pieces):
+            probed_part = self.cut_part(i, box_mm)
+            if len(probed_part.pieces) == len(part.pieces):
                 poses = [
-                    self._measure_piece(*pair) for pair in zip(trimmed_part.pieces, part.poses, strict=True)
+                    self._measure_piece(*pair) for pair in zip(probed_part.pieces, part.poses, strict=True)
                 ]
-                trimmed_s = compute_slowest_piece_s(trimmed_part.pieces, poses)
-                slopes_s_per_mm[side, axis] = (trimmed_s - part.seconds) / (
+                probed_s = compute_slowest_piece_s(probed_part.pieces, poses)
+                slopes_s_per_mm[side, axis] = (probed_s - part.seconds) / (
                     box_mm[side, axis] - part.box_mm[side, axis]
                 )
         return slopes_s_per_mm
+
+
+def _extends_beyond(part: BoxPart, box_mm: Floats) -> bool:
+    """Check whether the solid of a part extends beyond a box (2, 3) in mm."""
+    bounds_mm = np.array([piece.solid.bounds_mm for piece in part.pieces])
+    return bool(
+        (bounds_mm[:, 0] < box_mm[0] - SAME_BOUNDS_MM).any()
+        or (bounds_mm[:, 1] > box_mm[1] + SAME_BOUNDS_MM).any()
+    )

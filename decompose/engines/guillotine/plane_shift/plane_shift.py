@@ -7,6 +7,9 @@ part's time for each mm by which one of its faces moves. The parts are then pric
 the slopes are corrected accordingly. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
 then each part keeps its pose, because pricing it in a known pose is much faster. One such search is made even
 if the budget is spent, because it gains more in the same time than most other searches.
+
+Boxes are extended into the hollow, so that faces there can move, and each part is trimmed to the needed cells
+in its box (`part_cutter`).
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from decompose.engines.guillotine.plane_shift.box_part import (
     find_spare_length_mm,
     sort_times_s,
 )
+from decompose.engines.guillotine.plane_shift.face_limits import SAFE_SHARES, FaceLimits
 from decompose.engines.guillotine.plane_shift.linear_programme import (
     ShiftLimits,
     solve_plane_shifts,
@@ -43,8 +47,6 @@ from decompose.pieces import SLIVER_MM, Piece, find_faults
 from decompose.printers import TargetPrinter
 from decompose.problem import WORK_NS, Problem, Work
 
-Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
-
 MAX_MOVE_SHARE = 0.9  # maximum total move of a plane, as a share of the shortest cell along the same axis
 FIRST_STEP_SHARE = 0.5  # maximum length of the first step, as a share of a plane's maximum total move
 TRIAL_MM = 0.4  # length of a trial move, which shows whether a group is free to move
@@ -62,7 +64,6 @@ MAX_REDUCTIONS, MAX_STOPS = 6, 6
 MAX_SOLUTIONS = 4
 """Maximum number of times that the linear programme of a step is solved. Before each further time, the planes
 that flat faces have stopped are fixed."""
-SAFE_SHARES = (0.5, 0.25, 0.1)  # shares of a move that are tried if a face cannot make all of it
 MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a part, for slopes and after moves
 
 
@@ -117,7 +118,7 @@ def shift_box_planes(
     boxes_mm
         (n, 2, 3) corners of disjoint boxes that cover the needed cells.
     pieces
-        Pieces in each box.
+        Pieces in each box, which may be cut out of a smaller box with the same needed cells.
     cells
         The grid's needed cells from `refine_needed_cells`, if they are known.
 
@@ -130,8 +131,7 @@ def shift_box_planes(
     cells = refine_needed_cells(problem, grid) if cells is None else cells
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
-        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
-        start_parts = search.pose_start_parts()
+        search, start_parts = _start_search(problem, cells, cell_mm, boxes_mm, pieces)
         parts = search.improve_parts(start_parts)
         has_gain = math.isfinite(find_longest_time_s(parts)) and (
             find_longest_time_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_time_s(start_parts)
@@ -140,6 +140,27 @@ def shift_box_planes(
             return [piece for part in parts for piece in part.pieces]
         boxes_mm = np.array([part.box_mm for part in parts])
         pieces = [part.pieces for part in parts]
+
+
+def _start_search(
+    problem: Problem,
+    cells: NeededCells,
+    cell_mm: Floats,
+    boxes_mm: Floats,
+    pieces: Sequence[Sequence[Piece]],
+) -> tuple[_PlaneShift, list[BoxPart]]:
+    """Start a search with trimmed parts, unless they are slower or cannot be glued well; return its parts."""
+    search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
+    start_parts = search.pose_start_parts()
+    trimmed_parts = search.cutter.trim_parts(start_parts)
+    if all(one is other for one, other in zip(start_parts, trimmed_parts, strict=True)):
+        return search, start_parts
+    trimmed_parts = search.cutter.pose_parts(trimmed_parts)
+    is_slower = find_longest_time_s(trimmed_parts) > find_longest_time_s(start_parts)
+    if not is_slower and not search.has_faults(trimmed_parts):
+        return search, trimmed_parts
+    search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces, trims_parts=False)
+    return search, search.pose_start_parts()
 
 
 class _PlaneShift:
@@ -152,34 +173,31 @@ class _PlaneShift:
         cell_mm: Floats,
         boxes_mm: Floats,
         pieces: Sequence[Sequence[Piece]],
+        *,
+        trims_parts: bool = True,
     ) -> None:
         self.problem = problem
         self.cells = cells
-        self.start_boxes_mm = extend_boxes(boxes_mm)
+        self.start_boxes_mm = extend_boxes(boxes_mm) if trims_parts else boxes_mm
         self.start_parts = [
             BoxPart(box, tuple(box_pieces), (), math.inf)
             for box, box_pieces in zip(self.start_boxes_mm, pieces, strict=True)
         ]
         self.groups = group_faces(self.start_boxes_mm)
         self.is_free = find_free_directions(self.start_boxes_mm, self.groups, self.cells, TRIAL_MM)
-        # Least and greatest coordinate of each group. Beyond them, a part would be split into other pieces,
-        # no longer fit in its pose, or take too long.
-        self.limits_mm = np.full((len(self.is_free), 2), (-math.inf, math.inf))
         self.axes = np.zeros(len(self.is_free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
         self.reach_mm = (MAX_MOVE_SHARE * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flat_faces = [find_flat_faces(vertices[faces], axis) for axis in range(3)]
-        self.cutter = PartCutter(problem, self.start_parts, cell_mm, cells, self.flat_faces)
+        self.cutter = PartCutter(
+            problem, self.start_parts, cell_mm, cells if trims_parts else None, self.flat_faces
+        )
+        self.face_limits = FaceLimits(problem, self.cutter, self.groups)
 
     def pose_start_parts(self) -> list[BoxPart]:
-        """Find the best poses for the parts of the first partition, trimmed where that makes them faster."""
-        start_parts = self.cutter.pose_parts(self.start_parts)
-        trimmed_parts = self.cutter.pose_parts(self.cutter.trim_parts(self.start_parts))
-        best_parts = [
-            min(pair, key=lambda part: part.seconds) for pair in zip(start_parts, trimmed_parts, strict=True)
-        ]
-        return start_parts if self._has_faults(best_parts) else best_parts
+        """Find the best poses for the parts of the first partition."""
+        return self.cutter.pose_parts(self.start_parts)
 
     def improve_parts(self, best_parts: list[BoxPart]) -> list[BoxPart]:
         """Improve the positions of the planes, starting from parts in their poses."""
@@ -200,9 +218,9 @@ class _PlaneShift:
             if sort_times_s(new_parts) >= sort_times_s(best_parts):
                 limit_s = find_longest_time_s(best_parts)
                 slow_numbers = [i for i, part in enumerate(new_parts) if part.seconds >= limit_s]
-                if not self._limit_faces(best_parts, new_parts, slow_numbers, 0.0):
+                if not self.face_limits.limit_faces(best_parts, new_parts, slow_numbers, 0.0):
                     break
-            elif self._has_faults(new_parts):
+            elif self.has_faults(new_parts):
                 self.reach_mm = self.reach_mm / 2.0
             else:
                 gain = 1.0 - find_longest_time_s(new_parts) / find_longest_time_s(best_parts)
@@ -211,7 +229,7 @@ class _PlaneShift:
                     break
         return best_parts
 
-    def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
+    def has_faults(self, parts: Sequence[BoxPart]) -> bool:
         """Check whether any piece cannot be glued well."""
         return bool(
             find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
@@ -235,85 +253,9 @@ class _PlaneShift:
                     update_slopes(slopes_s_per_mm[i], move_mm, part.seconds - old_part.seconds)
             if sort_times_s(new_parts) < sort_times_s(parts):
                 parts = new_parts
-            elif not self._limit_faces(parts, new_parts, jumps, SAFE_SHARES[0]):
+            elif not self.face_limits.limit_faces(parts, new_parts, jumps, SAFE_SHARES[0]):
                 step_mm *= STEP_REDUCTION
         return parts
-
-    def _limit_faces(
-        self,
-        parts: Sequence[BoxPart],
-        new_parts: Sequence[BoxPart],
-        numbers: Sequence[int],
-        common_share: float,
-    ) -> bool:
-        """Limit the moves of faces that make parts too slow.
-
-        A part also counts as too slow if it is split into other pieces, or no longer fits in its pose. When
-        supports begin to touch a cut face, or the brim becomes too narrow, another pose becomes the best
-        one, and it may be much slower. When a face begins to overhang too far, the part gets a support.
-
-        Parameters
-        ----------
-        parts, new_parts
-            Parts before and after the moves.
-        numbers
-            Numbers of the parts that are too slow.
-        common_share
-            Share of its move that each face of a part may make if no single face is the cause.
-
-        Returns
-        -------
-        bool
-            Whether the limits have changed, so that the next step differs from this one.
-        """
-        old_limits_mm = self.limits_mm.copy()
-        max_s = find_longest_time_s(parts)
-        for i in numbers:
-            move_mm = new_parts[i].box_mm - parts[i].box_mm
-            faces = [face for face in np.ndindex(2, 3) if move_mm[face] != 0.0]
-            safe_shares = self._find_safe_shares(i, parts[i], faces, move_mm, max_s)
-            for face, share in (safe_shares or dict.fromkeys(faces, common_share)).items():
-                limit_mm, is_up = parts[i].box_mm[face] + share * move_mm[face], move_mm[face] > 0.0
-                group_limits_mm = self.limits_mm[self.groups[(i, *face)]]
-                group_limits_mm[int(is_up)] = (min if is_up else max)(group_limits_mm[int(is_up)], limit_mm)
-        return bool((self.limits_mm != old_limits_mm).any())
-
-    def _find_safe_shares(
-        self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float
-    ) -> dict[Face, float]:
-        """Find the share of its move that each slow face can make while all other faces stay.
-
-        A face is slow if its move alone makes the part too slow. The share is the largest of `SAFE_SHARES`
-        for which the face is no longer slow; 0 if there is none.
-        """
-        slow_faces = self._find_slow_faces(i, part, faces, move_mm, max_s)
-        safe_shares = dict.fromkeys(slow_faces, 0.0)
-        for share in SAFE_SHARES:
-            faces_before = slow_faces
-            slow_faces = self._find_slow_faces(i, part, slow_faces, share * move_mm, max_s)
-            safe_shares |= dict.fromkeys((face for face in faces_before if face not in slow_faces), share)
-        return safe_shares
-
-    def _find_slow_faces(
-        self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float
-    ) -> list[Face]:
-        """Find the faces whose moves, each made alone, make a part too slow.
-
-        The part is too slow if it takes `max_s` or longer, is split into other pieces, or no longer fits in
-        its pose.
-        """
-        self.cutter.record_effort([i] * len(faces))
-        boxes_mm = [part.box_mm.copy() for _ in faces]
-        for box_mm, face in zip(boxes_mm, faces, strict=True):
-            box_mm[face] += move_mm[face]
-        arguments = [i] * len(faces), [part] * len(faces), boxes_mm
-        cut_parts = self.problem.map(self.cutter.cut_in_old_poses, *arguments)
-        slow_faces = []
-        for face, (new_part, poses) in zip(faces, cut_parts, strict=True):
-            known_poses = [pose for pose in poses if pose is not None]
-            if len(known_poses) < len(part.pieces) or new_part.with_poses(known_poses).seconds >= max_s:
-                slow_faces.append(face)
-        return slow_faces
 
     def _solve_valid_step(
         self, parts: list[BoxPart], slopes_s_per_mm: Floats, step_mm: Floats
@@ -348,16 +290,13 @@ class _PlaneShift:
         start_boxes_mm = np.array([part.box_mm for part in parts])
         positions_mm = self._find_positions_mm(start_boxes_mm)
         shift_mm = positions_mm - self._find_positions_mm(self.start_boxes_mm)
-        low_mm = np.maximum(
-            -step_mm, np.maximum(-self.reach_mm - shift_mm, self.limits_mm[:, 0] - positions_mm)
-        )
-        high_mm = np.minimum(
-            step_mm, np.minimum(self.reach_mm - shift_mm, self.limits_mm[:, 1] - positions_mm)
-        )
+        limits_mm = self.face_limits.limits_mm
+        low_mm = np.maximum(-step_mm, np.maximum(-self.reach_mm - shift_mm, limits_mm[:, 0] - positions_mm))
+        high_mm = np.minimum(step_mm, np.minimum(self.reach_mm - shift_mm, limits_mm[:, 1] - positions_mm))
         min_shift_mm = np.where(self.is_free[:, 0], np.minimum(low_mm, 0.0), 0.0)
         max_shift_mm = np.where(self.is_free[:, 1], np.maximum(high_mm, 0.0), 0.0)
         max_growth_mm = np.array([find_spare_length_mm(p.size_mm, self._list_printers(p)) for p in parts])
-        max_shrinkage_mm = np.maximum(0.0, start_boxes_mm[:, 1] - start_boxes_mm[:, 0] - SLIVER_MM)
+        max_shrinkage_mm = np.array([np.maximum(0.0, part.cut_sides_mm - SLIVER_MM) for part in parts])
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, expected_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):

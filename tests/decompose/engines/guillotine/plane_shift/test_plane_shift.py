@@ -166,7 +166,7 @@ def test_useless_round_is_not_repeated_after_the_budget_is_spent(
     pieces_by_box = {box: cut_cells(tapered_block, grid, box) for box in make_halves(problem)}
     problem.find_poses([piece for pieces in pieces_by_box.values() for piece in pieces])
     if is_faulty:
-        monkeypatch.setattr(_PlaneShift, "_has_faults", lambda *_: True)
+        monkeypatch.setattr(_PlaneShift, "has_faults", lambda *_: True)
     else:
         monkeypatch.setattr(Problem, "find_pose", worsen_pose)
     rounds = RoundCounter(monkeypatch)
@@ -194,13 +194,15 @@ def test_only_the_face_that_slows_a_part_is_limited(tapered_block: Solid, cost: 
     (group,) = np.unique(search.groups[search.groups >= 0])
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower_part = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
-    assert search._limit_faces(parts, [slower_part, parts[1]], [0], 0.5)
-    assert search.limits_mm.tolist() == [[-math.inf, parts[0].box_mm[1, 0]]] * (group + 1)
+    assert search.face_limits.limit_faces(parts, [slower_part, parts[1]], [0], 0.5)
+    assert search.face_limits.limits_mm.tolist() == [[-math.inf, parts[0].box_mm[1, 0]]] * (group + 1)
     assert problem.effort.done_units[Work.FACE_MEASURED] > 0
-    assert not search._limit_faces(parts, [slower_part, parts[1]], [0], 0.5)  # its face is already limited
-    search.limits_mm[:] = -math.inf, math.inf
-    assert not search._limit_faces(parts, [slower_part, parts[1]], [], 0.5)
-    assert np.isinf(search.limits_mm).all()
+    assert not search.face_limits.limit_faces(
+        parts, [slower_part, parts[1]], [0], 0.5
+    )  # its face is already limited
+    search.face_limits.limits_mm[:] = -math.inf, math.inf
+    assert not search.face_limits.limit_faces(parts, [slower_part, parts[1]], [], 0.5)
+    assert np.isinf(search.face_limits.limits_mm).all()
 
 
 @pytest.mark.parametrize("free_mm", [0.0, 8.0])
