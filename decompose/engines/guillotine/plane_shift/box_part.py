@@ -36,9 +36,9 @@ class BoxPart:
     seconds: float
 
     @property
-    def cut_sides_mm(self) -> Floats:
-        """Sides (3,) of the box out of which the pieces are cut."""
-        return np.asarray(np.ptp(self.pieces[0].boxes_mm[0], axis=0))
+    def cut_box_mm(self) -> Floats:
+        """Corners (2, 3) of the box out of which the pieces are cut."""
+        return np.asarray(self.pieces[0].boxes_mm[0])
 
     @property
     def size_mm(self) -> Floats:

@@ -130,15 +130,18 @@ def shift_box_planes(
     problem.effort.record(Work.FACE_GRIDDED, problem.model.solid.face_count)
     cells = refine_needed_cells(problem, grid) if cells is None else cells
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
+    extends_boxes, failure_count = True, 0
     while True:
-        search, start_parts = _start_search(problem, cells, cell_mm, boxes_mm, pieces)
+        search, start_parts = _start_search(problem, cells, cell_mm, boxes_mm, pieces, extends_boxes)
         parts = search.improve_parts(start_parts)
         has_gain = math.isfinite(find_longest_time_s(parts)) and (
             find_longest_time_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_time_s(start_parts)
         )
-        if not (has_gain and problem.is_thorough) or problem.effort.is_spent():
+        failure_count = 0 if has_gain else failure_count + 1
+        if failure_count == 2 or not problem.is_thorough or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
-        boxes_mm = np.array([part.box_mm for part in parts])
+        extends_boxes = extends_boxes == has_gain
+        boxes_mm = np.array([part.cut_box_mm for part in parts])
         pieces = [part.pieces for part in parts]
 
 
@@ -148,9 +151,12 @@ def _start_search(
     cell_mm: Floats,
     boxes_mm: Floats,
     pieces: Sequence[Sequence[Piece]],
+    extends_boxes: bool,
 ) -> tuple[_PlaneShift, list[BoxPart]]:
     """Start a search with trimmed parts, unless they are slower or cannot be glued well; return its parts."""
-    search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
+    search = _PlaneShift(
+        problem, cells, cell_mm, extend_boxes(boxes_mm) if extends_boxes else boxes_mm, pieces
+    )
     start_parts = search.pose_start_parts()
     trimmed_parts = search.cutter.trim_parts(start_parts)
     if all(one is other for one, other in zip(start_parts, trimmed_parts, strict=True)):
@@ -178,7 +184,7 @@ class _PlaneShift:
     ) -> None:
         self.problem = problem
         self.cells = cells
-        self.start_boxes_mm = extend_boxes(boxes_mm) if trims_parts else boxes_mm
+        self.start_boxes_mm = boxes_mm
         self.start_parts = [
             BoxPart(box, tuple(box_pieces), (), math.inf)
             for box, box_pieces in zip(self.start_boxes_mm, pieces, strict=True)
@@ -296,7 +302,9 @@ class _PlaneShift:
         min_shift_mm = np.where(self.is_free[:, 0], np.minimum(low_mm, 0.0), 0.0)
         max_shift_mm = np.where(self.is_free[:, 1], np.maximum(high_mm, 0.0), 0.0)
         max_growth_mm = np.array([find_spare_length_mm(p.size_mm, self._list_printers(p)) for p in parts])
-        max_shrinkage_mm = np.array([np.maximum(0.0, part.cut_sides_mm - SLIVER_MM) for part in parts])
+        max_shrinkage_mm = np.array(
+            [np.maximum(0.0, np.ptp(part.cut_box_mm, axis=0) - SLIVER_MM) for part in parts]
+        )
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, expected_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):
