@@ -106,9 +106,12 @@ class NeededCells:
         uncovered_cells = self.counts_below[-1, -1, -1] - self._sum_covered_cells(boxes_mm)
         return bool(uncovered_cells <= MAX_UNCOVERED_SHARE * self.is_needed.size)
 
-    def find_needed_bounds_mm(self, box_mm: Floats) -> Floats:
-        """Find the bounds (2, 3) in mm of the needed cells in a box (2, 3); the box itself if it has none."""
-        first, last = self._find_cell_range(box_mm)
+    def find_needed_bounds_mm(self, box_mm: Floats, margin_mm: float = 0.0) -> Floats:
+        """Find the bounds (2, 3) in mm of the needed cells in a box (2, 3); the box itself if it has none.
+
+        With a margin, cells up to that distance outside the box are included; the bounds stay in the box.
+        """
+        first, last = self._find_cell_range(box_mm + np.array([[-margin_mm], [margin_mm]]))
         x0, y0, z0, x1, y1, z1 = *first, *last
         c = self.counts_below
         counts = (

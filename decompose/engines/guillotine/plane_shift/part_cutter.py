@@ -12,12 +12,11 @@ from decompose.arrays import Bools, Floats
 from decompose.engines.guillotine.plane_shift.box_part import BoxPart, compute_slowest_piece_s
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells
-from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces
+from decompose.pieces import Piece, cut_box, find_cut_faces
 from decompose.print_time import Pose, measure_pose
 from decompose.problem import Problem, Work
 
 PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
-SAME_BOUNDS_MM = 1e-6  # maximum difference between equal bounds of a solid
 
 
 class PartCutter:
@@ -34,9 +33,9 @@ class PartCutter:
     reach_mm
         (3,) maximum move of a face along each axis.
     cells
-        Needed cells to which the boxes of parts are trimmed; None to cut parts out of their whole boxes.
+        Cells that parts have to cover.
     flat_faces
-        Flat faces of the model along each axis, from which trimmed sides keep their distance.
+        Flat faces of the model along each axis, from which the sides of parts keep their distance.
     """
 
     def __init__(
@@ -44,7 +43,7 @@ class PartCutter:
         problem: Problem,
         start_parts: Sequence[BoxPart],
         reach_mm: Floats,
-        cells: NeededCells | None,
+        cells: NeededCells,
         flat_faces: Sequence[FlatFaces],
     ) -> None:
         self._problem = problem
@@ -62,12 +61,9 @@ class PartCutter:
         self._problem.effort.record(Work.FACE_MEASURED, sum(self._nearby_solids[i].face_count for i in parts))
 
     def cut_part(self, i: int, box_mm: Floats) -> BoxPart:
-        """Cut a part out of another box, trimmed to its needed cells.
-
-        The pieces keep their printers if there are as many as before.
-        """
+        """Cut a part with another box; the pieces keep their printers if there are as many as before."""
         start_pieces = self._start_parts[i].pieces
-        pieces = cut_box(self._nearby_solids[i], *self._trim_box(box_mm))
+        pieces = cut_box(self._nearby_solids[i], *self._choose_cut_box_mm(i, box_mm))
         if len(pieces) == len(start_pieces):
             pieces = [
                 replace(piece, printer=start_piece.printer, time_ratio=start_piece.time_ratio)
@@ -75,30 +71,25 @@ class PartCutter:
             ]
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
-    def trim_parts(self, parts: Sequence[BoxPart]) -> list[BoxPart]:
-        """Cut those parts again whose solid extends beyond the trimmed box; parts that would split stay."""
-        numbers = [i for i, part in enumerate(parts) if _extends_beyond(part, self._trim_box(part.box_mm))]
-        self.record_effort(numbers)
-        trimmed_parts = list(parts)
-        cut_parts = self._problem.map(self.cut_part, numbers, [parts[i].box_mm for i in numbers])
-        for i, part in zip(numbers, cut_parts, strict=True):
-            if len(part.pieces) == len(parts[i].pieces):
-                trimmed_parts[i] = part
-        return trimmed_parts
+    def _choose_cut_box_mm(self, i: int, box_mm: Floats) -> Floats:
+        """Choose the box (2, 3) in mm out of which a part is cut, in a larger box.
 
-    def _trim_box(self, box_mm: Floats) -> Floats:
-        """Trim a box (2, 3) in mm to the needed cells in it.
-
-        Sides stay clear of flat faces, and a box of which only a sliver would remain stays as long as it is.
+        Sides at which the start part ended inside its box stay in place as long as the needed cells do not
+        extend beyond them, so that the time of the part does not jump.
         """
-        if self._cells is None:
+        start_part = self._start_parts[i]
+        is_inside = start_part.cut_box_mm != start_part.box_mm
+        if not is_inside.any():
             return box_mm
-        trimmed_mm = self._cells.find_needed_bounds_mm(box_mm)
-        for side, axis in np.argwhere(trimmed_mm != box_mm).tolist():
-            trimmed_mm[side, axis] = find_clear_position_mm(
-                self._flat_faces[axis], box_mm[side, axis], trimmed_mm[side, axis]
+        needed_mm = self._cells.find_needed_bounds_mm(box_mm)
+        low_mm = np.maximum(box_mm[0], np.minimum(start_part.cut_box_mm[0], needed_mm[0]))
+        high_mm = np.minimum(box_mm[1], np.maximum(start_part.cut_box_mm[1], needed_mm[1]))
+        cut_box_mm = np.where(is_inside, [low_mm, high_mm], box_mm)
+        for side, axis in np.argwhere(cut_box_mm != box_mm).tolist():
+            cut_box_mm[side, axis] = find_clear_position_mm(
+                self._flat_faces[axis], box_mm[side, axis], cut_box_mm[side, axis]
             )
-        return np.where(trimmed_mm[1] - trimmed_mm[0] < SLIVER_MM, box_mm, trimmed_mm)
+        return cut_box_mm
 
     def pose_parts(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
         """Find the best poses of parts; parts that have not moved since `previous_parts` keep their poses."""
@@ -185,12 +176,3 @@ class PartCutter:
                     box_mm[side, axis] - part.box_mm[side, axis]
                 )
         return slopes_s_per_mm
-
-
-def _extends_beyond(part: BoxPart, box_mm: Floats) -> bool:
-    """Check whether the solid of a part extends beyond a box (2, 3) in mm."""
-    bounds_mm = np.array([piece.solid.bounds_mm for piece in part.pieces])
-    return bool(
-        (bounds_mm[:, 0] < box_mm[0] - SAME_BOUNDS_MM).any()
-        or (bounds_mm[:, 1] > box_mm[1] + SAME_BOUNDS_MM).any()
-    )

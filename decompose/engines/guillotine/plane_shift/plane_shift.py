@@ -8,8 +8,8 @@ the slopes are corrected accordingly. After `STEPS_PER_ROUND` steps all parts th
 then each part keeps its pose, because pricing it in a known pose is much faster. One such search is made even
 if the budget is spent, because it gains more in the same time than most other searches.
 
-Boxes are extended into the hollow, so that faces there can move, and each part is trimmed to the needed cells
-in its box (`part_cutter`).
+Boxes are trimmed to their needed cells first (`trimming`). In the search they are extended into the hollow
+again, so that faces there can move, but parts are not cut larger than needed (`part_cutter`).
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ from decompose.engines.guillotine.plane_shift.plane_moves import (
     move_groups,
     refine_needed_cells,
 )
+from decompose.engines.guillotine.plane_shift.trimming import trim_boxes
 from decompose.grid import Box, Grid, NeededCells, find_flat_faces
 from decompose.pieces import SLIVER_MM, Piece, find_faults
 from decompose.printers import TargetPrinter
@@ -88,8 +89,10 @@ def shift_planes(
         there is no gain. All solid that must be printed remains in a box; other solid may be left out
         (`grid.needed_cells`).
     """
-    boxes_mm = np.array([grid.find_bounds_mm(box) for box in box_pieces])
-    return shift_box_planes(problem, grid, boxes_mm, list(box_pieces.values()), cells)
+    cells = refine_needed_cells(problem, grid) if cells is None else cells
+    trimmed_pieces = trim_boxes(problem, cells, list(box_pieces.values()))
+    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in trimmed_pieces])
+    return shift_box_planes(problem, grid, boxes_mm, trimmed_pieces, cells)
 
 
 def estimate_shift_s(problem: Problem, part_count: int) -> float:
@@ -118,7 +121,7 @@ def shift_box_planes(
     boxes_mm
         (n, 2, 3) corners of disjoint boxes that cover the needed cells.
     pieces
-        Pieces in each box, which may be cut out of a smaller box with the same needed cells.
+        Pieces in each box.
     cells
         The grid's needed cells from `refine_needed_cells`, if they are known.
 
@@ -130,43 +133,17 @@ def shift_box_planes(
     problem.effort.record(Work.FACE_GRIDDED, problem.model.solid.face_count)
     cells = refine_needed_cells(problem, grid) if cells is None else cells
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
-    extends_boxes, failure_count = True, 0
     while True:
-        search, start_parts = _start_search(problem, cells, cell_mm, boxes_mm, pieces, extends_boxes)
+        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
+        start_parts = search.pose_start_parts()
         parts = search.improve_parts(start_parts)
         has_gain = math.isfinite(find_longest_time_s(parts)) and (
             find_longest_time_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_time_s(start_parts)
         )
-        failure_count = 0 if has_gain else failure_count + 1
-        if failure_count == 2 or not problem.is_thorough or problem.effort.is_spent():
+        if not (has_gain and problem.is_thorough) or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
-        extends_boxes = extends_boxes == has_gain
         boxes_mm = np.array([part.cut_box_mm for part in parts])
         pieces = [part.pieces for part in parts]
-
-
-def _start_search(
-    problem: Problem,
-    cells: NeededCells,
-    cell_mm: Floats,
-    boxes_mm: Floats,
-    pieces: Sequence[Sequence[Piece]],
-    extends_boxes: bool,
-) -> tuple[_PlaneShift, list[BoxPart]]:
-    """Start a search with trimmed parts, unless they are slower or cannot be glued well; return its parts."""
-    search = _PlaneShift(
-        problem, cells, cell_mm, extend_boxes(boxes_mm) if extends_boxes else boxes_mm, pieces
-    )
-    start_parts = search.pose_start_parts()
-    trimmed_parts = search.cutter.trim_parts(start_parts)
-    if all(one is other for one, other in zip(start_parts, trimmed_parts, strict=True)):
-        return search, start_parts
-    trimmed_parts = search.cutter.pose_parts(trimmed_parts)
-    is_slower = find_longest_time_s(trimmed_parts) > find_longest_time_s(start_parts)
-    if not is_slower and not search.has_faults(trimmed_parts):
-        return search, trimmed_parts
-    search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces, trims_parts=False)
-    return search, search.pose_start_parts()
 
 
 class _PlaneShift:
@@ -179,12 +156,10 @@ class _PlaneShift:
         cell_mm: Floats,
         boxes_mm: Floats,
         pieces: Sequence[Sequence[Piece]],
-        *,
-        trims_parts: bool = True,
     ) -> None:
         self.problem = problem
         self.cells = cells
-        self.start_boxes_mm = boxes_mm
+        self.start_boxes_mm = extend_boxes(boxes_mm)
         self.start_parts = [
             BoxPart(box, tuple(box_pieces), (), math.inf)
             for box, box_pieces in zip(self.start_boxes_mm, pieces, strict=True)
@@ -196,9 +171,7 @@ class _PlaneShift:
         self.reach_mm = (MAX_MOVE_SHARE * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flat_faces = [find_flat_faces(vertices[faces], axis) for axis in range(3)]
-        self.cutter = PartCutter(
-            problem, self.start_parts, cell_mm, cells if trims_parts else None, self.flat_faces
-        )
+        self.cutter = PartCutter(problem, self.start_parts, cell_mm, cells, self.flat_faces)
         self.face_limits = FaceLimits(problem, self.cutter, self.groups)
 
     def pose_start_parts(self) -> list[BoxPart]:
