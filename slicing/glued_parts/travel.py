@@ -170,8 +170,9 @@ def _follow_edges(straight: shapely.LineString, area: shapely.Geometry) -> Itera
     """
     polygons = [polygon for polygon in getattr(area, "geoms", [area]) if polygon.geom_type == "Polygon"]
     edges = [edge for polygon in polygons for edge in (polygon.exterior, *polygon.interiors)]
-    outside = straight.difference(area)
-    sections = [np.array(section.coords)[[0, -1]] for section in getattr(outside, "geoms", [outside])]
+    # Nothing remains if the line is outside by no more than rounding.
+    outside = shapely.get_parts(straight.difference(area))
+    sections = [np.array(section.coords)[[0, -1]] for section in outside if not section.is_empty]
     start_mm, end_mm = np.array(straight.coords)
     points_mm = [start_mm[None]]
     for section in sorted(sections, key=lambda ends: float(np.hypot(*(ends[0] - start_mm)))):

@@ -5,7 +5,7 @@ import shapely
 
 from slicing.checks import read_toolpath
 from slicing.glued_parts.rewriting import replace_moves
-from slicing.glued_parts.travel import shorten_travel
+from slicing.glued_parts.travel import Trail, shorten_travel
 
 OUTLINE = [(0, 60), (0, 0), (60, 0), (60, 15), (15, 15), (15, 60), (0, 60)]  # from the first arm
 RING = [(1, 1), (59, 1), (59, 14), (14, 14), (14, 59), (1, 59), (1, 1)]
@@ -43,3 +43,14 @@ def test_travel_past_a_skipped_ring_stays_within_the_part():
 def test_points_that_straight_travel_does_not_need_are_left_out():
     travel_mm = list_travel_mm(write_gcode((8, 50), (8, 30), RING[0]), range(10, 16), is_skipped=True)
     assert travel_mm.tolist() == [[[0.0, 60.0], list(RING[0])], [list(RING[0]), list(SECOND_ARM)]]
+
+
+def test_straight_travel_that_leaves_the_area_only_by_rounding():
+    """Use a line from an edge inward: it is not covered, though nothing of it remains outside."""
+    area = shapely.Polygon([(98.084, 68.554), (65.046, 68.845), (38.892, 13.51)])
+    begin_mm, end_mm = (74.24746821666793, 68.76395310699648), (60.194114827866635, 41.032000000000004)
+    straight = shapely.LineString([begin_mm, end_mm])
+    assert not area.covers(straight)
+    assert straight.difference(area).is_empty
+    trail = Trail(np.array([begin_mm, (90.0, 68.0), end_mm]))
+    assert trail.find_route(begin_mm, end_mm, area).tolist() == [list(begin_mm), list(end_mm)]
