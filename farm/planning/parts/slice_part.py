@@ -21,6 +21,9 @@ from slicing.settings import SMALL_OVERHANG_MM2, EngineSettings, PartSettings, r
 
 SUPPORT_TOLERANCE_DEG = 0.5
 """Angle below the support angle within which CuraEngine may still support a face, because it rounds."""
+# Sharp edges of fins with steep faces print without support up to this angle from the vertical [assumed].
+MAX_FIN_EDGE_DEG = 80.5
+MIN_FIN_EDGE_RAD = np.radians(30.0)  # angle between the faces of a sharp edge
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
@@ -91,7 +94,8 @@ def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSett
 def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> float | None:
     """Find a larger support angle, if the overhangs from the usual angle up to it are small; else None.
 
-    With the usual angle, CuraEngine would build supports from the bed even below an overhang of a few layers.
+    With the usual angle, CuraEngine would build supports from the bed even below an overhang of a few layers,
+    and below the tip of a fin that grows sideways along a leaning edge, although its faces are steep.
 
     Parameters
     ----------
@@ -100,13 +104,30 @@ def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> f
     settings
         Settings of the job.
     """
-    max_deg = settings.small_overhang_deg
-    overhangs_deg = np.degrees(np.arcsin(np.clip(-mesh.face_normals[:, 2], -1.0, 1.0)))
-    is_between = (overhangs_deg > settings.support_angle_deg - SUPPORT_TOLERANCE_DEG) & (
-        overhangs_deg <= max_deg
-    )
-    is_small = 0.0 < mesh.area_faces[is_between].sum() < SMALL_OVERHANG_MM2
-    return max_deg + SUPPORT_TOLERANCE_DEG if is_small else None
+    min_deg, max_deg = settings.support_angle_deg - SUPPORT_TOLERANCE_DEG, settings.small_overhang_deg
+    if max_deg == 0.0:
+        return None
+    face_overhangs_deg = np.degrees(np.arcsin(np.clip(-mesh.face_normals[:, 2], -1.0, 1.0)))
+    edges_deg = _measure_fin_edges_deg(mesh)
+    edges_deg = edges_deg[(edges_deg > min_deg) & (edges_deg <= MAX_FIN_EDGE_DEG)]
+    for angle_deg in (max(max_deg, edges_deg.max(initial=0.0)), max_deg):
+        is_between = (face_overhangs_deg > min_deg) & (face_overhangs_deg <= angle_deg)
+        area_mm2 = mesh.area_faces[is_between].sum()
+        has_edges = bool((edges_deg <= angle_deg).any())
+        if (area_mm2 > 0.0 or has_edges) and area_mm2 < SMALL_OVERHANG_MM2:
+            return float(angle_deg + SUPPORT_TOLERANCE_DEG)
+    return None
+
+
+def _measure_fin_edges_deg(mesh: trimesh.Trimesh) -> npt.NDArray[np.float64]:
+    """Measure the angles from the vertical of the sharp convex edges (n,) at the lower side of a mesh."""
+    is_sharp = mesh.face_adjacency_convex & (mesh.face_adjacency_angles > MIN_FIN_EDGE_RAD)
+    facing = mesh.face_normals[mesh.face_adjacency[is_sharp]].sum(axis=1)
+    edges_mm = np.diff(mesh.vertices[mesh.face_adjacency_edges[is_sharp]], axis=1)[:, 0]
+    is_on_bed = (mesh.vertices[mesh.face_adjacency_edges[is_sharp], 2] < mesh.bounds[0, 2] + 0.1).all(axis=1)
+    is_lower = (facing[:, 2] < 0.0) & ~is_on_bed
+    lengths_mm = np.linalg.norm(edges_mm[is_lower], axis=1)
+    return np.asarray(np.degrees(np.arccos(np.clip(np.abs(edges_mm[is_lower, 2]) / lengths_mm, 0.0, 1.0))))
 
 
 def _find_placement(task: SliceTask, extents_mm: tuple[float, float, float]) -> Placement:
