@@ -21,8 +21,9 @@ from slicing.settings import SMALL_OVERHANG_MM2, EngineSettings, PartSettings, r
 
 SUPPORT_TOLERANCE_DEG = 0.5
 """Angle below the support angle within which CuraEngine may still support a face, because it rounds."""
-# Sharp edges of fins with steep faces print without support up to this angle from the vertical [assumed].
-MAX_FIN_EDGE_DEG = 80.5
+# Sharp edges of fins with steep faces print without support up to this angle from the vertical [assumed]. It
+# is the support angle for all of them, because CuraEngine's rounding moves their tips by tenths of a mm.
+MAX_FIN_EDGE_DEG = 80.0
 MIN_FIN_EDGE_RAD = np.radians(30.0)  # angle between the faces of a sharp edge
 
 
@@ -108,20 +109,23 @@ def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> f
     if max_deg == 0.0:
         return None
     face_overhangs_deg = np.degrees(np.arcsin(np.clip(-mesh.face_normals[:, 2], -1.0, 1.0)))
-    edges_deg = _measure_fin_edges_deg(mesh)
-    edges_deg = edges_deg[(edges_deg > min_deg) & (edges_deg <= MAX_FIN_EDGE_DEG)]
-    for angle_deg in (max(max_deg, edges_deg.max(initial=0.0)), max_deg):
+    edges_deg = _measure_fin_edges_deg(mesh, face_overhangs_deg <= min_deg)
+    has_fins = bool(((edges_deg > min_deg) & (edges_deg <= MAX_FIN_EDGE_DEG)).any())
+
+    def measure_overhangs_mm2(angle_deg: float) -> float:
         is_between = (face_overhangs_deg > min_deg) & (face_overhangs_deg <= angle_deg)
-        area_mm2 = mesh.area_faces[is_between].sum()
-        has_edges = bool((edges_deg <= angle_deg).any())
-        if (area_mm2 > 0.0 or has_edges) and area_mm2 < SMALL_OVERHANG_MM2:
-            return float(angle_deg + SUPPORT_TOLERANCE_DEG)
-    return None
+        return float(mesh.area_faces[is_between].sum())
+
+    if has_fins and measure_overhangs_mm2(MAX_FIN_EDGE_DEG) < SMALL_OVERHANG_MM2:
+        return MAX_FIN_EDGE_DEG + SUPPORT_TOLERANCE_DEG
+    is_small = 0.0 < measure_overhangs_mm2(max_deg) < SMALL_OVERHANG_MM2
+    return max_deg + SUPPORT_TOLERANCE_DEG if is_small else None
 
 
-def _measure_fin_edges_deg(mesh: trimesh.Trimesh) -> npt.NDArray[np.float64]:
-    """Measure the angles from the vertical of the sharp convex edges (n,) at the lower side of a mesh."""
+def _measure_fin_edges_deg(mesh: trimesh.Trimesh, is_steep: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """Measure the angles from the vertical of the sharp lower edges (n,) between two steep faces."""
     is_sharp = mesh.face_adjacency_convex & (mesh.face_adjacency_angles > MIN_FIN_EDGE_RAD)
+    is_sharp &= is_steep[mesh.face_adjacency].all(axis=1)
     facing = mesh.face_normals[mesh.face_adjacency[is_sharp]].sum(axis=1)
     edges_mm = np.diff(mesh.vertices[mesh.face_adjacency_edges[is_sharp]], axis=1)[:, 0]
     is_on_bed = (mesh.vertices[mesh.face_adjacency_edges[is_sharp], 2] < mesh.bounds[0, 2] + 0.1).all(axis=1)

@@ -244,3 +244,30 @@ def test_strip_of_an_overhang_gets_no_tower_of_support(
     task = replace(task, request=request, settings=resolve_settings(request, task.resources))
     gcode = slice_part(task).gcode.read_text()
     assert (";TYPE:SUPPORT\n" in gcode) == is_supported
+
+
+def build_fin(edge_deg):
+    """Build a block with a fin of 20 mm at its side: steep faces that meet in an edge with this lean."""
+    height_mm = 21.0 / np.tan(np.radians(edge_deg))
+    corners_mm = [(59, 0, 40 - height_mm), (80, 0, 40), (59, 0, 40), (59, 0.25 * height_mm, 40)]
+    fin = trimesh.convex.convex_hull(np.array(corners_mm, float))
+    block = trimesh.creation.box(bounds=[(0, 0, 0), (60, 10, 40)])
+    return trimesh.boolean.union([block, fin], engine="manifold")
+
+
+@pytest.mark.parametrize(
+    ("edge_deg", "is_supported"), [(48.0, False), (60.0, False), (75.0, False), (84.0, True)]
+)
+def test_tip_of_a_steep_fin_gets_no_tower_of_support(make_task, edge_deg, is_supported):
+    task = make_task(build_fin(edge_deg), brim_width_mm=0.0)
+    gcode = slice_part(task).gcode.read_text()
+    assert (";TYPE:SUPPORT\n" in gcode) == is_supported
+
+
+def test_overhanging_keel_keeps_its_support(make_task):
+    """Use a roof that hangs from a column: its level edge has steep faces, but begins in mid-air."""
+    corners_mm = [(x, y, z) for x in (20, 50) for y, z in ((5, 25), (0, 40), (10, 40))]
+    keel = trimesh.convex.convex_hull(np.array(corners_mm, float))
+    column = trimesh.creation.box(bounds=[(0, 0, 0), (21, 10, 40)])
+    task = make_task(trimesh.boolean.union([column, keel], engine="manifold"), brim_width_mm=0.0)
+    assert ";TYPE:SUPPORT\n" in slice_part(task).gcode.read_text()
