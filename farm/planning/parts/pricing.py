@@ -24,6 +24,10 @@ REMAINING_TRAVEL_SHARE = 0.25
 """Travel that remains where an inner wall is removed, as a share of that wall's length; the print order of
 the remaining wall segments avoids the other travel. Fitted to the slices of 70 parts."""
 
+PRICED_OVERHANG_SHARE = 0.8
+"""Area up to which overhangs count as small in prices, as a share of the area up to which they get no support.
+A plan that relied on the exact limit would get a tower of support if the slicer measured slightly more."""
+
 
 def build_target_printers(
     printers: Sequence[PrinterSection],
@@ -176,7 +180,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         support_mm_s=settings.speed_support_mm_s,
         support_angle_deg=settings.support_angle_deg,
         small_overhang_deg=settings.small_overhang_deg,
-        small_overhang_mm2=SMALL_OVERHANG_MM2,
+        small_overhang_mm2=PRICED_OVERHANG_SHARE * SMALL_OVERHANG_MM2,
         brim_mm=settings.brim_width_mm if global_settings["adhesion_type"] == "brim" else 0.0,
         brim_mm_s=settings.speed_layer_0_mm_s,
         slow_layer_count=int(float(global_settings["speed_slowdown_layers"])),

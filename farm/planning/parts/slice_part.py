@@ -23,7 +23,7 @@ SUPPORT_TOLERANCE_DEG = 0.5
 """Angle below the support angle within which CuraEngine may still support a face, because it rounds."""
 # Sharp edges of fins with steep faces print without support up to this angle from the vertical [assumed]. It
 # is the support angle for all of them, because CuraEngine's rounding moves their tips by tenths of a mm.
-MAX_FIN_EDGE_DEG = 80.0
+MAX_FIN_EDGE_DEG = 82.0
 MIN_FIN_EDGE_RAD = np.radians(30.0)  # angle between the faces of a sharp edge
 
 

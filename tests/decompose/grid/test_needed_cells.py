@@ -134,3 +134,13 @@ def test_bounds_of_needed_cells_in_a_box(seed: int) -> None:
         np.array([lows[is_inside].min(axis=0), highs[is_inside].max(axis=0)]) if is_inside.any() else box_mm
     )
     np.testing.assert_allclose(cells.find_needed_bounds_mm(box_mm), expected_mm)
+
+
+def test_bounds_include_cells_within_a_margin() -> None:
+    planes = np.array([0.0, 10.0, 20.0, 30.0])
+    is_needed = np.zeros((3, 3, 3), dtype=bool)
+    is_needed[0, 0, 0] = is_needed[2, 1, 1] = True
+    cells = NeededCells((planes, planes, planes), is_needed)
+    box_mm = np.array([[0.0, 0.0, 0.0], [30.0, 30.0, 8.0]])
+    assert cells.find_needed_bounds_mm(box_mm, 1.0).tolist() == [[0.0, 0.0, 0.0], [10.0, 10.0, 8.0]]
+    assert cells.find_needed_bounds_mm(box_mm, 3.0).tolist() == [[0.0, 0.0, 0.0], [30.0, 20.0, 8.0]]
