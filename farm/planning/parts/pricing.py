@@ -25,8 +25,8 @@ REMAINING_TRAVEL_SHARE = 0.25
 the remaining wall segments avoids the other travel. Fitted to the slices of 70 parts."""
 
 PRICED_OVERHANG_SHARE = 0.8
-"""Area up to which overhangs count as small in prices, as a share of the area up to which they get no support.
-A plan that relied on the exact limit would get a tower of support if the slicer measured slightly more."""
+"""Area up to which overhangs are small for prices, as a share of the area up to which they get no support. A
+plan that relied on the exact limit would get a tower of support if the slicer measured slightly more."""
 
 
 def build_target_printers(
