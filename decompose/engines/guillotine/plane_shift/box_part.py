@@ -37,8 +37,8 @@ class BoxPart:
 
     @property
     def cut_box_mm(self) -> Floats:
-        """Corners (2, 3) of the box out of which the pieces are cut."""
-        return np.asarray(self.pieces[0].boxes_mm[0])
+        """Corners (2, 3) of the box out of which the pieces are cut; the box itself without pieces."""
+        return np.asarray(self.pieces[0].boxes_mm[0]) if self.pieces else self.box_mm
 
     @property
     def size_mm(self) -> Floats:

@@ -90,9 +90,9 @@ def shift_planes(
         (`grid.needed_cells`).
     """
     cells = refine_needed_cells(problem, grid) if cells is None else cells
-    trimmed_pieces = trim_boxes(problem, cells, list(box_pieces.values()))
-    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in trimmed_pieces])
-    return shift_box_planes(problem, grid, boxes_mm, trimmed_pieces, cells)
+    boxes_mm = np.array([grid.find_bounds_mm(box) for box in box_pieces])
+    boxes_mm, pieces = trim_boxes(problem, cells, boxes_mm, list(box_pieces.values()))
+    return shift_box_planes(problem, grid, boxes_mm, pieces, cells)
 
 
 def estimate_shift_s(problem: Problem, part_count: int) -> float:
@@ -199,7 +199,7 @@ class _PlaneShift:
                 slow_numbers = [i for i, part in enumerate(new_parts) if part.seconds >= limit_s]
                 if not self.face_limits.limit_faces(best_parts, new_parts, slow_numbers, 0.0):
                     break
-            elif self.has_faults(new_parts):
+            elif self._has_faults(new_parts):
                 self.reach_mm = self.reach_mm / 2.0
             else:
                 gain = 1.0 - find_longest_time_s(new_parts) / find_longest_time_s(best_parts)
@@ -208,7 +208,7 @@ class _PlaneShift:
                     break
         return best_parts
 
-    def has_faults(self, parts: Sequence[BoxPart]) -> bool:
+    def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
         """Check whether any piece cannot be glued well."""
         return bool(
             find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)

@@ -20,46 +20,52 @@ MARGIN_MM = 3.0
 SAME_BOUNDS_MM = 1e-6  # maximum difference between equal bounds of a solid
 
 
-def trim_boxes(problem: Problem, cells: NeededCells, pieces: Sequence[Sequence[Piece]]) -> list[list[Piece]]:
+def trim_boxes(
+    problem: Problem, cells: NeededCells, boxes_mm: Floats, pieces: Sequence[Sequence[Piece]]
+) -> tuple[Floats, list[list[Piece]]]:
     """Trim boxes to their needed cells, and cut the parts in them again.
 
     Parameters
     ----------
     problem, cells
         Problem, and the cells that the boxes have to cover.
-    pieces
-        Pieces in each box.
+    boxes_mm, pieces
+        (n, 2, 3) corners of the boxes, and the pieces in each of them.
 
     Returns
     -------
-    list of list of Piece
-        As many pieces in each trimmed box; the same pieces if the slowest part would be slower, or if a part
-        could not be glued well.
+    tuple
+        (n, 2, 3) corners of the trimmed boxes, and as many pieces in each of them; the same boxes and pieces
+        if the slowest part would be slower, or if a part could not be glued well.
     """
     vertices, faces = problem.model.solid.arrays()
     flat_faces = [find_flat_faces(vertices[faces], axis) for axis in range(3)]
-    new_pieces = [list(box_pieces) for box_pieces in pieces]
-    numbers, boxes_mm = [], []
-    for i, box_pieces in enumerate(pieces):
-        box_mm = _trim_box(box_pieces[0].boxes_mm[0], cells, flat_faces)
-        if any(_extends_beyond(piece, box_mm) for piece in box_pieces):
-            numbers.append(i)
-            boxes_mm.append(box_mm)
+    old_pieces = [list(box_pieces) for box_pieces in pieces]
+    new_boxes_mm, new_pieces = boxes_mm.copy(), list(old_pieces)
+    trimmed_boxes_mm = [_trim_box(box_mm, cells, flat_faces) for box_mm in boxes_mm]
+    numbers = [
+        i
+        for i, box_mm in enumerate(trimmed_boxes_mm)
+        if any(_extends_beyond(piece, box_mm) for piece in old_pieces[i])
+    ]
     problem.effort.record(Work.FACE_CUT, problem.model.solid.face_count * len(numbers))
-    for i, trimmed_pieces in zip(
-        numbers, problem.map(lambda box_mm: cut_box(problem.model.solid, *box_mm), boxes_mm), strict=True
-    ):
-        if len(trimmed_pieces) == len(pieces[i]):
+    cut_pieces = problem.map(lambda i: cut_box(problem.model.solid, *trimmed_boxes_mm[i]), numbers)
+    for i, trimmed_pieces in zip(numbers, cut_pieces, strict=True):
+        if len(trimmed_pieces) == len(old_pieces[i]):
+            new_boxes_mm[i] = trimmed_boxes_mm[i]
             new_pieces[i] = [
                 replace(trimmed_piece, printer=piece.printer, time_ratio=piece.time_ratio)
-                for trimmed_piece, piece in zip(trimmed_pieces, pieces[i], strict=True)
+                for trimmed_piece, piece in zip(trimmed_pieces, old_pieces[i], strict=True)
             ]
-    all_pieces = [piece for box_pieces in new_pieces for piece in box_pieces]
-    if not numbers or find_faults(all_pieces, problem.options.min_glue_mm2):
-        return [list(box_pieces) for box_pieces in pieces]
-    old_s = _find_longest_time_s(problem, [piece for box_pieces in pieces for piece in box_pieces])
-    is_slower = _find_longest_time_s(problem, all_pieces) > old_s
-    return [list(box_pieces) for box_pieces in pieces] if is_slower else new_pieces
+    if not numbers or find_faults(_join(new_pieces), problem.options.min_glue_mm2):
+        return boxes_mm, old_pieces
+    old_s, new_s = (_find_longest_time_s(problem, _join(parts)) for parts in (old_pieces, new_pieces))
+    return (boxes_mm, old_pieces) if new_s > old_s else (new_boxes_mm, new_pieces)
+
+
+def _join(pieces: Sequence[Sequence[Piece]]) -> list[Piece]:
+    """List the pieces of all boxes."""
+    return [piece for box_pieces in pieces for piece in box_pieces]
 
 
 def _trim_box(box_mm: Floats, cells: NeededCells, flat_faces: Sequence[FlatFaces]) -> Floats:

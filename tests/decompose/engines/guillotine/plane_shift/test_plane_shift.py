@@ -166,7 +166,7 @@ def test_useless_round_is_not_repeated_after_the_budget_is_spent(
     pieces_by_box = {box: cut_cells(tapered_block, grid, box) for box in make_halves(problem)}
     problem.find_poses([piece for pieces in pieces_by_box.values() for piece in pieces])
     if is_faulty:
-        monkeypatch.setattr(_PlaneShift, "has_faults", lambda *_: True)
+        monkeypatch.setattr(_PlaneShift, "_has_faults", lambda *_: True)
     else:
         monkeypatch.setattr(Problem, "find_pose", worsen_pose)
     rounds = RoundCounter(monkeypatch)

@@ -30,37 +30,53 @@ def problem(cost: CostModel) -> Problem:
     return Problem(Model(block, (), 1.0), printers, cost, options)
 
 
-def cut_walls(problem: Problem) -> list[list[Piece]]:
+def cut_walls(problem: Problem) -> tuple[np.ndarray, list[list[Piece]]]:
     """Cut six walls of two cells, 45 mm, out of the block; only the last two do not reach its corners."""
     grid = problem.build_grid(problem.model)
     boxes = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8), (0, 0, 2, 2, 8, 6)]
     boxes += [(6, 0, 2, 8, 8, 6), (2, 0, 2, 6, 2, 6), (2, 6, 2, 6, 8, 6)]
     pieces = [cut_cells(problem.model.solid, grid, box) for box in boxes]
     ratios = [[replace(piece, printer=problem.printers[0], time_ratio=2.0)] for (piece,) in pieces[4:]]
-    return pieces[:4] + ratios
+    return np.array([grid.find_bounds_mm(box) for box in boxes]), pieces[:4] + ratios
 
 
 def test_walls_are_trimmed_and_cover_all_needed_cells(problem: Problem) -> None:
-    pieces = cut_walls(problem)
+    boxes_mm, pieces = cut_walls(problem)
     cells = refine_needed_cells(problem, problem.build_grid(problem.model))
-    trimmed_pieces = trim_boxes(problem, cells, pieces)
+    trimmed_mm, trimmed_pieces = trim_boxes(problem, cells, boxes_mm, pieces)
     assert trimmed_pieces[:4] == pieces[:4]
     for (piece,) in trimmed_pieces[4:]:
         assert WALL_MM <= np.ptp(piece.solid.bounds_mm[:, 1]) < WALL_MM + MARGIN_MM + 4.0
         assert (piece.printer, piece.time_ratio) == (problem.printers[0], 2.0)
-    assert cells.is_partition(np.array([piece.boxes_mm[0] for (piece,) in trimmed_pieces]))
+    assert cells.is_partition(trimmed_mm)
+    assert (trimmed_mm == [piece.boxes_mm[0] for (piece,) in trimmed_pieces]).all()
 
 
 def test_boxes_stay_if_trimmed_parts_are_slower_or_cannot_be_glued(
     problem: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pieces = cut_walls(problem)
+    boxes_mm, pieces = cut_walls(problem)
     cells = refine_needed_cells(problem, problem.build_grid(problem.model))
     weak_problem = replace(problem, options=replace(problem.options, min_glue_mm2=1e9))
-    assert trim_boxes(weak_problem, cells, pieces) == pieces
     times_s = iter([10.0, 11.0])
-    monkeypatch.setattr(trimming, "_find_longest_time_s", lambda *_: next(times_s))
-    assert trim_boxes(problem, cells, pieces) == pieces
+    for failing_problem in (weak_problem, problem):
+        same_boxes_mm, same_pieces = trim_boxes(failing_problem, cells, boxes_mm, pieces)
+        assert (same_boxes_mm == boxes_mm).all()
+        assert same_pieces == pieces
+        monkeypatch.setattr(trimming, "_find_longest_time_s", lambda *_: next(times_s))
+    assert next(times_s, None) is None
+
+
+def test_box_without_solid_stays(problem: Problem) -> None:
+    boxes_mm, pieces = cut_walls(problem)
+    empty_mm = np.array([[[300.0] * 3, [310.0] * 3]])
+    cells = refine_needed_cells(problem, problem.build_grid(problem.model))
+    trimmed_mm, trimmed_pieces = trim_boxes(
+        problem, cells, np.concatenate([boxes_mm, empty_mm]), [*pieces, []]
+    )
+    assert trimmed_mm[6].tolist() == empty_mm[0].tolist()
+    assert trimmed_pieces[6] == []
+    assert (trimmed_mm[4:6] != boxes_mm[4:6]).any()
 
 
 @pytest.mark.parametrize(
