@@ -109,7 +109,8 @@ class NeededCells:
     def find_needed_bounds_mm(self, box_mm: Floats, margin_mm: float = 0.0) -> Floats:
         """Find the bounds (2, 3) in mm of the needed cells in a box (2, 3); the box itself if it has none.
 
-        With a margin, cells up to that distance outside the box are included; the bounds stay in the box.
+        With a margin, cells up to that distance outside the box are included if there are others; the bounds
+        stay in the box.
         """
         first, last = self._find_cell_range(box_mm + np.array([[-margin_mm], [margin_mm]]))
         x0, y0, z0, x1, y1, z1 = *first, *last
@@ -127,7 +128,7 @@ class NeededCells:
             planes = self.planes[axis]
             bounds_mm[0, axis] = max(box_mm[0, axis], planes[first[axis] + needed[0]])
             bounds_mm[1, axis] = min(box_mm[1, axis], planes[first[axis] + needed[-1] + 1])
-        return bounds_mm
+        return bounds_mm if (bounds_mm[0] < bounds_mm[1]).all() else box_mm.copy()
 
     def _find_cell_range(self, box_mm: Floats) -> tuple[list[int], list[int]]:
         """Find the first cell along each axis that a box (2, 3) overlaps, and the end of these cells."""

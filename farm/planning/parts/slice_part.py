@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -19,12 +20,16 @@ from slicing.glued_parts import HiddenRecess, HiddenSide, SideGroove
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import SMALL_OVERHANG_MM2, EngineSettings, PartSettings, resolve_settings
 
+BED_TOLERANCE_MM = 0.1  # maximum height of faces and edges that lie on the bed
 SUPPORT_TOLERANCE_DEG = 0.5
 """Angle below the support angle within which CuraEngine may still support a face, because it rounds."""
-# Sharp edges of fins with steep faces print without support up to this angle from the vertical [assumed]. It
-# is the support angle for all of them, because CuraEngine's rounding moves their tips by tenths of a mm.
-MAX_FIN_EDGE_DEG = 82.0
-MIN_FIN_EDGE_RAD = np.radians(30.0)  # angle between the faces of a sharp edge
+# Fins with steep faces print without support if their sharp edges lean by up to this angle, and if their tips
+# lie over air by up to this length [assumed]. This is the support angle for all of them, because CuraEngine's
+# rounding moves tips by tenths of a millimetre.
+MAX_FIN_EDGE_DEG, MAX_FIN_TIP_MM = 82.0, 1.5
+MIN_FIN_NORMALS_DEG = 120.0  # minimum angle between the normals of a fin's two faces
+MIN_FIN_EDGE_MM, MIN_FIN_FACE_MM2 = 1.0, 0.01  # shorter edges and smaller faces are not taken for fins
+MAX_FIN_OVERHANG_MM2 = 1.0  # maximum area of all faces beyond the support angle in a part with fins
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
@@ -96,7 +101,8 @@ def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> f
     """Find a larger support angle, if the overhangs from the usual angle up to it are small; else None.
 
     With the usual angle, CuraEngine would build supports from the bed even below an overhang of a few layers,
-    and below the tip of a fin that grows sideways along a leaning edge, although its faces are steep.
+    and below the tip of a fin that grows sideways along a leaning edge, although its faces are steep. The
+    larger angle is that of the whole part, so fins count only if no face of the part overhangs.
 
     Parameters
     ----------
@@ -108,30 +114,34 @@ def find_support_angle_deg(mesh: trimesh.Trimesh, settings: EngineSettings) -> f
     min_deg, max_deg = settings.support_angle_deg - SUPPORT_TOLERANCE_DEG, settings.small_overhang_deg
     if max_deg == 0.0:
         return None
-    face_overhangs_deg = np.degrees(np.arcsin(np.clip(-mesh.face_normals[:, 2], -1.0, 1.0)))
-    edges_deg = _measure_fin_edges_deg(mesh, face_overhangs_deg <= min_deg)
-    has_fins = bool(((edges_deg > min_deg) & (edges_deg <= MAX_FIN_EDGE_DEG)).any())
-
-    def measure_overhangs_mm2(angle_deg: float) -> float:
-        is_between = (face_overhangs_deg > min_deg) & (face_overhangs_deg <= angle_deg)
-        return float(mesh.area_faces[is_between].sum())
-
-    if has_fins and measure_overhangs_mm2(MAX_FIN_EDGE_DEG) < SMALL_OVERHANG_MM2:
-        return MAX_FIN_EDGE_DEG + SUPPORT_TOLERANCE_DEG
-    is_small = 0.0 < measure_overhangs_mm2(max_deg) < SMALL_OVERHANG_MM2
+    overhangs_deg = np.degrees(np.arcsin(np.clip(-mesh.face_normals[:, 2], -1.0, 1.0)))
+    is_on_bed = mesh.triangles[:, :, 2].max(axis=1) < mesh.bounds[0, 2] + BED_TOLERANCE_MM
+    is_overhang = (overhangs_deg > min_deg) & ~is_on_bed
+    if mesh.area_faces[is_overhang].sum() < MAX_FIN_OVERHANG_MM2:
+        tip_deg = math.degrees(math.atan2(MAX_FIN_TIP_MM, settings.layer_height_mm))
+        fin_deg = min(MAX_FIN_EDGE_DEG, tip_deg)
+        edges_deg = _measure_fin_edges_deg(mesh, np.abs(overhangs_deg) <= min_deg)
+        if ((edges_deg > min_deg) & (edges_deg <= fin_deg)).any():
+            return fin_deg + SUPPORT_TOLERANCE_DEG
+    is_between = is_overhang & (overhangs_deg <= max_deg)
+    is_small = 0.0 < mesh.area_faces[is_between].sum() < SMALL_OVERHANG_MM2
     return max_deg + SUPPORT_TOLERANCE_DEG if is_small else None
 
 
 def _measure_fin_edges_deg(mesh: trimesh.Trimesh, is_steep: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
     """Measure the angles from the vertical of the sharp lower edges (n,) between two steep faces."""
-    is_sharp = mesh.face_adjacency_convex & (mesh.face_adjacency_angles > MIN_FIN_EDGE_RAD)
-    is_sharp &= is_steep[mesh.face_adjacency].all(axis=1)
-    facing = mesh.face_normals[mesh.face_adjacency[is_sharp]].sum(axis=1)
-    edges_mm = np.diff(mesh.vertices[mesh.face_adjacency_edges[is_sharp]], axis=1)[:, 0]
-    is_on_bed = (mesh.vertices[mesh.face_adjacency_edges[is_sharp], 2] < mesh.bounds[0, 2] + 0.1).all(axis=1)
-    is_lower = (facing[:, 2] < 0.0) & ~is_on_bed
-    lengths_mm = np.linalg.norm(edges_mm[is_lower], axis=1)
-    return np.asarray(np.degrees(np.arccos(np.clip(np.abs(edges_mm[is_lower, 2]) / lengths_mm, 0.0, 1.0))))
+    is_sharp = mesh.face_adjacency_convex & (mesh.face_adjacency_angles > math.radians(MIN_FIN_NORMALS_DEG))
+    is_large = mesh.area_faces > MIN_FIN_FACE_MM2
+    is_sharp &= (is_steep & is_large)[mesh.face_adjacency].all(axis=1)
+    is_lower = mesh.face_normals[mesh.face_adjacency].sum(axis=1)[:, 2] < 0.0
+    ends_mm = mesh.vertices[mesh.face_adjacency_edges[is_sharp & is_lower]]
+    edges_mm = ends_mm[:, 1] - ends_mm[:, 0]
+    lengths_mm = np.linalg.norm(edges_mm, axis=1)
+    is_fin = (lengths_mm > MIN_FIN_EDGE_MM) & (
+        ends_mm[:, :, 2].max(axis=1) > mesh.bounds[0, 2] + BED_TOLERANCE_MM
+    )
+    cosines = np.abs(edges_mm[is_fin, 2]) / lengths_mm[is_fin]
+    return np.asarray(np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0))))
 
 
 def _find_placement(task: SliceTask, extents_mm: tuple[float, float, float]) -> Placement:

@@ -144,3 +144,5 @@ def test_bounds_include_cells_within_a_margin() -> None:
     box_mm = np.array([[0.0, 0.0, 0.0], [30.0, 30.0, 8.0]])
     assert cells.find_needed_bounds_mm(box_mm, 1.0).tolist() == [[0.0, 0.0, 0.0], [10.0, 10.0, 8.0]]
     assert cells.find_needed_bounds_mm(box_mm, 3.0).tolist() == [[0.0, 0.0, 0.0], [30.0, 20.0, 8.0]]
+    outside_mm = np.array([[0.0, 0.0, 21.0], [9.0, 9.0, 28.0]])
+    assert cells.find_needed_bounds_mm(outside_mm, 12.0).tolist() == outside_mm.tolist()

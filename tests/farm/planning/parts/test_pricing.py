@@ -26,7 +26,13 @@ from farm.planning.plate_times import compute_overhead_s, compute_plate_seconds
 from printers.slicing_printers import UM2_PLUS
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
-from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
+from slicing.settings import (
+    SMALL_OVERHANG_MM2,
+    SettingsRequest,
+    find_engine,
+    find_resources,
+    resolve_settings,
+)
 
 BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
 UPRIGHT_POSE = POSE_ROTATIONS[4:5]
@@ -44,6 +50,12 @@ def resolve_slice_settings():
         return resolve_settings(request, resources)
 
     return resolve_quality
+
+
+def test_overhangs_near_the_limit_of_small_ones_have_a_price(resolve_slice_settings):
+    """The slicer measures slightly larger areas, so a plan must not rely on the exact limit."""
+    time_settings = build_print_time_settings(resolve_slice_settings("glue"), overhead_s=0.0)
+    assert 0.5 * SMALL_OVERHANG_MM2 < time_settings.small_overhang_mm2 < 0.95 * SMALL_OVERHANG_MM2
 
 
 def test_changed_setting_reaches_the_cost(resolve_slice_settings):

@@ -12,7 +12,12 @@ from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
-from farm.planning.parts.slice_part import place_hidden_recesses, place_hidden_sides, slice_part
+from farm.planning.parts.slice_part import (
+    find_support_angle_deg,
+    place_hidden_recesses,
+    place_hidden_sides,
+    slice_part,
+)
 from farm.planning.printer_settings import find_usable_volumes, list_max_part_sizes_mm
 from printers.slicing_printers import PRINTERS
 from slicing.glued_parts import TRANSITION_MM
@@ -262,6 +267,40 @@ def test_tip_of_a_steep_fin_gets_no_tower_of_support(make_task, edge_deg, is_sup
     task = make_task(build_fin(edge_deg), brim_width_mm=0.0)
     gcode = slice_part(task).gcode.read_text()
     assert (";TYPE:SUPPORT\n" in gcode) == is_supported
+
+
+@pytest.mark.parametrize("overrides", [{"support_angle": "50"}, {"cool_fan_speed": "50"}])
+def test_fin_keeps_its_support_with_own_angle_or_slow_fan(make_task, overrides):
+    task = make_task(build_fin(60.0), brim_width_mm=0.0)
+    request = replace(task.request, overrides=overrides)
+    task = replace(task, request=request, settings=resolve_settings(request, task.resources))
+    assert ";TYPE:SUPPORT\n" in slice_part(task).gcode.read_text()
+
+
+def test_fin_does_not_remove_the_support_of_a_ledge(make_task):
+    """Use a ledge that extends by 1.4 mm, less than the angle for fins supports."""
+    ledge = trimesh.creation.box(bounds=[(-1.4, 0, 20), (10, 10, 40)])
+    mesh = trimesh.boolean.union([build_fin(60.0), ledge], engine="manifold")
+    assert find_support_angle_deg(build_fin(60.0), make_task(mesh).settings) == pytest.approx(82.0, abs=0.6)
+    assert find_support_angle_deg(mesh, make_task(mesh).settings) is None
+
+
+def test_tips_over_air_are_limited_with_high_layers(make_task):
+    task = make_task(build_fin(60.0))
+    high_layers = replace(task.settings, layer_height_mm=0.6)
+    angle_deg = find_support_angle_deg(build_fin(60.0), high_layers)
+    assert angle_deg == pytest.approx(np.degrees(np.arctan(1.5 / 0.6)) + 0.5)
+    assert find_support_angle_deg(build_fin(75.0), high_layers) is None
+
+
+def test_chamfered_corner_is_no_fin(make_task):
+    """Use a block whose two lower edges have chamfers of 45 degrees, which meet at 54.7 degrees."""
+    bottom, top = (
+        [(5, 5, 0), (40, 5, 0), (40, 40, 0), (5, 40, 0)],
+        [(0, 0, 5), (40, 0, 5), (40, 40, 5), (0, 40, 5)],
+    )
+    block = trimesh.convex.convex_hull(np.array([*bottom, *top, *[(x, y, 40) for x, y, _ in top]], float))
+    assert find_support_angle_deg(block, make_task(block).settings) is None
 
 
 def test_overhanging_keel_keeps_its_support(make_task):
