@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.engines.guillotine.plane_shift.box_part import BoxPart, compute_slowest_piece_s
+from decompose.engines.guillotine.plane_shift.box_part import BoxPart, compute_slowest_piece_s, copy_printers
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells
 from decompose.pieces import Piece, cut_box, find_cut_faces
@@ -65,10 +64,7 @@ class PartCutter:
         start_pieces = self._start_parts[i].pieces
         pieces = cut_box(self._nearby_solids[i], *self._choose_cut_box_mm(i, box_mm))
         if len(pieces) == len(start_pieces):
-            pieces = [
-                replace(piece, printer=start_piece.printer, time_ratio=start_piece.time_ratio)
-                for piece, start_piece in zip(pieces, start_pieces, strict=True)
-            ]
+            pieces = copy_printers(pieces, start_pieces)
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
     def _choose_cut_box_mm(self, i: int, box_mm: Floats) -> Floats:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
 from decompose.arrays import Floats
+from decompose.engines.guillotine.plane_shift.box_part import compute_slowest_piece_s, copy_printers
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells, find_flat_faces
 from decompose.pieces import SLIVER_MM, Piece, cut_box, find_faults
@@ -53,19 +53,15 @@ def trim_boxes(
     for i, trimmed_pieces in zip(numbers, cut_pieces, strict=True):
         if len(trimmed_pieces) == len(old_pieces[i]):
             new_boxes_mm[i] = trimmed_boxes_mm[i]
-            new_pieces[i] = [
-                replace(trimmed_piece, printer=piece.printer, time_ratio=piece.time_ratio)
-                for trimmed_piece, piece in zip(trimmed_pieces, old_pieces[i], strict=True)
-            ]
-    if not numbers or find_faults(_join(new_pieces), problem.options.min_glue_mm2):
+            new_pieces[i] = copy_printers(trimmed_pieces, old_pieces[i])
+    all_old_pieces, all_new_pieces = list(chain(*old_pieces)), list(chain(*new_pieces))
+    if not numbers or find_faults(all_new_pieces, problem.options.min_glue_mm2):
         return boxes_mm, old_pieces
-    old_s, new_s = (_find_longest_time_s(problem, _join(parts)) for parts in (old_pieces, new_pieces))
+    old_s, new_s = (
+        compute_slowest_piece_s(all_pieces, problem.find_poses(all_pieces))
+        for all_pieces in (all_old_pieces, all_new_pieces)
+    )
     return (boxes_mm, old_pieces) if new_s > old_s else (new_boxes_mm, new_pieces)
-
-
-def _join(pieces: Sequence[Sequence[Piece]]) -> list[Piece]:
-    """List the pieces of all boxes."""
-    return [piece for box_pieces in pieces for piece in box_pieces]
 
 
 def _trim_box(box_mm: Floats, cells: NeededCells, flat_faces: Sequence[FlatFaces]) -> Floats:
@@ -86,9 +82,3 @@ def _extends_beyond(piece: Piece, box_mm: Floats) -> bool:
     """Check whether the solid of a piece extends beyond a box (2, 3) in mm."""
     low_mm, high_mm = piece.solid.bounds_mm
     return bool((low_mm < box_mm[0] - SAME_BOUNDS_MM).any() or (high_mm > box_mm[1] + SAME_BOUNDS_MM).any())
-
-
-def _find_longest_time_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """Find the time of the slowest piece in its best pose, in seconds; inf if a piece has no pose."""
-    poses = zip(pieces, problem.find_poses(pieces), strict=True)
-    return max(math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in poses)

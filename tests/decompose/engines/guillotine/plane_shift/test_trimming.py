@@ -63,7 +63,7 @@ def test_boxes_stay_if_trimmed_parts_are_slower_or_cannot_be_glued(
         same_boxes_mm, same_pieces = trim_boxes(failing_problem, cells, boxes_mm, pieces)
         assert (same_boxes_mm == boxes_mm).all()
         assert same_pieces == pieces
-        monkeypatch.setattr(trimming, "_find_longest_time_s", lambda *_: next(times_s))
+        monkeypatch.setattr(trimming, "compute_slowest_piece_s", lambda *_: next(times_s))
     assert next(times_s, None) is None
 
 
