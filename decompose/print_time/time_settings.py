@@ -115,6 +115,11 @@ TURN_TIME_SHARE = 0.5
 line ends."""
 
 
+RIM_TURN_TIME_SHARE, SLOPE_TURN_TIME_SHARE = 0.75, 0.3
+"""The same shares for connected lines of skin, on flat faces and on slopes. They were fitted to parts of
+`bench.prices.features` that were sliced with both patterns."""
+
+
 LayerFitter = Callable[[float], float]
 """Hashable function that returns the layer height in mm for a part whose height in mm is given."""
 
@@ -143,6 +148,7 @@ class PrintTimeSettings:
     hidden_inner_wall_mm_s: float = 0.0
     skin_line_width_mm: float = 0.35
     skin_mm_s: float = 30.0
+    is_skin_connected: bool = False  # along the walls, as in the pattern zigzag
     roof_line_width_mm: float = 0.35
     roof_layer_count: int = 0  # uppermost layers of tops, printed at another speed unless all tops are hidden
     roof_mm_s: float = 30.0
@@ -184,8 +190,18 @@ class PrintTimeSettings:
         return lines_s_per_mm / self.skin_line_width_mm + self.roof_s_per_mm2 / 2.0
 
     @property
+    def rim_stop_s(self) -> float:
+        """Seconds lost at the end of a line of skin of a flat face, before multiplication by a factor."""
+        return self.skin_stop_s * (RIM_TURN_TIME_SHARE if self.is_skin_connected else 1.0)
+
+    @property
+    def slope_stop_s(self) -> float:
+        """Seconds lost at the end of a line of skin of a slope, before multiplication by a factor."""
+        return self.skin_stop_s * (SLOPE_TURN_TIME_SHARE if self.is_skin_connected else 1.0)
+
+    @property
     def skin_stop_s(self) -> float:
-        """Seconds lost at the end of a line of skin, before multiplication by a factor."""
+        """Seconds lost at the end of a line of skin that is not connected to the next one."""
         return min(self.skin_mm_s, MAX_STOP_MM_S) / self.acceleration_mm_s2
 
     @property
@@ -329,7 +345,7 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         ),
         "skin": _build_vector(skin_mm2=s.skin_s_per_mm2),
         "skin rim": _build_vector(skin_rim_mm=-s.skin_s_per_mm2 * s.wall_thickness_mm),
-        "slope ends": _build_vector(slope_mm2=s.skin_stop_s / (layer_mm * s.skin_line_width_mm)),
+        "slope ends": _build_vector(slope_mm2=s.slope_stop_s / (layer_mm * s.skin_line_width_mm)),
         "support to bed": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support sides": _build_vector(
@@ -359,7 +375,7 @@ def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "rims": _build_vector(rim_mm=-s.skin_s_per_mm2 * s.wall_thickness_mm),
         # On average over all directions of the rim, a line ends once for every pi line widths along the rim.
         "rim ends": _build_vector(
-            rim_ends_mm=s.skin_layer_count * s.skin_stop_s / (math.pi * s.skin_line_width_mm)
+            rim_ends_mm=s.skin_layer_count * s.rim_stop_s / (math.pi * s.skin_line_width_mm)
         ),
         "rings": _build_vector(ring_mm2=s.connection_s_per_mm2 if s.infill_step_count else 0.0),
         "thin walls": _build_vector(

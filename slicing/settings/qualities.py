@@ -119,6 +119,8 @@ _GLUE = Quality(
         "infill_line_width": Formula(_INFILL_LINE_WIDTH),
         "skin_line_width": Formula(_SKIN_LINE_WIDTH),
         "roofing_line_width": Formula("line_width"),  # because the uppermost layer of a top is visible
+        # Cura's pattern "lines" is as dense, but the head stops and travels between any two lines.
+        "top_bottom_pattern": "zigzag",
         # [assumed] Half the infill deeper than 2 mm below any top, where it carries no load. The walls
         # bear the load of a glued joint, as in the paper's prints, whose infill is as light everywhere.
         "gradual_infill_steps": 1,

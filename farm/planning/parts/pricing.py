@@ -174,6 +174,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         hidden_inner_wall_mm_s=_find_hidden_inner_wall_mm_s(settings),
         skin_line_width_mm=float(extruder["skin_line_width"]),
         skin_mm_s=settings.speed_topbottom_mm_s,
+        is_skin_connected=extruder["top_bottom_pattern"] == "zigzag",
         roof_line_width_mm=float(extruder["roofing_line_width"]),
         roof_layer_count=int(extruder["roofing_layer_count"]),
         roof_mm_s=float(extruder["speed_roofing"]),

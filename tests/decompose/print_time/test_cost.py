@@ -26,7 +26,7 @@ from decompose.print_time import (
     sum_pose_features,
 )
 from decompose.print_time.pose_prices import find_pose_axes, price_poses_s
-from decompose.print_time.time_settings import FEATURES
+from decompose.print_time.time_settings import FEATURES, RIM_TURN_TIME_SHARE, SLOPE_TURN_TIME_SHARE
 from decompose.printers import TargetPrinter
 
 ZERO_COST = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
@@ -188,6 +188,8 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
         ({"skin_layer_count": 6.0}, "skin", 2.0),
         ({"travel_mm_s": 75.0}, "travel", 2.0),
         ({"acceleration_mm_s2": 1500.0}, "slope ends", 2.0),
+        ({"is_skin_connected": True}, "slope ends", SLOPE_TURN_TIME_SHARE),
+        ({"is_skin_connected": True}, "rim ends", RIM_TURN_TIME_SHARE),
         ({"is_infill_connected": False}, "connections", 0.0),
         ({"infill_line_distance_mm": 0.0}, "infill", 0.0),
         ({"support_line_distance_mm": 0.0}, "support", 0.0),

@@ -199,6 +199,15 @@ def test_skin_of_glue_is_wide_except_for_visible_tops(make_settings):
     assert read_widths_mm("paper") == (0.35, 0.35)
 
 
+def test_skin_of_glue_is_connected_also_on_the_bed_and_at_tops(make_settings):
+    def read_patterns(quality, **overrides):
+        extruder = make_settings(quality, **overrides).extruder
+        return {extruder[key] for key in ("top_bottom_pattern", "top_bottom_pattern_0", "roofing_pattern")}
+
+    assert read_patterns("glue") == {"zigzag"}
+    assert read_patterns("glue", top_bottom_pattern="lines") == read_patterns("paper") == {"lines"}
+
+
 @pytest.mark.parametrize("key", ["infill_line_width", "skin_line_width"])
 @pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
 def test_infill_and_skin_of_other_nozzles_are_as_wide_as_walls(resources, nozzle_mm, key):

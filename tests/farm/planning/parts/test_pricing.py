@@ -71,6 +71,7 @@ def test_changed_setting_reaches_the_cost(resolve_slice_settings):
         ("wall_line_width_0", 0.4, "outer_line_width_mm"),
         ("skin_line_width", 0.4, "skin_line_width_mm"),
         ("roofing_line_width", 0.4, "roof_line_width_mm"),
+        ("top_bottom_pattern", "lines", "is_skin_connected"),
     ):
         new_cost = build_print_time_settings(resolve_slice_settings("glue", **{key: value}), overhead_s=0.0)
         assert getattr(new_cost, field) != getattr(old_cost, field), key
