@@ -158,6 +158,7 @@ class PrintTimeSettings:
     small_overhang_mm2: float = 0.0  # these faces get no support if their total area is below this
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # speed of the first layer
+    first_line_ratio: float = 1.0  # width of the lines of the first layer, as a multiple of the others
     slow_layer_count: int = 2  # number of layers over which the speed rises to that of the other layers
     travel_mm_s: float = 150.0
     retraction_s: float = 0.52  # time to retract the filament and to push it back
@@ -184,7 +185,10 @@ class PrintTimeSettings:
         """Seconds per mm2 for all layers of a skin: the mean of a skin on the bed and one at the top."""
         layer_count = min(self.slow_layer_count, round(self.skin_layer_count))
         speed_step_mm_s = (self.skin_mm_s - self.brim_mm_s) / max(self.slow_layer_count, 1)
-        first_s_per_mm = sum(1.0 / (self.brim_mm_s + i * speed_step_mm_s) for i in range(layer_count))
+        first_s_per_mm = sum(
+            1.0 / (self.brim_mm_s + i * speed_step_mm_s) / (1.0 if i else self.first_line_ratio)
+            for i in range(layer_count)
+        )
         bed_s_per_mm = first_s_per_mm - layer_count / self.skin_mm_s
         lines_s_per_mm = self.skin_layer_count / self.skin_mm_s + bed_s_per_mm / 2.0
         return lines_s_per_mm / self.skin_line_width_mm + self.roof_s_per_mm2 / 2.0
@@ -351,7 +355,7 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "support sides": _build_vector(
             support_side_mm2=1.0 / (layer_mm * s.support_mm_s) if support_lines_per_mm else 0.0
         ),
-        "brim": _build_vector(brim_mm2=1.0 / (s.outer_line_width_mm * s.brim_mm_s)),
+        "brim": _build_vector(brim_mm2=1.0 / (s.first_line_ratio * s.outer_line_width_mm * s.brim_mm_s)),
         "infill ends": _build_vector(lateral_mm2=s.infill_ends_s_per_mm2),
         "travel": _build_vector(lateral_mm2=1.0 / (layer_mm * s.travel_mm_s)),
     } | _compute_pose_terms(settings)

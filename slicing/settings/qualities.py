@@ -13,10 +13,10 @@ SUPPORT_VALUES = {"support_enable": True, "support_type": "everywhere"}
 _BRIM_SETTINGS = {
     "adhesion_type": "brim",
     "brim_width": 8.0,
-    # Cura's own formula: its profiles for nylon, TPU and others name a count, which would take precedence
-    # over the width.
+    # Cura's own formula, because its profiles for nylon, TPU and others name a count, which would take
+    # precedence over the width. A tenth of a line may be missing, so that the bed does not lose a line.
     "brim_line_count": Formula(
-        "math.ceil(brim_width / (skirt_brim_line_width * initial_layer_line_width_factor / 100.0))"
+        "math.ceil(brim_width / (skirt_brim_line_width * initial_layer_line_width_factor / 100.0) - 0.1)"
     ),
 }
 # Values of Cura's own profiles, below the changes of a quality and the user's settings.
@@ -40,6 +40,10 @@ _INFILL_LINE_WIDTH, _SKIN_LINE_WIDTH = (
     f" {_MAX_FLOW_MM3_S} / (resolveOrValue('layer_height') * {speed})))"
     " if machine_nozzle_size >= 0.4 else line_width"
     for speed in ("speed_infill", "speed_topbottom")
+)
+_FIRST_LINE_FACTOR = (
+    f"max(100.0, min(120.0, 100.0 * {_MAX_FLOW_MM3_S}"
+    " / (skin_line_width * resolveOrValue('layer_height_0') * speed_print_layer_0)))"
 )
 
 
@@ -119,6 +123,9 @@ _GLUE = Quality(
         "infill_line_width": Formula(_INFILL_LINE_WIDTH),
         "skin_line_width": Formula(_SKIN_LINE_WIDTH),
         "roofing_line_width": Formula("line_width"),  # because the uppermost layer of a top is visible
+        # The first layer is slow. Its lines may be as wide as Cura prints them on newer printers of
+        # Ultimaker with the same nozzle, but not with more flow than that of the infill.
+        "initial_layer_line_width_factor": Formula(_FIRST_LINE_FACTOR),
         # Cura's pattern "lines" is as dense, but the head stops and travels between any two lines.
         "top_bottom_pattern": "zigzag",
         # [assumed] Half the infill deeper than 2 mm below any top, where it carries no load. The walls

@@ -184,6 +184,7 @@ def build_print_time_settings(settings: EngineSettings, overhead_s: float) -> Pr
         small_overhang_mm2=PRICED_OVERHANG_SHARE * SMALL_OVERHANG_MM2,
         brim_mm=settings.brim_width_mm if global_settings["adhesion_type"] == "brim" else 0.0,
         brim_mm_s=settings.speed_layer_0_mm_s,
+        first_line_ratio=float(extruder["initial_layer_line_width_factor"]) / 100.0,
         slow_layer_count=int(float(global_settings["speed_slowdown_layers"])),
         travel_mm_s=settings.speed_travel_mm_s,
         retraction_s=_compute_retraction_s(extruder),

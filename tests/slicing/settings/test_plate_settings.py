@@ -18,9 +18,11 @@ from slicing.settings import (
 
 
 def compute_brim_mm(settings, width_mm):
-    """Return the width in mm of the narrowest brim of whole lines that has at least this width."""
-    line_mm = float(settings.extruder["skirt_brim_line_width"])
-    return math.ceil(round(width_mm / line_mm, 6)) * line_mm
+    """Return the width in mm of a brim of whole lines; at most a tenth of a line of this width is missing."""
+    keys = ("skirt_brim_line_width", "initial_layer_line_width_factor")
+    line_mm, percent = (float(settings.extruder[key]) for key in keys)
+    line_mm *= percent / 100.0
+    return math.ceil(round(width_mm / line_mm - 0.1, 6)) * line_mm
 
 
 def test_quality_paper_has_the_settings_of_the_paper(resources, make_settings):
@@ -197,6 +199,17 @@ def test_skin_of_glue_is_wide_except_for_visible_tops(make_settings):
     assert read_widths_mm(speed_topbottom="75") == pytest.approx((5.5 / 0.2 / 75.0, 0.35))
     assert read_widths_mm(skin_line_width="0.4") == pytest.approx((0.4, 0.35))
     assert read_widths_mm("paper") == (0.35, 0.35)
+
+
+def test_lines_of_the_first_layer_are_wide_within_the_flow_of_infill(make_settings):
+    def read_factor(quality="glue", **overrides):
+        return float(make_settings(quality, **overrides).extruder["initial_layer_line_width_factor"])
+
+    assert read_factor() == 120.0
+    flow_mm3_s = 0.44 * 0.27 * 42.0
+    assert read_factor(speed_print_layer_0="42") == pytest.approx(100.0 * 5.5 / flow_mm3_s)
+    assert read_factor(speed_print_layer_0="60") == read_factor("paper") == 100.0
+    assert read_factor(initial_layer_line_width_factor="150") == 150.0
 
 
 def test_skin_of_glue_is_connected_also_on_the_bed_and_at_tops(make_settings):

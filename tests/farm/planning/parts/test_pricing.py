@@ -72,6 +72,7 @@ def test_changed_setting_reaches_the_cost(resolve_slice_settings):
         ("skin_line_width", 0.4, "skin_line_width_mm"),
         ("roofing_line_width", 0.4, "roof_line_width_mm"),
         ("top_bottom_pattern", "lines", "is_skin_connected"),
+        ("initial_layer_line_width_factor", 110, "first_line_ratio"),
     ):
         new_cost = build_print_time_settings(resolve_slice_settings("glue", **{key: value}), overhead_s=0.0)
         assert getattr(new_cost, field) != getattr(old_cost, field), key
