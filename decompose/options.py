@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 MIN_GLUE_MM2 = 25.0
 """Minimum area of a glued joint, 5 mm x 5 mm: enough to hold a part the size of a hand."""
@@ -14,6 +14,24 @@ THIN_FILAMENT_MM = 1.75
 MIN_PIN_MM, MAX_PIN_MM = 1.0, 10.0
 PIN_FIT_MM = 0.4
 """[assumed] Clearance of a printed hole: width across the flats minus the diameter of its filament pin."""
+
+
+class PairShape(NamedTuple):
+    """Shape of a pair of pins, seen along the direction of their step.
+
+    Attributes
+    ----------
+    distance_mm
+        Distance between the two pins.
+    angles
+        Angle from the line between them to each key, in radians modulo pi; None for a pin in a hole.
+    lengths_mm
+        Lengths of the two pins.
+    """
+
+    distance_mm: float
+    angles: tuple[float | None, float | None]
+    lengths_mm: tuple[float, float]
 
 
 class Engine(StrEnum):
@@ -94,16 +112,16 @@ class ConnectorOptions:
         Whether the numbers of the parts are cut into these faces.
     printer_fits_mm
         Name of each printer for which the clearance of a hole differs from `pin_fit_mm`, and this clearance.
-    used_distances_mm
-        Distances between the two pins in existing joints, for example in the neighbours of a part that is cut
-        again. New pairs of pins get other distances.
+    used_shapes
+        Shapes of the pairs of pins in existing joints, for example in the neighbours of a part that is cut
+        again. New pairs are unlike them.
     """
 
     pin_mm: float | None = None
     pin_fit_mm: float = PIN_FIT_MM
     marks: bool = False
     printer_fits_mm: tuple[tuple[str, float], ...] = ()
-    used_distances_mm: tuple[float, ...] = ()
+    used_shapes: tuple[PairShape, ...] = ()
 
     @property
     def is_empty(self) -> bool:

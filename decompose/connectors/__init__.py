@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from decompose.connectors.coupon import Coupon, make_coupon
 from decompose.connectors.faces import LEVEL_SIN, Blank, build_polygons, list_rings
+from decompose.connectors.pair_shapes import measure_pair
 from decompose.connectors.plan import drill_parts, plan_connectors
 from decompose.connectors.records import (
     Connector,
@@ -12,9 +13,8 @@ from decompose.connectors.records import (
     Pin,
     Tool,
     find_pairs,
-    measure_distance_mm,
 )
-from decompose.connectors.report import describe_connectors, list_pin_sizes, read_pair_distances_mm
+from decompose.connectors.report import describe_connectors, list_pin_sizes, read_pair_shapes
 
 __all__ = [
     "LEVEL_SIN",
@@ -32,7 +32,7 @@ __all__ = [
     "list_pin_sizes",
     "list_rings",
     "make_coupon",
-    "measure_distance_mm",
+    "measure_pair",
     "plan_connectors",
-    "read_pair_distances_mm",
+    "read_pair_shapes",
 ]

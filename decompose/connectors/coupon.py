@@ -17,7 +17,7 @@ from decompose.connectors.keys import (
     compute_bottom_length_mm,
     compute_groove_depth_mm,
 )
-from decompose.connectors.pin_sizes import END_GAP_MM, choose_depths_mm
+from decompose.connectors.pins import END_GAP_MM, choose_depths_mm
 from decompose.connectors.records import Mark, Tool
 from decompose.connectors.strokes import GRID_HEIGHT, draw_strokes
 from decompose.connectors.tools import make_groove, make_hole

@@ -31,8 +31,8 @@ def plan_connectors(
     joints, assembly
         Joints of these parts, and their assembly, in the same frame.
     options
-        Diameter of the pins, distances between the two pins of existing pairs, from which those of new pairs
-        must differ, and whether there are marks and gutters. The clearance of a hole comes from each blank.
+        Diameter of the pins, shapes of existing pairs, from which those of new pairs must differ, and whether
+        there are marks and gutters. The clearance of a hole comes from each blank.
     min_glue_mm2
         Minimum area of a joint whose glue counts as holding.
     """

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from decompose.arrays import Floats
 
 RIM_MM = 1.2  # minimum wall around a tool: its distance from the outside of its part, and from another tool
@@ -210,12 +208,6 @@ class Connectors:
             gutters=tuple(gutter for gutter in self.gutters if gutter.part != part),
             failures=(*self.failures, reason),
         )
-
-
-def measure_distance_mm(a: Pin, b: Pin) -> float:
-    """Measure the distance between two pins, perpendicular to the axis of the first one."""
-    offset_mm = a.position_mm - b.position_mm
-    return float(np.linalg.norm(offset_mm - (offset_mm @ a.axis) * a.axis))
 
 
 def find_pairs(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:

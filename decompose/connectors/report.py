@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from decompose.connectors.pair_shapes import measure_shape
 from decompose.connectors.records import Connectors, Mark, Pin
+from decompose.options import PairShape
 from decompose.pieces import Joint
 
 
@@ -66,31 +68,26 @@ def describe_connectors(
     }
 
 
-def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
-    """Read the distance between the first two pins of each step from decomposition.json.
+def read_pair_shapes(report: Mapping[str, Any]) -> tuple[PairShape, ...]:
+    """Read the shape of the pair of each step from decomposition.json.
 
     Parameters
     ----------
     report
         Content of decomposition.json; files of older versions have no connectors.
-
-    Returns
-    -------
-    tuple
-        Distances in mm perpendicular to the axis of the first pin.
     """
     pins_by_step: dict[int, list[Mapping[str, Any]]] = {}
     for pin in (report.get("connectors") or {}).get("pins", ()):
         pins_by_step.setdefault(pin["step"], []).append(pin)
-    distances_mm = []
-    for step_pins in pins_by_step.values():
-        if len(step_pins) > 1:
-            offset_mm, axis = (
-                np.subtract(step_pins[0]["at_mm"], step_pins[1]["at_mm"]),
-                np.array(step_pins[0]["axis"]),
-            )
-            distances_mm.append(float(np.linalg.norm(offset_mm - (offset_mm @ axis) * axis)))
-    return tuple(distances_mm)
+    return tuple(_measure_described_pair(*pins[:2]) for pins in pins_by_step.values() if len(pins) > 1)
+
+
+def _measure_described_pair(first: Mapping[str, Any], second: Mapping[str, Any]) -> PairShape:
+    """Measure the shape of a pair of described pins."""
+    directions = [None if pin.get("along") is None else np.array(pin["along"]) for pin in (first, second)]
+    points_mm = np.array(first["at_mm"]), np.array(second["at_mm"])
+    lengths_mm = first["length_mm"], second["length_mm"]
+    return measure_shape(np.array(first["axis"]), points_mm, (directions[0], directions[1]), lengths_mm)
 
 
 def _describe_pin(pin: Pin) -> dict[str, Any]:

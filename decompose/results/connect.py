@@ -118,7 +118,7 @@ def _drill_without_faults(
             decomposition.joints,
             decomposition.assembly.steps,
             connectors,
-            decomposition.options.connectors.used_distances_mm,
+            decomposition.options.connectors.used_shapes,
         )
         faults = list(parts.find_faults())
         if not faults:

@@ -18,10 +18,11 @@ from decompose.connectors import (
     Connectors,
     Pin,
     find_pairs,
-    measure_distance_mm,
+    measure_pair,
 )
 from decompose.errors import Rule
 from decompose.geometry import Solid, choose_plane_axes
+from decompose.options import PairShape
 from decompose.pieces import Joint
 from decompose.results.removed_material import EPS_MM3, find_other_changes, is_thick
 from decompose.results.tool_groups import FILM_MM, PARALLEL_COS, RIM_MM, ToolGroup, extrude_outline
@@ -61,7 +62,7 @@ class DrilledParts:
     joints: Sequence[Joint]
     steps: Sequence[AssemblyStep]
     connectors: Connectors
-    used_distances_mm: Sequence[float] = ()
+    used_shapes: Sequence[PairShape] = ()
 
     def find_faults(self) -> Iterator[ConnectorFault]:
         """Check all rules, part by part, then pin by pin; yield the faults."""
@@ -73,7 +74,7 @@ class DrilledParts:
         for pin in self.connectors.pins:
             for rule, problem in self._check_pin(pin):
                 yield ConnectorFault(rule, pin.holes[0].part, problem, pin)
-        for problem in find_wrong_fits(self.connectors.pins, self.used_distances_mm):
+        for problem in find_wrong_fits(self.connectors.pins, self.used_shapes):
             yield ConnectorFault(Rule.PINS_UNAMBIGUOUS, None, problem)
 
     def _list_groups(self) -> Iterator[ToolGroup]:
@@ -209,15 +210,15 @@ def _build_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
     return extrude_outline(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + front_mm)
 
 
-def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()) -> list[str]:
+def find_wrong_fits(pins: Sequence[Pin], used_shapes: Sequence[PairShape] = ()) -> list[str]:
     """Find pairs of pins that also let a body fit when it is rotated by 180 degrees, or in a wrong place.
 
     Parameters
     ----------
     pins
         Pins of all steps, in order; the first two pins of a step align its bodies.
-    used_distances_mm
-        Distances between the two pins of each pair in existing parts (`ConnectorOptions.used_distances_mm`).
+    used_shapes
+        Shapes of the pairs in existing parts (`ConnectorOptions.used_shapes`).
 
     Returns
     -------
@@ -236,19 +237,39 @@ def find_wrong_fits(pins: Sequence[Pin], used_distances_mm: Sequence[float] = ()
             ) or deep.length_mm > _measure_mouth_mm(shallow)
         if not is_open:
             faults.append(f"a body of step {step + 1} fits if it is rotated by 180 degrees")
-        if any(
-            abs(measure_distance_mm(deep, shallow) - used_distance_mm) <= 2.0 * _measure_play_mm(deep)
-            for used_distance_mm in used_distances_mm
-        ):
+        if any(_fits((deep, shallow), shape, 2.0 * _measure_play_mm(deep)) for shape in used_shapes):
             faults.append(f"a body of step {step + 1} fits a neighbour that is printed already")
     for (step, pair), (other_step, other_pair) in combinations(pairs.items(), 2):
         play_mm = 2.0 * max(_measure_play_mm(pin) for pin in (*pair, *other_pair))
-        is_alike = [pin.key_direction is None for pin in pair] == [
-            pin.key_direction is None for pin in other_pair
-        ]
-        if is_alike and abs(measure_distance_mm(*pair) - measure_distance_mm(*other_pair)) <= play_mm:
+        if _fits(pair, measure_pair(*other_pair), play_mm):
             faults.append(f"bodies of steps {step + 1} and {other_step + 1} fit each other")
     return faults
+
+
+def _fits(pair: tuple[Pin, Pin], other: PairShape, play_mm: float) -> bool:
+    """Check whether a pair fits the holes of another one, also if these are seen from the other side.
+
+    A key fits a groove at an angle if its ends are beside the groove by no more than its play across.
+    """
+    shape = measure_pair(*pair)
+    if abs(shape.distance_mm - other.distance_mm) > play_mm:
+        return False
+    deviations_mm = []
+    for pin, angle, other_angle, length_mm in zip(
+        pair, shape.angles, other.angles, other.lengths_mm, strict=True
+    ):
+        if (angle is None) != (other_angle is None):
+            return False
+        if angle is not None and other_angle is not None:
+            across_mm = 2.0 * (math.sqrt(2.0) * pin.depth_mm - pin.diameter_mm)
+            deviations_mm.append(
+                [
+                    min(pin.length_mm, length_mm) / 2.0 * abs(math.sin(angle - sign * other_angle))
+                    - across_mm
+                    for sign in (1.0, -1.0)
+                ]
+            )
+    return not deviations_mm or any(max(ends_mm) <= 0.0 for ends_mm in zip(*deviations_mm, strict=True))
 
 
 def _measure_mouth_mm(key: Pin) -> float:

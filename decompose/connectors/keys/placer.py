@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from decompose.arrays import Bools, Floats
+from decompose.arrays import Floats
 from decompose.connectors.coverage import Site, find_unreached_glue, sort_places_by_gain
 from decompose.connectors.keys.places import SHORT_KEY_MM, KeyMaker, KeyPlace
+from decompose.connectors.pair_shapes import PairShapes, find_free_pairs
 from decompose.connectors.records import Pin
+from decompose.options import PairShape
 
 MIN_SEPARATION_MM = 12.0  # minimum distance between two keys, or between a key and a pin
 # Reduction of a place's weight for each level face: a groove in it takes several times longer to print.
@@ -33,17 +35,16 @@ class KeyPlacer:
         (n, 3) sample points on all glued faces of the step.
     pins
         Pins and keys of the step so far; new keys are added.
-    used_distances_mm, min_difference_mm
-        Distances between the two pins or keys of each pair of an earlier step or in existing parts
-        (`ConnectorOptions.used_distances_mm`).
-        The distance of a new pair differs from each of them by more than `min_difference_mm`.
+    used_shapes, min_difference_mm
+        Shapes of the pairs of earlier steps and of existing parts (`ConnectorOptions.used_shapes`). A new
+        pair is unlike each of them (`find_free_pairs`).
     """
 
     maker: KeyMaker
     sites: Sequence[Site]
     glue_points_mm: Floats
     pins: list[Pin]
-    used_distances_mm: Sequence[float]
+    used_shapes: Sequence[PairShape]
     min_difference_mm: float
     _places: dict[float, list[KeyPlace]] = field(default_factory=dict)
 
@@ -53,8 +54,14 @@ class KeyPlacer:
         long_places, short_places = (self._list_places(length_mm) for length_mm in lengths_mm)
         if not long_places or not short_places:
             return
-        separations_mm = cdist(*(self._project_places(places) for places in (long_places, short_places)))
-        separations_mm[~self._differs_from_used_distances(separations_mm)] = 0.0
+        shapes = PairShapes.from_places(
+            self.maker.direction,
+            (_list_middles(long_places), _list_middles(short_places)),
+            (_list_directions(long_places), _list_directions(short_places)),
+            lengths_mm,
+        )
+        is_free = find_free_pairs(shapes, self.used_shapes, self.min_difference_mm)
+        separations_mm = np.where(is_free, shapes.distances_mm, 0.0)
         separations_mm[separations_mm < MIN_SEPARATION_MM] = 0.0
         weighted_mm = (
             separations_mm
@@ -83,11 +90,16 @@ class KeyPlacer:
         if not self.pins:
             self._place_key(range(len(places)))
             return
-        separations_mm = cdist(
-            self._project_places(places), self._project_points(self.pins[0].position_mm[None])
-        )[:, 0]
-        order = np.argsort(-separations_mm * self._weigh_places(places), kind="stable")
-        self._place_key(order[self._differs_from_used_distances(separations_mm[order])].tolist())
+        pin = self.pins[0]
+        shapes = PairShapes.from_places(
+            self.maker.direction,
+            (pin.position_mm[None], _list_middles(places)),
+            (None if pin.key_direction is None else pin.key_direction[None], _list_directions(places)),
+            (pin.length_mm, SHORT_KEY_MM),
+        )
+        is_free = find_free_pairs(shapes, self.used_shapes, self.min_difference_mm)[0]
+        order = np.argsort(-shapes.distances_mm[0] * self._weigh_places(places), kind="stable")
+        self._place_key(order[is_free[order]].tolist())
 
     def place_further_keys(self) -> None:
         """Place short keys that reach as much as possible of the area that none reaches yet (`coverage`)."""
@@ -162,22 +174,6 @@ class KeyPlacer:
         }
         return 1.0 - LEVEL_PENALTY * np.array([level_counts[id(place.site)] for place in places])
 
-    def _differs_from_used_distances(self, separations_mm: Floats) -> Bools:
-        """Check for each distance whether it differs enough from all `used_distances_mm`."""
-        used_mm = np.concatenate([[-np.inf], np.sort(self.used_distances_mm), [np.inf]])
-        above = np.searchsorted(used_mm, separations_mm).clip(1)  # index of the next larger used distance
-        gaps_mm = np.minimum(separations_mm - used_mm[above - 1], used_mm[above] - separations_mm)
-        return np.asarray(gaps_mm > self.min_difference_mm)
-
-    def _project_places(self, places: Sequence[KeyPlace]) -> Floats:
-        """Project the middles of places along the direction of the step."""
-        return self._project_points(_list_middles(places))
-
-    def _project_points(self, points_mm: Floats) -> Floats:
-        """Project points (n, 3) along the direction of the step."""
-        direction = self.maker.direction
-        return points_mm - np.outer(points_mm @ direction, direction)
-
 
 def _find_largest(values: Floats, count: int) -> list[int]:
     """Find the indices of the largest values (n,), the largest first; equal values keep their order."""
@@ -190,3 +186,8 @@ def _find_largest(values: Floats, count: int) -> list[int]:
 def _list_middles(places: Sequence[KeyPlace]) -> Floats:
     """List the middles (n, 3) of places."""
     return np.array([place.middle_mm for place in places]).reshape(-1, 3)
+
+
+def _list_directions(places: Sequence[KeyPlace]) -> Floats:
+    """List the directions (n, 3) of the keys at places."""
+    return np.array([place.direction for place in places]).reshape(-1, 3)

@@ -11,12 +11,12 @@ import numpy as np
 import trimesh
 
 from decompose.auto import decompose_for_goal
-from decompose.connectors import read_pair_distances_mm
+from decompose.connectors import read_pair_shapes
 from decompose.errors import NoFit
 from decompose.export import draw_assembly, write_decomposition, write_glb
 from decompose.files.names import INSTRUCTIONS, REPORT
 from decompose.geometry import Model, Solid
-from decompose.options import Interior
+from decompose.options import Interior, PairShape
 from decompose.results import Decomposition
 from decompose.results import Part as DrawnPart
 from farm.errors import ErrorCode, FarmError
@@ -42,7 +42,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     with translate_errors():
         resources = find_resources()
     job_options = build_decompose_options(task.options, task.printers)
-    connectors = replace(job_options.connectors, used_distances_mm=read_pin_distances_mm(task))
+    connectors = replace(job_options.connectors, used_shapes=read_used_shapes(task))
     options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # pieces are not hollowed
     whole, quality = Model(_read_solid(task.files / task.part.file), (), 1.0), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, whole.solid, quality, resources)
@@ -72,12 +72,10 @@ def cut_part(task: ReplanTask) -> Pieces:
     return Pieces(pieces, picture, assembly, task.folder / REPORT, task.folder / INSTRUCTIONS)
 
 
-def read_pin_distances_mm(task: ReplanTask) -> tuple[float, ...]:
-    """Read the pin distance of each existing pair of pins, in mm; new pairs must have other distances."""
+def read_used_shapes(task: ReplanTask) -> tuple[PairShape, ...]:
+    """Read the shape of each existing pair of pins; new pairs must be unlike them."""
     reports = ((task.files / name).read_text(encoding="utf-8") for name in task.reports)
-    return tuple(
-        distance_mm for report in reports for distance_mm in read_pair_distances_mm(json.loads(report))
-    )
+    return tuple(shape for report in reports for shape in read_pair_shapes(json.loads(report)))
 
 
 def _move_and_name_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:

@@ -9,7 +9,7 @@ import shapely
 from decompose.connectors import Coupon, make_coupon
 from decompose.connectors.coupon import UP_DIRECTION
 from decompose.connectors.keys import choose_key_lengths_mm
-from decompose.connectors.pin_sizes import END_GAP_MM, choose_depths_mm
+from decompose.connectors.pins import END_GAP_MM, choose_depths_mm
 from decompose.connectors.tools import MAX_GROOVE_SIN, MAX_HOLE_SIN, compute_overhang_sin, needs_bridge
 from decompose.geometry import Solid, round_triangles
 

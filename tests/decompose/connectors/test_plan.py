@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from random import Random
 
 import numpy as np
@@ -18,11 +17,10 @@ from decompose.connectors import (
     Blank,
     Connectors,
     drill_parts,
-    find_pairs,
-    measure_distance_mm,
+    measure_pair,
     plan_connectors,
 )
-from decompose.connectors.pin_sizes import choose_depths_mm
+from decompose.connectors.pins import choose_depths_mm
 from decompose.geometry import Solid
 from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints, list_box_planes
@@ -68,7 +66,7 @@ def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
     long_key, short_key = connectors.pins
     assert long_key.key_direction is not None and short_key.key_direction is not None
     assert long_key.length_mm > short_key.length_mm + 2.0
-    assert measure_distance_mm(long_key, short_key) > 0.7 * np.hypot(60.0, 40.0)
+    assert measure_pair(long_key, short_key).distance_mm > 0.7 * np.hypot(60.0, 40.0)
     assert not connectors.unpinned_steps and not connectors.unmarked_joints
 
 
@@ -77,7 +75,7 @@ def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
     deep_pin, shallow_pin = connectors.pins
     assert deep_pin.key_direction is None and shallow_pin.key_direction is None
     assert deep_pin.depth_mm > shallow_pin.depth_mm + 2.0
-    assert measure_distance_mm(deep_pin, shallow_pin) > 0.75 * np.hypot(60.0, 40.0)
+    assert measure_pair(deep_pin, shallow_pin).distance_mm > 0.75 * np.hypot(60.0, 40.0)
     assert [deep_pin.position_mm[2], shallow_pin.position_mm[2]] == pytest.approx([20.0, 20.0])
     assert not connectors.unpinned_steps
 
@@ -200,8 +198,7 @@ def test_pin_that_gives_way_to_another_pair_stays_in_its_plane():
 def test_random_partitions_break_no_rule_and_no_two_pairs_are_alike(random: Random, cuts: int) -> None:
     pieces = cut_at_random(random, cuts)
     connectors, _ = plan_and_drill(pieces)
-    distances_mm = sorted(measure_distance_mm(*pair) for pair in find_pairs(connectors.pins).values())
-    assert all(b - a > 1.0 for a, b in pairwise(distances_mm))
+    assert find_wrong_fits(connectors.pins) == []
     steps = len(pieces) - 1
     assert (
         len({pin.step for pin in connectors.pins} | {step for step, _ in connectors.unpinned_steps}) == steps
@@ -225,15 +222,13 @@ def test_body_turned_around_does_not_close_with_pins_of_any_diameter(
 
 
 @pytest.mark.parametrize("up", [UPRIGHT_AXIS, LEANING_AXIS])
-def test_pair_avoids_a_distance_that_is_taken(up: np.ndarray):
-    free_distance_mm = measure_distance_mm(*plan_and_drill(HALVES, [up, UPRIGHT_AXIS])[0].pins)
-    options = replace(ALL_CONNECTORS, used_distances_mm=(free_distance_mm, free_distance_mm - 1.6))
+def test_pair_avoids_a_shape_that_is_taken(up: np.ndarray):
+    free_shape = measure_pair(*plan_and_drill(HALVES, [up, UPRIGHT_AXIS])[0].pins)
+    near_shape = free_shape._replace(distance_mm=free_shape.distance_mm - 1.6)
+    options = replace(ALL_CONNECTORS, used_shapes=(free_shape, near_shape))
     connectors, _ = plan_and_drill(HALVES, [up, UPRIGHT_AXIS], options)
-    assert (
-        min(abs(measure_distance_mm(*connectors.pins) - used_mm) for used_mm in options.used_distances_mm)
-        > 1.4
-    )
-    assert find_wrong_fits(connectors.pins, (measure_distance_mm(*connectors.pins),)) == [
+    assert find_wrong_fits(connectors.pins, options.used_shapes) == []
+    assert find_wrong_fits(connectors.pins, (measure_pair(*connectors.pins),)) == [
         "a body of step 1 fits a neighbour that is printed already"
     ]
 

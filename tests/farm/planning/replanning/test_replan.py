@@ -12,13 +12,14 @@ import trimesh
 from books.make_books import make_plan_event
 from clusters.same_process import SameProcess
 from decompose.geometry import Solid
+from decompose.options import PairShape
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Part, PartPrintOptions, Plate
 from farm.paths import StateFolder
 from farm.planning.plan_storage import MAX_WALL_WARNINGS, MAY_FALL_WARNING
 from farm.planning.replanning import replan
-from farm.planning.replanning.cut_part import cut_part, read_pin_distances_mm
+from farm.planning.replanning.cut_part import cut_part, read_used_shapes
 from farm.planning.replanning.plate_replanner import PlateReplanner
 from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
 from farm.state.storage.file_store import store_file
@@ -176,9 +177,9 @@ def test_printer_is_used_if_it_omits_no_more_walls_than_the_old_one(
             replan.store_resliced_part(task, sliced_part)
 
 
-def test_pins_of_pieces_avoid_the_distances_of_the_job(state):
+def test_pins_of_pieces_avoid_the_pairs_of_the_job(state):
     pins = [
-        {"step": step, "at_mm": [x, 0.0, z], "axis": [0.0, 0.0, 1.0]}
+        {"step": step, "at_mm": [x, 0.0, z], "axis": [0.0, 0.0, 1.0], "length_mm": 5.0}
         for step, x, z in [(1, 0.0, 0.0), (1, 30.0, 5.0), (2, 7.0, 0.0)]
     ]
     names = []
@@ -186,4 +187,5 @@ def test_pins_of_pieces_avoid_the_distances_of_the_job(state):
         path = state.work / f"report{number}.json"
         path.write_text(json.dumps(report))
         names.append(store_file(state.files, path))
-    assert read_pin_distances_mm(replace(make_task(state), reports=tuple(names))) == (30.0,)
+    shapes = read_used_shapes(replace(make_task(state), reports=tuple(names)))
+    assert shapes == (PairShape(30.0, (None, None), (5.0, 5.0)),)

@@ -7,7 +7,7 @@ import pytest
 
 from decompose.connectors import Blank, Pin, Tool
 from decompose.connectors.faces import Workpieces
-from decompose.connectors.redundant_pins import find_redundant_pins
+from decompose.connectors.pins.redundant import find_redundant_pins
 from decompose.geometry import Solid
 
 UP_AXIS, NORMAL = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])

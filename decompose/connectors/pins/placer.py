@@ -2,7 +2,7 @@
 
 Keys in grooves, which lie along the joint, are preferred to pins in holes, because grooves print faster.
 The two holes differ in depth, and the two grooves in length, so that the joint stays open by some millimetres
-if a body is rotated by 180 degrees. The distance between the two differs from step to step, so that a body
+if a body is rotated by 180 degrees. The pairs of any two steps are unlike (`pair_shapes`), so that a body
 fits only in its own place.
 """
 
@@ -26,11 +26,12 @@ from decompose.connectors.coverage import (
 )
 from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
 from decompose.connectors.keys import KeyMaker, KeyPlacer
-from decompose.connectors.pin_sizes import END_GAP_MM, choose_depths_mm, choose_key_diameters_mm
-from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs, measure_distance_mm
-from decompose.connectors.redundant_pins import find_redundant_pins
+from decompose.connectors.pair_shapes import PairShapes, find_free_pairs, measure_pair
+from decompose.connectors.pins.redundant import find_redundant_pins
+from decompose.connectors.pins.sizes import END_GAP_MM, choose_depths_mm, choose_key_diameters_mm
+from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs
 from decompose.connectors.tools import make_hole
-from decompose.options import ConnectorOptions
+from decompose.options import ConnectorOptions, PairShape
 from decompose.pieces import Joint, list_polygons
 
 # Minimum difference between the pin distances of two pairs, besides twice the largest clearance of a hole.
@@ -59,7 +60,7 @@ def place_pins(
 ) -> tuple[list[Pin], list[tuple[int, str]]]:
     """Place the pins of all steps, and add their holes to the tools of the workpieces.
 
-    The distance between the pins of a pair differs from that of all other pairs, and from those in `options`.
+    No pair is like another one, or like those in `options`.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def place_pins(
     joints, assembly
         Joints of these parts, and the order in which they are glued.
     options
-        Diameter of the pins, and distances that pairs must not have.
+        Diameter of the pins, and shapes that pairs must not have.
     min_glue_mm2
         Minimum area of a joint whose glue counts as holding.
 
@@ -91,8 +92,8 @@ def place_pins(
         glue_points_mm = sample_glue([side for side, _ in pairs])
         glue_points_by_step_mm.append(glue_points_mm)
         placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_points_mm, options.pin_mm)
-        pair_distances_mm = [measure_distance_mm(*pair) for pair in find_pairs(pins).values()]
-        new_pins = placer.place_connectors([*options.used_distances_mm, *pair_distances_mm])
+        pair_shapes = [measure_pair(*pair) for pair in find_pairs(pins).values()]
+        new_pins = placer.place_connectors([*options.used_shapes, *pair_shapes])
         pins += new_pins
         if not new_pins:
             unpinned_steps.append((number, "too small for a pin" if sites else NO_PERPENDICULAR_FACE_REASON))
@@ -144,8 +145,8 @@ class _PinPlacer:
     glue_points_mm: Floats
     pin_mm: float
 
-    def place_connectors(self, used_distances_mm: Sequence[float]) -> list[Pin]:
-        """Place all keys and pins of the step; the distance of its pair differs from `used_distances_mm`.
+    def place_connectors(self, used_shapes: Sequence[PairShape]) -> list[Pin]:
+        """Place all keys and pins of the step; its pair is unlike those that are used.
 
         A pair of keys is tried first, because its grooves take the least print time; then pins, for inclined
         faces, and thin keys, for thin walls.
@@ -157,14 +158,14 @@ class _PinPlacer:
                 self.sites,
                 self.glue_points_mm,
                 pins,
-                used_distances_mm,
+                used_shapes,
                 self.min_difference_mm,
             )
             for key_mm in choose_key_diameters_mm(self.pin_mm)
         ]
         key_placer.place_pair()
         if not pins:
-            pins += self._place_pair(used_distances_mm)
+            pins += self._place_pair(used_shapes)
         for placer in thin_key_placers:
             if not pins:
                 placer.place_pair()
@@ -231,8 +232,8 @@ class _PinPlacer:
         """Find the unit vector (3,) that points up in the pose of a side's part."""
         return self.workpieces.blanks[side.part].up_direction
 
-    def _place_pair(self, used_distances_mm: Sequence[float]) -> list[Pin]:
-        """Place a deep and a shallow pin as far apart as possible, at a distance that no other pair has."""
+    def _place_pair(self, used_shapes: Sequence[PairShape]) -> list[Pin]:
+        """Place a deep and a shallow pin as far apart as possible, at a distance that no used pair has."""
         deep_areas, shallow_areas = (self._find_axis_areas(is_shallow) for is_shallow in (False, True))
         best_pair = self._find_farthest_pair(deep_areas, shallow_areas)
         if best_pair is None:
@@ -244,15 +245,18 @@ class _PinPlacer:
         if inner_pair is not None and inner_pair[0] >= EXTRA_MARGIN_SHARE * best_pair[0]:
             best_pair = inner_pair
         separation_mm, (deep_site, deep_point_mm), (shallow_site, farthest_point_mm) = best_pair
+        deep_mm, shallow_mm = choose_depths_mm(self.pin_mm)
         for shift_mm in np.arange(0.0, separation_mm - MIN_PAIR_DISTANCE_MM, 0.5):
             # Move the shallow pin towards the deep one, within the plane of its face.
             offset_mm = self._project_points((deep_point_mm - farthest_point_mm)[None])[0]
             shallow_point_mm = farthest_point_mm + offset_mm * shift_mm / separation_mm
-            distance_mm = self._measure_separation_mm(deep_point_mm, shallow_point_mm)
-            if any(
-                abs(distance_mm - used_distance_mm) < self.min_difference_mm
-                for used_distance_mm in used_distances_mm
-            ):
+            shape = PairShapes.from_places(
+                self.step.direction,
+                (deep_point_mm[None], shallow_point_mm[None]),
+                (None, None),
+                (_compute_length_mm(deep_mm), _compute_length_mm(shallow_mm)),
+            )
+            if not find_free_pairs(shape, used_shapes, self.min_difference_mm).all():
                 continue
             if not shallow_areas[shallow_site].contains(
                 shapely.Point(self.sites[shallow_site].moved_side.project_onto_face(shallow_point_mm))
@@ -315,10 +319,6 @@ class _PinPlacer:
     def _project_points(self, points_mm: Floats) -> Floats:
         """Project points (n, 3) along the direction of the step."""
         return points_mm - np.outer(points_mm @ self.step.direction, self.step.direction)
-
-    def _measure_separation_mm(self, start_mm: Floats, end_mm: Floats) -> float:
-        """Measure the distance between two points (3,) perpendicular to the direction of the step."""
-        return float(np.linalg.norm(self._project_points((start_mm - end_mm)[None])))
 
     def _place_single_pin(self) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if possible."""
@@ -386,7 +386,7 @@ class _PinPlacer:
             axis=self.step.direction,
             diameter_mm=self.pin_mm,
             depth_mm=depth_mm,
-            length_mm=2.0 * (depth_mm - END_GAP_MM),
+            length_mm=_compute_length_mm(depth_mm),
             is_slotted=bool(slot_mm.any()),
             holes=(holes[0], holes[1]),
         )
@@ -396,3 +396,8 @@ class _PinPlacer:
         depth_mm = float((hole.points_mm @ side.inward_normal).max()) - side.sign * side.face.offset_mm
         outline = shapely.MultiPoint(side.project_onto_face(hole.points_mm)).convex_hull
         return bool(self.workpieces.find_tool_area(side, depth_mm).contains(outline.buffer(RIM_MM)))
+
+
+def _compute_length_mm(depth_mm: float) -> float:
+    """Compute the length of a pin from the depth of its holes."""
+    return 2.0 * (depth_mm - END_GAP_MM)
