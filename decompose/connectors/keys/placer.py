@@ -16,6 +16,8 @@ from decompose.connectors.records import Pin
 from decompose.options import PairShape
 
 MIN_SEPARATION_MM = 12.0  # minimum distance between two keys, or between a key and a pin
+MIN_CLOSE_SEPARATION_MM = 7.0  # minimum distance between two keys that have no space farther apart
+MAX_CLOSE_PLACES = 6  # maximum number of places of the long key of such a pair
 # Reduction of a place's weight for each level face: a groove in it takes several times longer to print.
 LEVEL_PENALTY = 0.1
 MAX_TRIED_PLACES = 20  # maximum number of places that are tried, the best first
@@ -82,6 +84,37 @@ class KeyPlacer:
                 self._add_keys(*(key for key in keys if key is not None))
                 return
 
+    def place_close_pair(self) -> None:
+        """Place a long and a short key at less than the usual distance, the long one near the border.
+
+        The places of the short key are found anew, beside the grooves of the long one.
+        """
+        long_mm, short_mm = self.maker.lengths_mm
+        workpieces = self.maker.workpieces
+        for place in self._sort_from_border(self._list_places(long_mm), long_mm)[:MAX_CLOSE_PLACES]:
+            long_key = self.maker.make_key(place, long_mm)
+            if long_key is None:
+                continue
+            workpieces.add_tools(long_key.holes)
+            short_places = self.maker.find_places(self.sites, short_mm)
+            shapes = PairShapes.from_places(
+                self.maker.direction,
+                (place.middle_mm[None], _list_middles(short_places)),
+                (place.direction[None], _list_directions(short_places)),
+                (long_mm, short_mm),
+            )
+            is_free = find_free_pairs(shapes, self.used_shapes, self.min_difference_mm)[0]
+            separations_mm = np.where(is_free, shapes.distances_mm[0], 0.0)
+            for index in _find_largest(separations_mm, MAX_TRIED_PLACES):
+                if separations_mm[index] < MIN_CLOSE_SEPARATION_MM:
+                    break
+                short_key = self.maker.make_key(short_places[index], short_mm)
+                if short_key is not None:
+                    workpieces.add_tools(short_key.holes)
+                    self.pins += [long_key, short_key]
+                    return
+            workpieces.remove_tools(long_key.holes)
+
     def place_second_key(self) -> None:
         """Place a short key as far as possible from the only pin, or anywhere if there is no pin."""
         places = self._list_places(SHORT_KEY_MM)
@@ -132,6 +165,14 @@ class KeyPlacer:
                     _list_middles(places), unreached_points_mm, self._weigh_places(places)
                 )
                 self._add_printable_key([places[index] for index in indices])
+
+    def _sort_from_border(self, places: Sequence[KeyPlace], length_mm: float) -> list[KeyPlace]:
+        """Sort places by the distance of a key's inner end from the middle of the glue, farthest first."""
+        offsets_mm = _list_middles(places) - self.glue_points_mm.mean(axis=0)
+        radii_mm = np.linalg.norm(offsets_mm, axis=1)
+        radial_mm = np.abs((offsets_mm * _list_directions(places)).sum(axis=1)) / radii_mm.clip(1e-6)
+        order = np.argsort(radial_mm * length_mm / 2.0 - radii_mm, kind="stable")
+        return [places[index] for index in order.tolist()]
 
     def _place_key(self, indices: Sequence[int]) -> None:
         """Place a short key at the first printable place with one of these indices."""

@@ -169,6 +169,9 @@ class _PinPlacer:
         for placer in thin_key_placers:
             if not pins:
                 placer.place_pair()
+        for placer in (key_placer, *thin_key_placers):
+            if not pins:
+                placer.place_close_pair()
         if not pins:
             pins += self._place_single_pin()
         for placer in (key_placer, *thin_key_placers):

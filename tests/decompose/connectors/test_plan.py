@@ -17,6 +17,7 @@ from decompose.connectors import (
     Blank,
     Connectors,
     drill_parts,
+    find_pairs,
     measure_pair,
     plan_connectors,
 )
@@ -238,3 +239,17 @@ def test_thin_wall_takes_pins_whose_roof_points_along_it():
     walls = make_boxes(((0, 0, 0), (60, 6.4, 60)), ((60, 0, 0), (120, 6.4, 60)))
     connectors, _ = plan_and_drill(walls, options=ConnectorOptions(2.85))
     assert len(connectors.pins) == 2 and not connectors.unpinned_steps
+
+
+def test_each_step_of_a_row_of_equal_small_parts_has_a_pair_of_its_own() -> None:
+    """Use faces with space for about nine distances between two pins, for 19 steps."""
+    row = make_boxes(*(((24.0 * n, 0, 0), (24.0 * (n + 1), 24, 24)) for n in range(20)))
+    connectors, _ = plan_and_drill(row, options=ConnectorOptions(2.85))
+    assert len(find_pairs(connectors.pins)) == 19
+
+
+def test_face_without_space_for_distant_keys_has_two_close_ones() -> None:
+    halves = make_boxes(((0, 0, 0), (12, 12, 20)), ((0, 0, 20), (12, 12, 40)))
+    connectors, _ = plan_and_drill(halves, options=ConnectorOptions(2.85))
+    [pair] = find_pairs(connectors.pins).values()
+    assert 7.0 <= measure_pair(*pair).distance_mm < 12.0
