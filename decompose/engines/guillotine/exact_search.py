@@ -20,6 +20,7 @@ from decompose.bound import compute_surface_bound_s
 from decompose.engines.guillotine.neighbourhood import improve_locally, sort_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_shift import estimate_shift_s, refine_needed_cells, shift_planes
+from decompose.engines.guillotine.price_excess import PriceExcess
 from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.errors import NoFit, format_size
 from decompose.grid import VOLUME, Box, BoxTables, Grid, index_box
@@ -102,12 +103,20 @@ class ExactSearch:
     makespan only grows.
     """
 
-    def __init__(self, problem: Problem, grid: Grid, tables: BoxTables, bound_s: float) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        grid: Grid,
+        tables: BoxTables,
+        bound_s: float,
+        excess: PriceExcess | None = None,
+    ) -> None:
         self.problem, self.grid, self.tables = problem, grid, tables
+        self.excess = excess or PriceExcess(grid, tables)
         self.min_s = bound_s  # lower bound on the makespan in the tables
         # Whether the next least makespan is probably near `min_s`, because prices only grow.
         self.is_near_min = False
-        self.solver = Partitioner(tables, executor=problem.executor)
+        self.solver = Partitioner(self.excess.estimates, executor=problem.executor)
         self.pieces_by_box: dict[Box, list[Piece]] = {}
         self.true_times_s: dict[Box, float] = {}
         self.rejections: list[str] = []  # a fault of each rejected partition
@@ -147,6 +156,7 @@ class ExactSearch:
                 best_boxes, best_s = boxes, longest_s
             if longest_s <= RETRY_RATIO * makespan_s or round_count == MAX_ROUNDS:
                 break
+            self.excess.update_estimates()
         best_boxes = self._improve_partition(best_boxes)
         self._drop_pieces(best_boxes)
         return {box: self.cut_box(box) for box in best_boxes}
@@ -162,12 +172,9 @@ class ExactSearch:
             return
         # Copies, so that the tables of this search do not change.
         seconds, piece_counts = self.tables.seconds.copy(), self.tables.piece_counts.copy()
-        search = ExactSearch(
-            self.problem,
-            self.grid,
-            replace(self.tables, seconds=seconds, piece_counts=piece_counts),
-            self.min_s,
-        )
+        tables = replace(self.tables, seconds=seconds, piece_counts=piece_counts)
+        self.excess.update_estimates()
+        search = ExactSearch(self.problem, self.grid, tables, self.min_s, self.excess.copy(tables))
         search.pieces_by_box, search.true_times_s, search.is_near_min = (
             self.pieces_by_box,
             self.true_times_s,
@@ -212,6 +219,7 @@ class ExactSearch:
             best_boxes = boxes if math.isfinite(longest_s) else best_boxes
             if longest_s <= RETRY_RATIO * limit_s:
                 break
+            self.excess.update_estimates()
         return best_boxes
 
     def _solve(self, printer_count: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
@@ -230,14 +238,15 @@ class ExactSearch:
             if len(self.rejections) >= MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
             boxes = improve_locally(
-                self.tables, partition, len(self.problem.printers), effort=self.problem.effort
+                self.excess.estimates, partition, len(self.problem.printers), effort=self.problem.effort
             )
             if boxes == partition:
                 break
             if self._correct_piece_counts(boxes) or self._exclude_faulty_boxes(boxes):
                 continue
             self._compute_true_makespan_s(boxes)
-            if sort_times_s(self.tables, boxes) < sort_times_s(self.tables, partition):
+            estimates = self.excess.estimates
+            if sort_times_s(estimates, boxes) < sort_times_s(estimates, partition):
                 partition = boxes
         return partition
 
@@ -274,13 +283,9 @@ class ExactSearch:
         pieces = [piece for box in boxes for piece in self.cut_box(box)]
         faults = find_faults(pieces, self.problem.options.min_glue_mm2)
         for fault in faults:
-            self._exclude_box(index_box(owners[fault.piece_number], self.tables.shape))
+            self.excess.exclude(owners[fault.piece_number])
         self.rejections += [faults[0].reason] if faults else []
         return bool(faults)
-
-    def _exclude_box(self, index: int) -> None:
-        """Exclude a box from the tables."""
-        self.tables.seconds[index] = math.inf
 
     def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
         """Compute the true makespan of boxes in seconds, and raise prices in the table that are too low."""
@@ -291,9 +296,8 @@ class ExactSearch:
         for (box, _), pose in zip(new_pieces, poses, strict=True):
             seconds = math.inf if pose is None else pose.price_s
             self.true_times_s[box] = max(self.true_times_s.get(box, 0.0), seconds)
-        for box in boxes:
-            index = index_box(box, self.tables.shape)
-            self.tables.seconds[index] = max(float(self.tables.seconds[index]), self.true_times_s[box])
+        for box in dict.fromkeys(box for box, _ in new_pieces):
+            self.excess.record(box, self.true_times_s[box])
         self._drop_pieces(boxes)
         return max(self.true_times_s[box] for box in boxes)
 
