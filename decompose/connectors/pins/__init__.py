@@ -1,4 +1,4 @@
-"""Pins in holes: their places, their sizes, and those that can be left out."""
+"""Pins and keys of each assembly step: their places and sizes, and those that can be left out."""
 
 from __future__ import annotations
 
