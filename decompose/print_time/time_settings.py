@@ -158,7 +158,9 @@ class PrintTimeSettings:
     small_overhang_mm2: float = 0.0  # these faces get no support if their total area is below this
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # speed of the first layer
-    first_line_ratio: float = 1.0  # width of the lines of the first layer, as a multiple of the others
+    first_line_ratio: float = (
+        1.0  # width of the first layer's lines, except its brim, as a multiple of others
+    )
     slow_layer_count: int = 2  # number of layers over which the speed rises to that of the other layers
     travel_mm_s: float = 150.0
     retraction_s: float = 0.52  # time to retract the filament and to push it back
@@ -355,7 +357,7 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "support sides": _build_vector(
             support_side_mm2=1.0 / (layer_mm * s.support_mm_s) if support_lines_per_mm else 0.0
         ),
-        "brim": _build_vector(brim_mm2=1.0 / (s.first_line_ratio * s.outer_line_width_mm * s.brim_mm_s)),
+        "brim": _build_vector(brim_mm2=1.0 / (s.outer_line_width_mm * s.brim_mm_s)),
         "infill ends": _build_vector(lateral_mm2=s.infill_ends_s_per_mm2),
         "travel": _build_vector(lateral_mm2=1.0 / (layer_mm * s.travel_mm_s)),
     } | _compute_pose_terms(settings)

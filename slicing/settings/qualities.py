@@ -13,16 +13,30 @@ SUPPORT_VALUES = {"support_enable": True, "support_type": "everywhere"}
 _BRIM_SETTINGS = {
     "adhesion_type": "brim",
     "brim_width": 8.0,
-    # Cura's own formula, because its profiles for nylon, TPU and others name a count, which would take
-    # precedence over the width. A tenth of a line may be missing, so that the bed does not lose a line.
+    # Cura's own formula: its profiles for nylon, TPU and others name a count, which would take precedence
+    # over the width.
     "brim_line_count": Formula(
-        "math.ceil(brim_width / (skirt_brim_line_width * initial_layer_line_width_factor / 100.0) - 0.1)"
+        "math.ceil(brim_width / (skirt_brim_line_width * initial_layer_line_width_factor / 100.0))"
     ),
 }
 # Values of Cura's own profiles, below the changes of a quality and the user's settings.
-_CURA_WALL_SPEED, _CURA_SKIN_SPEED, _CURA_ROOF_SPEED, _CURA_SKIN_ORDER = (
+(
+    _CURA_WALL_SPEED,
+    _CURA_SKIN_SPEED,
+    _CURA_ROOF_SPEED,
+    _CURA_SKIN_ORDER,
+    _CURA_BRIM_LINE_WIDTH,
+    _CURA_FIRST_LINE_FACTOR,
+) = (
     f"extruderValueFromContainer(0, '{key}', {int(ProfileIndex.QUALITY)})"
-    for key in ("speed_wall_x", "speed_topbottom", "speed_roofing", "skin_monotonic")
+    for key in (
+        "speed_wall_x",
+        "speed_topbottom",
+        "speed_roofing",
+        "skin_monotonic",
+        "skirt_brim_line_width",
+        "initial_layer_line_width_factor",
+    )
 )
 # Fewer and wider lines with the same plastic, at most 1.1 times as wide as the nozzle. The flow is that of
 # the infill in the prints of the Parallelobox paper (0.35 mm x 0.25 mm x 60 mm/s = 5.25 mm3/s, nozzle of
@@ -42,8 +56,10 @@ _INFILL_LINE_WIDTH, _SKIN_LINE_WIDTH = (
     for speed in ("speed_infill", "speed_topbottom")
 )
 _FIRST_LINE_FACTOR = (
-    f"max(100.0, min(120.0, 100.0 * {_MAX_FLOW_MM3_S}"
-    " / (skin_line_width * resolveOrValue('layer_height_0') * speed_print_layer_0)))"
+    # The thickest first layer to which heights are fitted, so that a part's height does not matter.
+    f"{_CURA_FIRST_LINE_FACTOR} if {_CURA_FIRST_LINE_FACTOR} != 100 else"
+    " 120.0 if 1.2 * skin_line_width * max(resolveOrValue('layer_height_0'), 0.85 * machine_nozzle_size)"
+    f" * (speed_print_layer_0 if speed_slowdown_layers else speed_topbottom) <= {_MAX_FLOW_MM3_S} else 100.0"
 )
 
 
@@ -123,9 +139,13 @@ _GLUE = Quality(
         "infill_line_width": Formula(_INFILL_LINE_WIDTH),
         "skin_line_width": Formula(_SKIN_LINE_WIDTH),
         "roofing_line_width": Formula("line_width"),  # because the uppermost layer of a top is visible
-        # The first layer is slow. Its lines may be as wide as Cura prints them on newer printers of
-        # Ultimaker with the same nozzle, but not with more flow than that of the infill.
+        # [assumed] The first layer is slow, so its lines are wider, by the factor of Cura's profiles for
+        # newer printers of Ultimaker, but not with more flow than that of the infill. Lines of the brim keep
+        # their width, so that it is as wide as before.
         "initial_layer_line_width_factor": Formula(_FIRST_LINE_FACTOR),
+        "skirt_brim_line_width": Formula(
+            f"{_CURA_BRIM_LINE_WIDTH} * {_CURA_FIRST_LINE_FACTOR} / initial_layer_line_width_factor"
+        ),
         # Cura's pattern "lines" is as dense, but the head stops and travels between any two lines.
         "top_bottom_pattern": "zigzag",
         # [assumed] Half the infill deeper than 2 mm below any top, where it carries no load. The walls

@@ -184,7 +184,6 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
         ({"skin_mm_s": 15.0, "brim_mm_s": 15.0}, "skin", 2.0),
         ({"skin_mm_s": 15.0, "slow_layer_count": 0}, "skin", 2.0),
         ({"skin_mm_s": 15.0, "slow_layer_count": 0}, "skin rim", 2.0),
-        ({"first_line_ratio": 1.25}, "brim", 0.8),
         ({"first_line_ratio": 1.25}, "skin", 1.0 - 0.2 * 0.5 / 3.0),  # one of three layers, at the bed
         ({"is_infill_connected": False}, "infill ends", 2.0),
         ({"skin_layer_count": 6.0}, "skin", 2.0),

@@ -18,11 +18,11 @@ from slicing.settings import (
 
 
 def compute_brim_mm(settings, width_mm):
-    """Return the width in mm of a brim of whole lines; at most a tenth of a line of this width is missing."""
+    """Return the width in mm of the narrowest brim of whole lines that has at least this width."""
     keys = ("skirt_brim_line_width", "initial_layer_line_width_factor")
     line_mm, percent = (float(settings.extruder[key]) for key in keys)
     line_mm *= percent / 100.0
-    return math.ceil(round(width_mm / line_mm - 0.1, 6)) * line_mm
+    return math.ceil(round(width_mm / line_mm, 6)) * line_mm
 
 
 def test_quality_paper_has_the_settings_of_the_paper(resources, make_settings):
@@ -206,10 +206,22 @@ def test_lines_of_the_first_layer_are_wide_within_the_flow_of_infill(make_settin
         return float(make_settings(quality, **overrides).extruder["initial_layer_line_width_factor"])
 
     assert read_factor() == 120.0
-    flow_mm3_s = 0.44 * 0.27 * 42.0
-    assert read_factor(speed_print_layer_0="42") == pytest.approx(100.0 * 5.5 / flow_mm3_s)
-    assert read_factor(speed_print_layer_0="60") == read_factor("paper") == 100.0
+    assert read_factor(speed_print_layer_0="32") == read_factor(speed_slowdown_layers="0") == 100.0
+    assert read_factor("paper") == 100.0
     assert read_factor(initial_layer_line_width_factor="150") == 150.0
+
+
+@pytest.mark.parametrize(
+    "overrides", [{}, {"speed_layer_0": "38"}, {"initial_layer_line_width_factor": "150"}]
+)
+@pytest.mark.parametrize("printer", ["ultimaker2", "ultimaker2_plus"])
+def test_brim_of_glue_is_as_wide_as_with_narrow_lines_for_any_height(resources, printer, overrides):
+    request = SettingsRequest(PRINTERS[printer], overrides=overrides)
+    narrow_request = replace(request, overrides={"initial_layer_line_width_factor": "100"})
+    expected_mm = resolve_settings(narrow_request, resources).brim_width_mm
+    for height_mm in (None, 0.6, 1.1, 2.9, 4.7, 12.0, 37.3):
+        settings = resolve_settings(request, resources, PartSettings(height_mm))
+        assert settings.brim_width_mm == pytest.approx(expected_mm)
 
 
 def test_skin_of_glue_is_connected_also_on_the_bed_and_at_tops(make_settings):

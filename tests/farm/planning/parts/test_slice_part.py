@@ -76,7 +76,7 @@ def test_part_has_its_own_brim_first_layer_and_height(make_task):
     assert shrinkage_mm == pytest.approx(0.4, abs=0.01)
     tall_box = trimesh.creation.box((12.0, 12.0, 33.33))
     brim_slice = slice_part(make_task(tall_box, brim_width_mm=3.0))
-    assert brim_slice.max_mm[0] == pytest.approx(12 * 1.002 / 2 + 8 * 0.42 - 0.21, abs=0.05)
+    assert brim_slice.max_mm[0] == pytest.approx(12 * 1.002 / 2 + 9 * 0.35 - 0.175, abs=0.05)
     assert brim_slice.height_mm == pytest.approx(33.33 * 1.001, abs=0.02)
 
 
