@@ -1,9 +1,9 @@
 """Exact search of the engine `guillotine` for uniform printers: those with one build volume and one speed.
 
 All boxes of a grid are priced, and the best guillotine partition into boxes is found exactly. Then its boxes
-are cut out of the model, and their pieces are priced. These true prices replace those from the grid, and the
-search is repeated. Afterwards, the partition is improved with cuts that are not guillotine cuts, and its
-planes are moved off the grid.
+are cut out of the model, and their pieces are priced. These true prices replace those from the grid, prices
+of other boxes are estimated from them (`price_excess`), and the search is repeated. Afterwards, the partition
+is improved with cuts that are not guillotine cuts, and its planes are moved off the grid.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ MAX_REJECTIONS = 40  # maximum number of partitions rejected because of a sliver
 MAX_UNPOSED_COUNT = 40  # maximum number of partitions with a part that has no pose
 # Another round follows if the true makespan is more than this multiple of the expected one.
 RETRY_RATIO = 1.01
-# The least makespan according to the tables is sought to an accuracy of `TOLERANCE_S`, or of the share
+# Share by which the least makespan may probably fall when prices are estimated again.
+FALL_SHARE = 0.03
+# The least makespan according to the estimates is sought to an accuracy of `TOLERANCE_S`, or of the share
 # `TOLERANCE` of the makespan if that is longer; the errors of the tables' prices are larger.
 TOLERANCE_S = 1.0
 TOLERANCE = 5e-4
@@ -98,9 +100,9 @@ class ExactSearch:
 
     The tables may count too few pieces in a box. They price the box in an axis-aligned pose (one of its sides
     lies on the bed), even if it is not stable in it. For the chosen boxes, the true numbers of pieces are
-    written into the tables, and the true prices where they are higher. Then the search is repeated. A box
-    with a piece that cannot be glued well is excluded. Prices and numbers of pieces only grow, so the
-    makespan only grows.
+    written into the tables, and the true prices where they are higher. Prices of the other boxes are
+    estimated again, and the search is repeated with these estimates. A box with a piece that cannot be glued
+    well is excluded.
     """
 
     def __init__(
@@ -113,9 +115,9 @@ class ExactSearch:
     ) -> None:
         self.problem, self.grid, self.tables = problem, grid, tables
         self.excess = excess or PriceExcess(grid, tables)
-        self.min_s = bound_s  # lower bound on the makespan in the tables
-        # Whether the next least makespan is probably near `min_s`, because prices only grow.
-        self.is_near_min = False
+        self.bound_s = bound_s  # lower bound on the makespan at any prices
+        self.min_s = bound_s  # lower bound on the makespan at the estimated prices
+        self.is_near_min = False  # whether the next least makespan is probably near `min_s`
         self.solver = Partitioner(self.excess.estimates, executor=problem.executor)
         self.pieces_by_box: dict[Box, list[Piece]] = {}
         self.true_times_s: dict[Box, float] = {}
@@ -154,9 +156,10 @@ class ExactSearch:
             round_count += 1
             if longest_s < best_s:
                 best_boxes, best_s = boxes, longest_s
-            if longest_s <= RETRY_RATIO * makespan_s or round_count == MAX_ROUNDS:
+            is_estimated_well = makespan_s / RETRY_RATIO <= longest_s <= RETRY_RATIO * makespan_s
+            if is_estimated_well or round_count == MAX_ROUNDS:
                 break
-            self.excess.update_estimates()
+            self._estimate_prices(makespan_s)
         best_boxes = self._improve_partition(best_boxes)
         self._drop_pieces(best_boxes)
         return {box: self.cut_box(box) for box in best_boxes}
@@ -173,13 +176,9 @@ class ExactSearch:
         # Copies, so that the tables of this search do not change.
         seconds, piece_counts = self.tables.seconds.copy(), self.tables.piece_counts.copy()
         tables = replace(self.tables, seconds=seconds, piece_counts=piece_counts)
-        self.excess.update_estimates()
-        search = ExactSearch(self.problem, self.grid, tables, self.min_s, self.excess.copy(tables))
-        search.pieces_by_box, search.true_times_s, search.is_near_min = (
-            self.pieces_by_box,
-            self.true_times_s,
-            True,
-        )
+        search = ExactSearch(self.problem, self.grid, tables, self.bound_s, self.excess.copy(tables))
+        search.pieces_by_box, search.true_times_s = self.pieces_by_box, self.true_times_s
+        search._estimate_prices(self.min_s)
         printer_count = len(self.problem.printers)
         tolerance_s = max(TOLERANCE_S, TOLERANCE * self.min_s)
         min_s, fewer_printers_s = (
@@ -222,8 +221,20 @@ class ExactSearch:
             self.excess.update_estimates()
         return best_boxes
 
+    def _estimate_prices(self, makespan_s: float) -> None:
+        """Estimate prices again, and find a lower bound on the new makespan from the last one.
+
+        Prices may rise and fall, so the last makespan is no lower bound.
+        """
+        self.excess.update_estimates()
+        min_s, printer_count = (1.0 - FALL_SHARE) * makespan_s, len(self.problem.printers)
+        previous_sum_count = self.solver.sum_count
+        self.is_near_min = min_s > self.bound_s and self.solver.solve(min_s) > printer_count
+        self.min_s = min_s if self.is_near_min else self.bound_s
+        self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sum_count)
+
     def _solve(self, printer_count: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
-        """Find the least makespan from the tables (`find_min_makespan_s`), and record the work."""
+        """Find the least makespan at estimated prices (`find_min_makespan_s`), and record the work."""
         previous_sum_count = self.solver.sum_count
         min_s = self.solver.find_min_makespan_s(
             printer_count, self.min_s, tolerance_s, max_s, is_near_min=self.is_near_min

@@ -43,12 +43,12 @@ class PriceExcess:
 
     def copy(self, tables: BoxTables) -> PriceExcess:
         """Copy the known excess for a copy of the tables."""
-        copy = PriceExcess(self._grid, tables)
-        copy.estimates.seconds[:] = self.estimates.seconds
-        copy._excess_s_per_mm3[:] = self._excess_s_per_mm3
-        copy._box_count[:] = self._box_count
-        copy._true_indices = self._true_indices.copy()
-        return copy
+        excess = PriceExcess(self._grid, tables)
+        excess.estimates.seconds[:] = self.estimates.seconds
+        excess._excess_s_per_mm3[:] = self._excess_s_per_mm3
+        excess._box_count[:] = self._box_count
+        excess._true_indices = self._true_indices.copy()
+        return excess
 
     def record(self, box: Box, true_s: float) -> None:
         """Record the true price of a box, which becomes its price in both tables unless it is lower.
