@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from decompose.connectors.pair_shapes import measure_shape
-from decompose.connectors.records import Connectors, Mark, Pin
+from decompose.connectors.records import SLIDING_COS, Connectors, Mark, Pin
 from decompose.options import PairShape
 from decompose.pieces import Joint
 
@@ -78,7 +78,8 @@ def read_pair_shapes(report: Mapping[str, Any]) -> tuple[PairShape, ...]:
     """
     pins_by_step: dict[int, list[Mapping[str, Any]]] = {}
     for pin in (report.get("connectors") or {}).get("pins", ()):
-        pins_by_step.setdefault(pin["step"], []).append(pin)
+        if pin.get("along") is None or abs(np.dot(pin["along"], pin["axis"])) <= SLIDING_COS:
+            pins_by_step.setdefault(pin["step"], []).append(pin)
     return tuple(_measure_described_pair(*pins[:2]) for pins in pins_by_step.values() if len(pins) > 1)
 
 

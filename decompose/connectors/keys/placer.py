@@ -39,7 +39,7 @@ class KeyPlacer:
         Pins and keys of the step so far; new keys are added.
     used_shapes, min_difference_mm
         Shapes of the pairs of earlier steps and of existing parts (`ConnectorOptions.used_shapes`). A new
-        pair is unlike each of them (`find_free_pairs`).
+        pair is unlike each of them (`PairShapes.find_alike`).
     """
 
     maker: KeyMaker
@@ -91,7 +91,8 @@ class KeyPlacer:
         """
         long_mm, short_mm = self.maker.lengths_mm
         workpieces = self.maker.workpieces
-        for place in self._sort_from_border(self._list_places(long_mm), long_mm)[:MAX_CLOSE_PLACES]:
+        places = self._list_places(long_mm)
+        for place in self._sort_from_border(places, long_mm)[:MAX_CLOSE_PLACES] if places else ():
             long_key = self.maker.make_key(place, long_mm)
             if long_key is None:
                 continue

@@ -34,7 +34,8 @@ from decompose.connectors.tools import make_hole
 from decompose.options import ConnectorOptions, PairShape
 from decompose.pieces import Joint, list_polygons
 
-# Minimum difference between the pin distances of two pairs, besides twice the largest clearance of a hole.
+# Minimum difference between the pin distances of two pairs, or distance of a key's ends from the groove of
+# another pair, besides twice the largest clearance of a hole.
 MIN_DISTANCE_DIFFERENCE_MM = 0.7
 MIN_PAIR_DISTANCE_MM = 8.0  # minimum distance between the two pins of a pair, which prevent rotation
 MIN_SLOT_DISTANCE_MM = 80.0  # minimum distance between two pins for which one hole is a slot
@@ -191,7 +192,7 @@ class _PinPlacer:
 
     @property
     def min_difference_mm(self) -> float:
-        """Minimum difference between the pin distances of two pairs."""
+        """Minimum difference between the pin distances of two pairs, or between the ends of their keys."""
         return 2.0 * max(blank.pin_fit_mm for blank in self.workpieces.blanks) + MIN_DISTANCE_DIFFERENCE_MM
 
     def _compute_hole_size_mm(self, side: Side, is_shallow: bool) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from random import Random
 
 import numpy as np
@@ -21,9 +22,11 @@ from decompose.connectors import (
     measure_pair,
     plan_connectors,
 )
+from decompose.connectors.pair_shapes import PairShapes
 from decompose.connectors.pins import choose_depths_mm
+from decompose.connectors.pins.placer import MIN_DISTANCE_DIFFERENCE_MM
 from decompose.geometry import Solid
-from decompose.options import ConnectorOptions
+from decompose.options import ConnectorOptions, PairShape
 from decompose.pieces import Piece, find_joints, list_box_planes
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
@@ -39,6 +42,12 @@ def make_boxes(*spans: Span) -> list[Piece]:
         Piece(Solid.box(lo, hi), list_box_planes(np.array([lo, hi], dtype=np.float64)), np.array([[lo, hi]]))
         for lo, hi in spans
     ]
+
+
+def is_alike(shape: PairShape, other: PairShape, max_difference_mm: float) -> bool:
+    angles = [None if angle is None else np.array([[angle]]) for angle in shape.angles]
+    shapes = PairShapes(np.array([[shape.distance_mm]]), (angles[0], angles[1]), shape.lengths_mm)
+    return bool(shapes.find_alike(other, max_difference_mm).any())
 
 
 def plan_and_drill(
@@ -199,7 +208,9 @@ def test_pin_that_gives_way_to_another_pair_stays_in_its_plane():
 def test_random_partitions_break_no_rule_and_no_two_pairs_are_alike(random: Random, cuts: int) -> None:
     pieces = cut_at_random(random, cuts)
     connectors, _ = plan_and_drill(pieces)
-    assert find_wrong_fits(connectors.pins) == []
+    shapes = [measure_pair(*pair) for pair in find_pairs(connectors.pins).values()]
+    for shape, other in combinations(shapes, 2):
+        assert not is_alike(shape, other, 2.0 * ALL_CONNECTORS.pin_fit_mm + MIN_DISTANCE_DIFFERENCE_MM)
     steps = len(pieces) - 1
     assert (
         len({pin.step for pin in connectors.pins} | {step for step, _ in connectors.unpinned_steps}) == steps

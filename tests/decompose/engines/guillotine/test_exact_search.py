@@ -185,3 +185,36 @@ def test_parts_without_a_pose_are_no_weak_joints(problem: Problem, monkeypatch: 
     monkeypatch.setattr(Problem, "find_poses", lambda _, pieces: [None] * len(pieces))
     with pytest.raises(NoFit, match=r"(?s)^(?!.*glue)"):
         search.run()
+
+
+def test_tables_get_only_true_prices_while_estimates_are_searched(
+    problem: Problem, search_result: tuple[ExactSearch, list[Box]]
+) -> None:
+    search, _ = search_result
+    search._estimate_prices(search.min_s)
+    first_seconds = problem.price_boxes(search.grid).seconds
+    changed = np.flatnonzero(search.tables.seconds != first_seconds)
+    true_indices = {index_box(box, search.tables.shape) for box in search.true_times_s}
+    assert len(changed) > 0 and set(changed.tolist()) <= true_indices
+    assert (search.excess.estimates.seconds > search.tables.seconds).any()
+
+
+def test_least_makespan_is_found_after_estimates_have_fallen(problem: Problem) -> None:
+    grid = problem.build_grid(problem.model)
+    search = ExactSearch(problem, grid, problem.price_boxes(grid), 0.0)
+    assert search._solve(len(PRINTERS), 1.0) is not None
+    for box in search.solver.list_chosen_boxes():
+        search.excess.record(box, 3.0 * float(search.tables.seconds[index_box(box, search.tables.shape)]))
+    search.excess.update_estimates()
+    search.is_near_min = True
+    high_s = search._solve(len(PRINTERS), 1.0)
+    assert high_s is not None
+    # Other boxes show that the excess arises in those boxes alone.
+    for box in search.solver.list_chosen_boxes() * 9:
+        search.excess.record(box, 0.0)
+    search._estimate_prices(high_s)
+    low_s = search._solve(len(PRINTERS), 1.0)
+    search.min_s, search.is_near_min = 0.0, False
+    expected_s = search._solve(len(PRINTERS), 1.0)
+    assert low_s is not None and expected_s is not None
+    assert low_s == pytest.approx(expected_s, abs=2.0) and low_s < 0.96 * high_s
