@@ -17,8 +17,10 @@ import numpy as np
 import trimesh
 
 from decompose.decompose import decompose_model
+from decompose.engines.guillotine.least_work import LeastWorkSearch
 from decompose.export import write_decomposition
 from decompose.geometry import load_model, write_stl
+from decompose.grid import BoxTables
 from decompose.jit import CODE_FOLDER, INSTALLED_FOLDER, is_compiled, mark_compiled
 from decompose.options import BestOptions, Engine, Options, ParalleloboxOptions
 from decompose.print_time import CostModel, PrintTimeSettings
@@ -69,6 +71,10 @@ def _cut_small_model() -> None:
             printers = [replace(_PRINTER, name=name) for name in "abcdefghij"]
             decomposition = decompose_model(model, printers, options, cost)
         write_decomposition(decomposition, Path(scratch) / "parts")
+    # The engines above make no search for the least total print time, as their budget is spent.
+    numbers = np.arange(3)
+    tables = BoxTables((2, 1, 1), numbers.astype(np.float32), numbers.astype(np.int32), np.ones(3, np.int16))
+    LeastWorkSearch(tables).find_boxes(2.0, 2)
 
 
 def main() -> None:

@@ -44,6 +44,7 @@ printers = [TargetPrinter(f"{n}", ((120.0, 120.0, 110.0 + n % 2),)) for n in ran
 for name, mesh, options in (
     ("cross", cross, Options(granularity=8, best=BestOptions(0.0), interior=Interior.KEEP)),
     ("torus", torus, Options(engine=Engine.GUILLOTINE, granularity=8, seed=1)),
+    ("thorough", torus, Options(granularity=8, best=BestOptions(2.0))),
 ):
     mesh.export(folder / f"{name}.stl")
     model = load_model(folder / f"{name}.stl")

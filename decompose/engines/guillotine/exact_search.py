@@ -17,6 +17,7 @@ from functools import partial
 import numpy as np
 
 from decompose.bound import compute_surface_bound_s
+from decompose.engines.guillotine.least_work import LeastWorkSearch
 from decompose.engines.guillotine.neighbourhood import improve_locally, sort_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_shift import estimate_shift_s, refine_needed_cells, shift_planes
@@ -41,11 +42,10 @@ TOLERANCE = 5e-4
 # Share of the unreserved budget for the exact search; the rest is for the neighbourhood search.
 SEARCH_SHARE = 0.75
 LATE_TOLERANCE = 0.02  # accuracy as a share of the makespan, once the budget is spent without a result
-# Time limits of looser partitions, which may be a little slower than the best one on the grid: 0 is the least
-# makespan with all printers, 1 the least makespan with one printer fewer.
-LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
-# If one printer fewer is not enough, 1 is this multiple of the least makespan with all printers.
-MAX_LIMIT_RATIO = 1.06
+# Time limits of looser partitions, as multiples of the least makespan on the grid.
+LIMIT_RATIOS = (1.03, 1.015, 1.05)
+MAX_LOOSER_ROUNDS = 2  # maximum number of rounds for each of them
+WORK_RATIO = 2  # work of an addition of print times, as a multiple of that of numbers of parts
 MAX_KEPT_FACES = 300_000  # maximum number of faces of the pieces that are kept for later rounds
 # Looser partitions are tried only if the makespan of the result is below this multiple of the one to beat.
 CLOSE_RATIO = 1.03
@@ -168,8 +168,7 @@ class ExactSearch:
         """Yield partitions with less total print time than the best one, but perhaps a longer makespan.
 
         The best partition on the grid may not be the best one after its planes are shifted: shifts balance
-        the times of the parts, so the total print time matters then. Each of these partitions has the fewest
-        boxes within a limit of their times, and the least total print time among those with as few boxes.
+        the times of the parts, so the total print time matters then (`least_work`).
         """
         if len(best_partition) < 2:
             return
@@ -179,19 +178,9 @@ class ExactSearch:
         search = ExactSearch(self.problem, self.grid, tables, self.bound_s, self.excess.copy(tables))
         search.pieces_by_box, search.true_times_s = self.pieces_by_box, self.true_times_s
         search._estimate_prices(self.min_s)
-        printer_count = len(self.problem.printers)
-        tolerance_s = max(TOLERANCE_S, TOLERANCE * self.min_s)
-        min_s, fewer_printers_s = (
-            search._solve(printer_count, tolerance_s),
-            search._solve(printer_count - 1, tolerance_s),
-        )
-        if min_s is None:
-            return
         known_partitions = {frozenset(best_partition)}
-        for share in LOOSER_LIMIT_SHARES:
-            boxes = search._find_partition_within_limit(
-                min_s + share * ((fewer_printers_s or MAX_LIMIT_RATIO * min_s) - min_s)
-            )
+        for ratio in LIMIT_RATIOS:
+            boxes = search._find_partition_within_limit(ratio * self.min_s)
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
                 yield {box: self.cut_box(box) for box in boxes}
@@ -203,15 +192,15 @@ class ExactSearch:
         such partition.
         """
         best_boxes: list[Box] = []
-        for _ in range(MAX_ROUNDS):
-            if self.problem.effort.is_spent():
+        search = LeastWorkSearch(self.excess.estimates, self.problem.executor)
+        for _ in range(MAX_LOOSER_ROUNDS):
+            if self.problem.effort.is_spent() or len(self.rejections) > MAX_REJECTIONS:
                 break
-            previous_sum_count = self.solver.sum_count
-            part_count = self.solver.solve(limit_s, break_ties=self.solver.can_break_ties)
-            self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sum_count)
-            if part_count > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
+            previous_sum_count = search.sum_count
+            boxes = search.find_boxes(limit_s, len(self.problem.printers))
+            self.problem.effort.record(Work.SUM, WORK_RATIO * (search.sum_count - previous_sum_count))
+            if not boxes:
                 break
-            boxes = self.solver.list_chosen_boxes()
             if self._correct_piece_counts(boxes) or self._exclude_faulty_boxes(boxes):
                 continue
             longest_s = self._compute_true_makespan_s(boxes)

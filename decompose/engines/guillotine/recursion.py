@@ -15,7 +15,7 @@ SECOND_WEIGHT = 1 << 20  # weight of a rounded second in a key; the lowest digit
 AREA_UNIT_MM2 = 64.0  # unit of the area of cuts in a key
 MAX_KEY_TIME_S = 1e6  # maximum print time of a box in a key, so that the digits do not overlap
 
-Table = npt.NDArray[np.int16] | Ints
+Table = npt.NDArray[np.int16] | Ints | npt.NDArray[np.float32]
 
 
 @jit
@@ -27,8 +27,8 @@ def _lower_values(value: Table, size: int, start: tuple[int, int, int], count: i
     Parameters
     ----------
     value
-        (states * size,) int16 counts or int64 keys, lowered in place. A state is a number of usable printers
-        of each class but the first (see `partitioner`).
+        (states * size,) int16 counts, int64 keys or float32 print times, lowered in place. A state is a
+        number of usable printers of each class but the first (see `partitioner`).
     size
         Number of boxes in each state.
     start
@@ -62,7 +62,8 @@ def lower_box_values(value: Table, sums: Ints, shape: Shape, length: int, first:
     Parameters
     ----------
     value
-        (states * boxes,) int16 counts or int64 keys of the uncut boxes, state after state; lowered in place.
+        (states * boxes,) int16 counts, int64 keys or float32 print times of the uncut boxes, state after
+        state; lowered in place.
     sums
         (m, 3) int64 from `partitioner.list_class_states`.
     shape

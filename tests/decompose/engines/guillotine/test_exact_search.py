@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from decompose.engines.guillotine import exact_search
-from decompose.engines.guillotine.exact_search import LOOSER_LIMIT_SHARES, ExactSearch
+from decompose.engines.guillotine.exact_search import LIMIT_RATIOS, ExactSearch
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.errors import NoFit
 from decompose.geometry import Model
@@ -45,7 +45,7 @@ def test_partitions_within_looser_limits_are_complete_without_more_work(
 ) -> None:
     search, best_partition = search_result
     results = [list(partition) for partition in search.list_looser_partitions(best_partition)]
-    assert 0 < len(results) <= len(LOOSER_LIMIT_SHARES)
+    assert 0 < len(results) <= len(LIMIT_RATIOS)
     assert len({frozenset(partition) for partition in [best_partition, *results]}) == len(results) + 1
     limits_s = [max(search.true_times_s[box] for box in partition) for partition in results]
     assert min(limits_s) >= max(search.true_times_s[box] for box in best_partition)

@@ -1,0 +1,141 @@
+"""Partitions with the least total print time into a given number of parts, within a limit on each part.
+
+Once planes have moved off the grid, all parts take about the same time: the total print time divided by their
+number. So the total matters more than the slowest part on the grid, as long as planes can still balance the
+parts. A price on each part (a Lagrange multiplier) makes the search over all guillotine cuts find partitions
+into fewer or more parts.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.engines.guillotine.partitioner import list_class_states
+from decompose.engines.guillotine.recursion import lower_box_values
+from decompose.grid import SHARE_COUNT, Box, BoxTables, count_cuts, find_box, index_box, run_shares
+
+MAX_SOLUTIONS = 6  # maximum number of prices of a part that are tried
+MAX_PART_PRICE_SHARE = 0.4  # maximum price of a part, as a share of the limit; the minimum is its negative
+_UNREACHABLE_S = np.float32(1e9)
+
+Values = npt.NDArray[np.float32]
+
+
+class LeastWorkSearch:
+    """Search for the partition of a grid with the least total print time.
+
+    Parameters
+    ----------
+    tables
+        Prices of all boxes.
+    executor
+        Threads that solve half of the boxes; None to solve all of them in this thread.
+    """
+
+    def __init__(self, tables: BoxTables, executor: Executor | None = None) -> None:
+        self._tables, self._executor = tables, executor
+        self.sum_count = 0  # number of additions of the values of both sides of a cut, in all searches so far
+
+    def find_boxes(self, limit_s: float, part_count: int) -> list[Box]:
+        """Find boxes with about the least total print time among partitions into at most a number of parts.
+
+        Parameters
+        ----------
+        limit_s
+            Maximum print time of a part.
+        part_count
+            Number of parts; there are fewer only if no tried price gives as many.
+
+        Returns
+        -------
+        list of Box
+            Empty if there is no such partition.
+        """
+        low_s, high_s = (share * MAX_PART_PRICE_SHARE * limit_s for share in (-1.0, 1.0))
+        best_boxes: list[Box] = []
+        price_s = 0.0
+        for _ in range(MAX_SOLUTIONS):
+            values = self._solve(limit_s, price_s)
+            boxes = self._list_boxes(values, limit_s, price_s)
+            if not boxes:
+                break
+            count = self._count_parts(boxes)
+            if count == part_count:
+                return boxes
+            if count < part_count:
+                best_boxes, high_s = boxes, price_s
+            else:
+                low_s = price_s
+            price_s = (low_s + high_s) / 2.0
+        return best_boxes
+
+    def _solve(self, limit_s: float, price_s: float) -> Values:
+        """Compute the least total print time (boxes,) of each box's partitions, with prices of parts."""
+        tables = self._tables
+        values = self._compute_uncut_values(slice(None), limit_s, price_s)
+        values[tables.trimmed_box < 0] = 0.0
+        _, sums = list_class_states([])
+        for length in range(1, tables.shape[0] + 1):
+            count = tables.shape[0] - length + 1
+            if count < SHARE_COUNT:
+                lower_box_values(values, sums, tables.shape, length, 0, count)
+            else:
+                run_shares(self._executor, partial(_lower_half, values, sums, tables.shape, length))
+        self.sum_count += count_cuts(tables.shape)
+        return values
+
+    def _compute_uncut_values(self, indices: slice, limit_s: float, price_s: float) -> Values:
+        """Compute the values of uncut boxes at these indices."""
+        seconds, piece_counts = self._tables.seconds[indices], self._tables.piece_counts[indices]
+        values = seconds + np.float32(price_s) * piece_counts.astype(np.float32)
+        return np.where(seconds <= limit_s, values, _UNREACHABLE_S).astype(np.float32)
+
+    def _list_boxes(self, values: Values, limit_s: float, price_s: float) -> list[Box]:
+        """List the boxes of a solution in the order of the cuts; none if there is no solution."""
+        shape, trimmed_box = self._tables.shape, self._tables.trimmed_box
+        if values[index_box((0, 0, 0, *shape), shape)] >= _UNREACHABLE_S / 2:
+            return []
+        boxes: list[Box] = []
+        stack: list[Box] = [(0, 0, 0, *shape)]
+        while stack:
+            index = int(trimmed_box[index_box(stack.pop(), shape)])
+            if index < 0:
+                continue
+            if self._compute_uncut_values(slice(index, index + 1), limit_s, price_s)[0] <= values[index]:
+                boxes.append(find_box(index, shape))
+            else:
+                stack.extend(_find_cut(values, find_box(index, shape), shape))
+        return boxes
+
+    def _count_parts(self, boxes: list[Box]) -> int:
+        """Count the pieces in boxes."""
+        return sum(int(self._tables.piece_counts[index_box(box, self._tables.shape)]) for box in boxes)
+
+
+def _lower_half(
+    values: Values, sums: npt.NDArray[np.int64], shape: tuple[int, int, int], length: int, half: int
+) -> None:
+    """Lower the values of the first or the second half of the boxes of one length along x."""
+    count = shape[0] - length + 1
+    lower_box_values(
+        values, sums, shape, length, half * count // SHARE_COUNT, (half + 1) * count // SHARE_COUNT
+    )
+
+
+def _find_cut(values: Values, box: Box, shape: tuple[int, int, int]) -> tuple[Box, Box]:
+    """Find the cut of a box that attains its value: the upper and the lower side."""
+    value = values[index_box(box, shape)]
+    for axis in range(3):
+        for plane in range(box[axis] + 1, box[axis + 3]):
+            x0, y0, z0, x1, y1, z1 = box
+            lower = [(plane, y1, z1), (x1, plane, z1), (x1, y1, plane)][axis]
+            upper = [(plane, y0, z0), (x0, plane, z0), (x0, y0, plane)][axis]
+            lower_box: Box = (x0, y0, z0, *lower)
+            upper_box: Box = (*upper, x1, y1, z1)
+            if values[index_box(lower_box, shape)] + values[index_box(upper_box, shape)] == value:
+                return upper_box, lower_box
+    raise LookupError(f"no solution for {box}: no cut attains its value")
