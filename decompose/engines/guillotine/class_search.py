@@ -168,10 +168,10 @@ class _ClassSearch(ExactSearch):
             self.min_s = max(self.min_s, min_s - tolerance_s)
         return min_s is not None
 
-    def _exclude_box(self, index: int) -> None:
+    def _exclude_box(self, box: Box) -> None:
         """Exclude a box from the tables of all classes."""
         for table in self.class_tables:
-            table.seconds[index] = math.inf
+            table.seconds[index_box(box, self.tables.shape)] = math.inf
 
     def _assign_printers_by_tables(self, boxes: Sequence[Box]) -> PiecesByBox:
         """Assign printers to the pieces of boxes, according to the times in the tables."""

@@ -117,6 +117,7 @@ class ExactSearch:
         self.excess = excess or PriceExcess(grid, tables)
         self.bound_s = bound_s  # lower bound on the makespan at any prices
         self.min_s = bound_s  # lower bound on the makespan at the estimated prices
+        self.least_s = math.inf  # last least makespan at estimated prices
         self.is_near_min = False  # whether the next least makespan is probably near `min_s`
         self.solver = Partitioner(self.excess.estimates, executor=problem.executor)
         self.pieces_by_box: dict[Box, list[Piece]] = {}
@@ -140,8 +141,9 @@ class ExactSearch:
             is_hopeless = len(self.rejections) > MAX_REJECTIONS or unposed_count > MAX_UNPOSED_COUNT
             if makespan_s is None or is_hopeless:
                 if best_boxes:
-                    break  # prices only grow, so no other partition fits
+                    break
                 raise self._make_no_fit_error()
+            self.least_s = makespan_s
             self.min_s = max(self.min_s, makespan_s if is_late else makespan_s - tolerance_s)
             if makespan_s >= best_s:
                 break
@@ -177,10 +179,10 @@ class ExactSearch:
         tables = replace(self.tables, seconds=seconds, piece_counts=piece_counts)
         search = ExactSearch(self.problem, self.grid, tables, self.bound_s, self.excess.copy(tables))
         search.pieces_by_box, search.true_times_s = self.pieces_by_box, self.true_times_s
-        search._estimate_prices(self.min_s)
+        search.excess.update_estimates()
         known_partitions = {frozenset(best_partition)}
         for ratio in LIMIT_RATIOS:
-            boxes = search._find_partition_within_limit(ratio * self.min_s)
+            boxes = search._find_partition_within_limit(ratio * self.least_s)
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
                 yield {box: self.cut_box(box) for box in boxes}
@@ -192,9 +194,10 @@ class ExactSearch:
         such partition.
         """
         best_boxes: list[Box] = []
+        best_s, round_count = math.inf, 0
         search = LeastWorkSearch(self.excess.estimates, self.problem.executor)
-        for _ in range(MAX_LOOSER_ROUNDS):
-            if self.problem.effort.is_spent() or len(self.rejections) > MAX_REJECTIONS:
+        for _ in range(MAX_ROUNDS):
+            if self.problem.effort.is_spent() or round_count == MAX_LOOSER_ROUNDS:
                 break
             previous_sum_count = search.sum_count
             boxes = search.find_boxes(limit_s, len(self.problem.printers))
@@ -203,8 +206,10 @@ class ExactSearch:
                 break
             if self._correct_piece_counts(boxes) or self._exclude_faulty_boxes(boxes):
                 continue
+            round_count += 1
             longest_s = self._compute_true_makespan_s(boxes)
-            best_boxes = boxes if math.isfinite(longest_s) else best_boxes
+            if longest_s < best_s:
+                best_boxes, best_s = boxes, longest_s
             if longest_s <= RETRY_RATIO * limit_s:
                 break
             self.excess.update_estimates()
@@ -283,9 +288,13 @@ class ExactSearch:
         pieces = [piece for box in boxes for piece in self.cut_box(box)]
         faults = find_faults(pieces, self.problem.options.min_glue_mm2)
         for fault in faults:
-            self.excess.exclude(owners[fault.piece_number])
+            self._exclude_box(owners[fault.piece_number])
         self.rejections += [faults[0].reason] if faults else []
         return bool(faults)
+
+    def _exclude_box(self, box: Box) -> None:
+        """Exclude a box from the tables."""
+        self.excess.exclude(box)
 
     def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
         """Compute the true makespan of boxes in seconds, and raise prices in the table that are too low."""

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from decompose.engines.guillotine.partitioner import list_class_states
 from decompose.engines.guillotine.recursion import lower_box_values
-from decompose.grid import SHARE_COUNT, Box, BoxTables, count_cuts, find_box, index_box, run_shares
+from decompose.grid import SHARE_COUNT, Box, BoxTables, Shape, count_cuts, find_box, index_box, run_shares
 
 MAX_SOLUTIONS = 6  # maximum number of prices of a part that are tried
 MAX_PART_PRICE_SHARE = 0.4  # maximum price of a part, as a share of the limit; the minimum is its negative
@@ -108,7 +108,7 @@ class LeastWorkSearch:
             if self._compute_uncut_values(slice(index, index + 1), limit_s, price_s)[0] <= values[index]:
                 boxes.append(find_box(index, shape))
             else:
-                stack.extend(_find_cut(values, find_box(index, shape), shape))
+                stack.extend(_find_best_cut(values, find_box(index, shape), shape))
         return boxes
 
     def _count_parts(self, boxes: list[Box]) -> int:
@@ -116,9 +116,7 @@ class LeastWorkSearch:
         return sum(int(self._tables.piece_counts[index_box(box, self._tables.shape)]) for box in boxes)
 
 
-def _lower_half(
-    values: Values, sums: npt.NDArray[np.int64], shape: tuple[int, int, int], length: int, half: int
-) -> None:
+def _lower_half(values: Values, sums: npt.NDArray[np.int64], shape: Shape, length: int, half: int) -> None:
     """Lower the values of the first or the second half of the boxes of one length along x."""
     count = shape[0] - length + 1
     lower_box_values(
@@ -126,16 +124,12 @@ def _lower_half(
     )
 
 
-def _find_cut(values: Values, box: Box, shape: tuple[int, int, int]) -> tuple[Box, Box]:
-    """Find the cut of a box that attains its value: the upper and the lower side."""
-    value = values[index_box(box, shape)]
-    for axis in range(3):
-        for plane in range(box[axis] + 1, box[axis + 3]):
-            x0, y0, z0, x1, y1, z1 = box
-            lower = [(plane, y1, z1), (x1, plane, z1), (x1, y1, plane)][axis]
-            upper = [(plane, y0, z0), (x0, plane, z0), (x0, y0, plane)][axis]
-            lower_box: Box = (x0, y0, z0, *lower)
-            upper_box: Box = (*upper, x1, y1, z1)
-            if values[index_box(lower_box, shape)] + values[index_box(upper_box, shape)] == value:
-                return upper_box, lower_box
-    raise LookupError(f"no solution for {box}: no cut attains its value")
+def _find_best_cut(values: Values, box: Box, shape: Shape) -> tuple[Box, Box]:
+    """Find the cut of a box whose sides have the least sum of values: its upper and its lower side."""
+    x0, y0, z0, x1, y1, z1 = box
+    cuts: list[tuple[Box, Box]] = [
+        *(((x, y0, z0, x1, y1, z1), (x0, y0, z0, x, y1, z1)) for x in range(x0 + 1, x1)),
+        *(((x0, y, z0, x1, y1, z1), (x0, y0, z0, x1, y, z1)) for y in range(y0 + 1, y1)),
+        *(((x0, y0, z, x1, y1, z1), (x0, y0, z0, x1, y1, z)) for z in range(z0 + 1, z1)),
+    ]
+    return min(cuts, key=lambda sides: sum(float(values[index_box(side, shape)]) for side in sides))

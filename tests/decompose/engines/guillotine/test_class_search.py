@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from decompose.decompose import decompose_model
-from decompose.engines.guillotine.exact_search import cut_for_uniform_printers
+from decompose.engines.guillotine import class_search, exact_search
+from decompose.engines.guillotine.exact_search import build_tables, cut_for_uniform_printers
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
+from decompose.grid import find_box
 from decompose.options import Engine, Options
+from decompose.pieces import Fault
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem
@@ -103,3 +106,18 @@ def test_bound_holds_for_the_quickest_printer_with_the_largest_volume(
     best_result = decompose_model(Model(ring_with_bar, (), 1.0), best_printers, OPTIONS, cost)
     assert 0.0 < result.lower_bound_s <= result.grid_makespan_s
     assert result.lower_bound_s <= best_result.grid_makespan_s * (1.0 + 1e-6)
+
+
+def test_box_with_a_faulty_piece_is_excluded_for_all_classes(
+    tower: Model, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printers = (TargetPrinter("low", LOW_BOXES_MM), TargetPrinter("high", HIGH_BOXES_MM))
+    problem = Problem(tower, printers, cost, OPTIONS)
+    grid, tables, min_s = build_tables(problem)
+    search = class_search._ClassSearch(problem, grid, tables, min_s)
+    index = int(np.isfinite(np.sum([table.seconds for table in search.class_tables], axis=0)).argmax())
+    box = find_box(index, tables.shape)
+    monkeypatch.setattr(exact_search, "find_faults", lambda pieces, min_glue_mm2: [Fault(0, "is rejected")])
+    assert search._exclude_faulty_boxes([box])
+    assert len(search.class_tables) == 2
+    assert [float(table.seconds[index]) for table in search.class_tables] == [np.inf, np.inf]
