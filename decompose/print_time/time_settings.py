@@ -158,9 +158,7 @@ class PrintTimeSettings:
     small_overhang_mm2: float = 0.0  # these faces get no support if their total area is below this
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # speed of the first layer
-    first_line_ratio: float = (
-        1.0  # width of the first layer's lines, except its brim, as a multiple of others
-    )
+    first_line_ratio: float = 1.0  # width of the first layer's lines, except the brim, as a multiple
     slow_layer_count: int = 2  # number of layers over which the speed rises to that of the other layers
     travel_mm_s: float = 150.0
     retraction_s: float = 0.52  # time to retract the filament and to push it back
@@ -195,20 +193,13 @@ class PrintTimeSettings:
         lines_s_per_mm = self.skin_layer_count / self.skin_mm_s + bed_s_per_mm / 2.0
         return lines_s_per_mm / self.skin_line_width_mm + self.roof_s_per_mm2 / 2.0
 
-    @property
-    def rim_stop_s(self) -> float:
-        """Seconds lost at the end of a line of skin of a flat face, before multiplication by a factor."""
-        return self.skin_stop_s * (RIM_TURN_TIME_SHARE if self.is_skin_connected else 1.0)
+    def compute_skin_stop_s(self, turn_share: float) -> float:
+        """Compute the seconds lost at the end of a line of skin, before multiplication by a factor.
 
-    @property
-    def slope_stop_s(self) -> float:
-        """Seconds lost at the end of a line of skin of a slope, before multiplication by a factor."""
-        return self.skin_stop_s * (SLOPE_TURN_TIME_SHARE if self.is_skin_connected else 1.0)
-
-    @property
-    def skin_stop_s(self) -> float:
-        """Seconds lost at the end of a line of skin that is not connected to the next one."""
-        return min(self.skin_mm_s, MAX_STOP_MM_S) / self.acceleration_mm_s2
+        If lines are connected, it is `turn_share` of the time lost where a line ends.
+        """
+        stop_s = min(self.skin_mm_s, MAX_STOP_MM_S) / self.acceleration_mm_s2
+        return stop_s * turn_share if self.is_skin_connected else stop_s
 
     @property
     def skin_layer_s_per_mm2(self) -> float:
@@ -351,7 +342,9 @@ def compute_time_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         ),
         "skin": _build_vector(skin_mm2=s.skin_s_per_mm2),
         "skin rim": _build_vector(skin_rim_mm=-s.skin_s_per_mm2 * s.wall_thickness_mm),
-        "slope ends": _build_vector(slope_mm2=s.slope_stop_s / (layer_mm * s.skin_line_width_mm)),
+        "slope ends": _build_vector(
+            slope_mm2=s.compute_skin_stop_s(SLOPE_TURN_TIME_SHARE) / (layer_mm * s.skin_line_width_mm)
+        ),
         "support to bed": _build_vector(column_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support": _build_vector(support_mm3=support_lines_per_mm / (layer_mm * s.support_mm_s)),
         "support sides": _build_vector(
@@ -381,7 +374,9 @@ def _compute_pose_terms(settings: PrintTimeSettings) -> dict[str, Floats]:
         "rims": _build_vector(rim_mm=-s.skin_s_per_mm2 * s.wall_thickness_mm),
         # On average over all directions of the rim, a line ends once for every pi line widths along the rim.
         "rim ends": _build_vector(
-            rim_ends_mm=s.skin_layer_count * s.rim_stop_s / (math.pi * s.skin_line_width_mm)
+            rim_ends_mm=s.skin_layer_count
+            * s.compute_skin_stop_s(RIM_TURN_TIME_SHARE)
+            / (math.pi * s.skin_line_width_mm)
         ),
         "rings": _build_vector(ring_mm2=s.connection_s_per_mm2 if s.infill_step_count else 0.0),
         "thin walls": _build_vector(

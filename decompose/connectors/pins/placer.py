@@ -1,9 +1,8 @@
-"""Places of pins: two far apart per assembly step, and more for glued area too far from both to be aligned.
+"""Placer of the pins and keys of an assembly step: a pair far apart, and more where glue is far from both.
 
 Keys in grooves, which lie along the joint, are preferred to pins in holes, because grooves print faster.
 The two holes differ in depth, and the two grooves in length, so that the joint stays open by some millimetres
-if a body is rotated by 180 degrees. The pairs of any two steps are unlike (`pair_shapes`), so that a body
-fits only in its own place.
+if a body is rotated by 180 degrees.
 """
 
 from __future__ import annotations
@@ -16,23 +15,16 @@ import shapely
 from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
-from decompose.assembly import Assembly, AssemblyStep
-from decompose.connectors.coverage import (
-    Site,
-    find_unreached_glue,
-    sample_glue,
-    sample_points,
-    sort_places_by_gain,
-)
-from decompose.connectors.faces import Side, Workpieces, erode_area, find_sides
+from decompose.assembly import AssemblyStep
+from decompose.connectors.coverage import Site, find_unreached_glue, sample_points, sort_places_by_gain
+from decompose.connectors.faces import Side, Workpieces, erode_area
 from decompose.connectors.keys import KeyMaker, KeyPlacer
-from decompose.connectors.pair_shapes import PairShapes, find_free_pairs, measure_pair
-from decompose.connectors.pins.redundant import find_redundant_pins
+from decompose.connectors.pair_shapes import PairShapes, find_free_pairs
 from decompose.connectors.pins.sizes import END_GAP_MM, choose_depths_mm, choose_key_diameters_mm
-from decompose.connectors.records import RIM_MM, Pin, Tool, find_pairs
+from decompose.connectors.records import RIM_MM, Pin, Tool
 from decompose.connectors.tools import make_hole
-from decompose.options import ConnectorOptions, PairShape
-from decompose.pieces import Joint, list_polygons
+from decompose.options import PairShape
+from decompose.pieces import list_polygons
 
 # Minimum difference between the pin distances of two pairs, or distance of a key's ends from the groove of
 # another pair, besides twice the largest clearance of a hole.
@@ -47,81 +39,10 @@ MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
 EXTRA_MARGIN_MM, EXTRA_MARGIN_SHARE = 2.0, 0.8
 ROUNDING_MARGIN_MM = 0.03  # margin for shapely's buffers, which may cut off inner corners
 MIN_CORNER_MM = 0.5  # corners of a hull that protrude by less are ignored
-MIN_ALIGNED_COS = 0.999  # minimum cosine between a step's direction and the normal of a face that closes
-SLIDING_SIN = 1e-7  # maximum sine of the angle between a face that slides and the direction of the step
-NO_PERPENDICULAR_FACE_REASON = "no glued face is perpendicular to the direction in which the parts are joined"
-
-
-def place_pins(
-    workpieces: Workpieces,
-    joints: Sequence[Joint],
-    assembly: Assembly,
-    options: ConnectorOptions,
-    min_glue_mm2: float,
-) -> tuple[list[Pin], list[tuple[int, str]]]:
-    """Place the pins of all steps, and add their holes to the tools of the workpieces.
-
-    No pair is like another one, or like those in `options`.
-
-    Parameters
-    ----------
-    workpieces
-        Parts, with the tools placed so far; the new tools are added.
-    joints, assembly
-        Joints of these parts, and the order in which they are glued.
-    options
-        Diameter of the pins, and shapes that pairs must not have.
-    min_glue_mm2
-        Minimum area of a joint whose glue counts as holding.
-
-    Returns
-    -------
-    list of Pin
-        Pins in the order of the steps.
-    list of (int, str)
-        Steps without a pin, each with the reason.
-    """
-    pins: list[Pin] = []
-    unpinned_steps: list[tuple[int, str]] = []
-    glue_points_by_step_mm: list[Floats] = []
-    if options.pin_mm is None:
-        return pins, unpinned_steps
-    for number, step in enumerate(assembly.steps):
-        holding_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
-        pairs = [pair for j in holding_joints for pair in find_sides(workpieces.blanks, j, joints[j])]
-        sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, is_sliding=True)
-        glue_points_mm = sample_glue([side for side, _ in pairs])
-        glue_points_by_step_mm.append(glue_points_mm)
-        placer = _PinPlacer(workpieces, number, step, sites, sliding_sites, glue_points_mm, options.pin_mm)
-        pair_shapes = [measure_pair(*pair) for pair in find_pairs(pins).values()]
-        new_pins = placer.place_connectors([*options.used_shapes, *pair_shapes])
-        pins += new_pins
-        if not new_pins:
-            unpinned_steps.append((number, "too small for a pin" if sites else NO_PERPENDICULAR_FACE_REASON))
-    redundant_pins = find_redundant_pins(workpieces, glue_points_by_step_mm, pins)
-    workpieces.remove_tools(hole for pin in redundant_pins for hole in pin.holes)
-    return [pin for pin in pins if pin not in redundant_pins], unpinned_steps
-
-
-def _find_sites(
-    pairs: Sequence[tuple[Side, Side]], step: AssemblyStep, *, is_sliding: bool = False
-) -> list[Site]:
-    """Find the faces that close along the direction of a step, or those that slide along it.
-
-    Faces that close are perpendicular to the direction, and meet only at the end of the movement. Faces that
-    slide are parallel to it, and move over each other. `pairs` are the sides of all faces that a step glues.
-    """
-    sites = []
-    for one, other in pairs:
-        moved, fixed = (one, other) if one.part in step.moved_parts else (other, one)
-        alignment_cos = float(moved.inward_normal @ step.direction)
-        if abs(alignment_cos) < SLIDING_SIN if is_sliding else alignment_cos > MIN_ALIGNED_COS:
-            sites.append(Site(moved, fixed))
-    return sites
 
 
 @dataclass(frozen=True, slots=True)
-class _PinPlacer:
+class PinPlacer:
     """Placer of the pins and keys of one step on its sites.
 
     Attributes

@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from decompose.engines.guillotine.partitioner import list_class_states
+from decompose.engines.guillotine.partitioner import list_class_states, solve_by_length
 from decompose.engines.guillotine.recursion import lower_box_values
-from decompose.grid import SHARE_COUNT, Box, BoxTables, Shape, count_cuts, find_box, index_box, run_shares
+from decompose.grid import Box, BoxTables, Shape, count_cuts, find_box, index_box
 
 MAX_SOLUTIONS = 6  # maximum number of prices of a part that are tried
 MAX_PART_PRICE_SHARE = 0.4  # maximum price of a part, as a share of the limit; the minimum is its negative
@@ -79,12 +79,9 @@ class LeastWorkSearch:
         values = self._compute_uncut_values(slice(None), limit_s, price_s)
         values[tables.trimmed_box < 0] = 0.0
         _, sums = list_class_states([])
-        for length in range(1, tables.shape[0] + 1):
-            count = tables.shape[0] - length + 1
-            if count < SHARE_COUNT:
-                lower_box_values(values, sums, tables.shape, length, 0, count)
-            else:
-                run_shares(self._executor, partial(_lower_half, values, sums, tables.shape, length))
+        solve_by_length(
+            tables.shape[0], self._executor, partial(lower_box_values, values, sums, tables.shape)
+        )
         self.sum_count += count_cuts(tables.shape)
         return values
 
@@ -114,14 +111,6 @@ class LeastWorkSearch:
     def _count_parts(self, boxes: list[Box]) -> int:
         """Count the pieces in boxes."""
         return sum(int(self._tables.piece_counts[index_box(box, self._tables.shape)]) for box in boxes)
-
-
-def _lower_half(values: Values, sums: npt.NDArray[np.int64], shape: Shape, length: int, half: int) -> None:
-    """Lower the values of the first or the second half of the boxes of one length along x."""
-    count = shape[0] - length + 1
-    lower_box_values(
-        values, sums, shape, length, half * count // SHARE_COUNT, (half + 1) * count // SHARE_COUNT
-    )
 
 
 def _find_best_cut(values: Values, box: Box, shape: Shape) -> tuple[Box, Box]:

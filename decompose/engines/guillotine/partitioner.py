@@ -20,7 +20,7 @@ counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -132,19 +132,10 @@ class Partitioner:
         has_all_keys = break_ties and bool(self.other_classes)
         total = len(self._states) * len(self.tables.seconds)
         self._value = np.empty(total, np.int64) if has_all_keys else np.empty(total, np.int16)
-        for length in range(1, self.tables.shape[0] + 1):
-            count = self.tables.shape[0] - length + 1
-            if count < SHARE_COUNT:
-                self._solve_boxes(length, 0, count)
-            else:
-                run_shares(self._executor, partial(self._solve_half, length, count))
+        solve_by_length(self.tables.shape[0], self._executor, self._solve_boxes)
         self.sum_count += len(self._sums) * count_cuts(self.tables.shape)
         self._breaks_ties = break_ties and not has_all_keys
         return min(int(self.list_class_counts()[1][-1]), UNREACHABLE_COUNT)
-
-    def _solve_half(self, length: int, count: int, half: int) -> None:
-        """Solve the first or the second half of `count` boxes of one length along x."""
-        self._solve_boxes(length, half * count // SHARE_COUNT, (half + 1) * count // SHARE_COUNT)
 
     def _solve_boxes(self, length: int, first: int, end: int) -> None:
         """Solve the boxes of one length along x that begin at a cell in the range [`first`, `end`)."""
@@ -328,6 +319,33 @@ class Partitioner:
     def find_longest_time_s(self) -> float:
         """Find the time of the slowest box of the last solution on a printer of the first class."""
         return self.tables.find_longest_time_s(self.list_chosen_boxes())
+
+
+def solve_by_length(
+    cell_count: int, executor: Executor | None, solve_boxes: Callable[[int, int, int], None]
+) -> None:
+    """Solve the boxes of each length along x, shorter ones first, because longer ones depend on them.
+
+    Parameters
+    ----------
+    cell_count
+        Number of cells of the grid along x.
+    executor
+        Threads that solve half of the boxes of a length; None to solve all of them in this thread.
+    solve_boxes
+        Function that solves the boxes of a length that begin at a cell in a half-open range; its arguments
+        are the length and the ends of the range.
+    """
+
+    def solve_share(length: int, count: int, share: int) -> None:
+        solve_boxes(length, share * count // SHARE_COUNT, (share + 1) * count // SHARE_COUNT)
+
+    for length in range(1, cell_count + 1):
+        count = cell_count - length + 1
+        if count < SHARE_COUNT:
+            solve_boxes(length, 0, count)
+        else:
+            run_shares(executor, partial(solve_share, length, count))
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
