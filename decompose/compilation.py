@@ -74,7 +74,7 @@ def _cut_small_model() -> None:
     # The engines above make no search for the least total print time, as their budget is spent.
     numbers = np.arange(3)
     tables = BoxTables((2, 1, 1), numbers.astype(np.float32), numbers.astype(np.int32), np.ones(3, np.int16))
-    LeastWorkSearch(tables).find_boxes(2.0, 2)
+    LeastWorkSearch(tables).find_boxes((0.0, 2.0), 2)
 
 
 def main() -> None:

@@ -75,7 +75,8 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     pieces = tuple(shift_planes(problem, grid, best_candidate))
     for candidate in candidates:
         if candidate is not best_candidate and not problem.effort.is_spent():
-            other_pieces = tuple(shift_planes(problem, grid, candidate))
+            best_s = problem.compute_makespan_s(pieces)
+            other_pieces = tuple(shift_planes(problem, grid, candidate, best_known_s=best_s))
             pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
     problem.on_stage("planes")
     figures = class_search.compute_grid_figures(grid, best_candidate, min_s, pieces)

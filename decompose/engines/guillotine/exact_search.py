@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -24,7 +24,7 @@ from decompose.engines.guillotine.plane_shift import estimate_shift_s, refine_ne
 from decompose.engines.guillotine.price_excess import PriceExcess
 from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.errors import NoFit, format_size
-from decompose.grid import VOLUME, Box, BoxTables, Grid, index_box
+from decompose.grid import VOLUME, Box, BoxTables, Grid, NeededCells, index_box
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
@@ -42,8 +42,10 @@ TOLERANCE = 5e-4
 # Share of the unreserved budget for the exact search; the rest is for the neighbourhood search.
 SEARCH_SHARE = 0.75
 LATE_TOLERANCE = 0.02  # accuracy as a share of the makespan, once the budget is spent without a result
-# Time limits of looser partitions, as multiples of the least makespan on the grid.
-LIMIT_RATIOS = (1.03, 1.015, 1.05)
+# Minimum and maximum times of a part of looser partitions, as multiples of the least makespan on the grid.
+TIME_RANGES = ((0.0, 1.03), (0.7, 1.03), (0.0, 1.015), (0.5, 1.03), (0.7, 1.05), (0.0, 1.05), (0.7, 1.015))
+# Looser partitions whose mean time of a part exceeds this multiple of the best makespan are not shifted.
+MAX_MEAN_RATIO = 1.02
 MAX_LOOSER_ROUNDS = 2  # maximum number of rounds for each of them
 WORK_RATIO = 2  # work of an addition of print times, as a multiple of that of numbers of parts
 MAX_KEPT_FACES = 300_000  # maximum number of faces of the pieces that are kept for later rounds
@@ -73,15 +75,34 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
         problem.is_thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     )
     if is_promising and not problem.effort.is_spent():
-        for looser_partition in search.list_looser_partitions(list(partition)):
-            other_pieces = tuple(shift_planes(problem, grid, looser_partition, get_needed_cells()))
-            pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
-            if problem.effort.is_spent():
-                break
+        pieces = _shift_looser_partitions(problem, search, list(partition), pieces, get_needed_cells())
     problem.on_stage("planes")
     figures = problem.compute_grid_figures(grid, tables, list(partition), pieces, proof)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
+
+
+def _shift_looser_partitions(
+    problem: Problem,
+    search: ExactSearch,
+    partition: list[Box],
+    best_pieces: tuple[Piece, ...],
+    cells: NeededCells,
+) -> tuple[Piece, ...]:
+    """Shift the planes of looser partitions as long as the budget lasts; return the best pieces."""
+    shift_s, effort = estimate_shift_s(problem, len(problem.printers)), problem.effort
+    effort.reserved_s = shift_s
+    for looser_partition in search.list_looser_partitions(partition):
+        best_s = problem.compute_makespan_s(best_pieces)
+        if search.compute_mean_s(looser_partition) <= MAX_MEAN_RATIO * best_s and not effort.is_spent():
+            effort.reserved_s = 0.0
+            pieces = tuple(shift_planes(problem, search.grid, looser_partition, cells, best_s))
+            best_pieces = min(best_pieces, pieces, key=problem.compute_makespan_s)
+            effort.reserved_s = shift_s
+        if effort.is_spent():
+            break
+    effort.reserved_s = 0.0
+    return best_pieces
 
 
 def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
@@ -181,17 +202,23 @@ class ExactSearch:
         search.pieces_by_box, search.true_times_s = self.pieces_by_box, self.true_times_s
         search.excess.update_estimates()
         known_partitions = {frozenset(best_partition)}
-        for ratio in LIMIT_RATIOS:
-            boxes = search._find_partition_within_limit(ratio * self.least_s)
+        for min_ratio, max_ratio in TIME_RANGES:
+            range_s = (min_ratio * self.least_s, max_ratio * self.least_s)
+            boxes = search._find_partition_within_limits(range_s)
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
                 yield {box: self.cut_box(box) for box in boxes}
 
-    def _find_partition_within_limit(self, limit_s: float) -> list[Box]:
-        """Find a partition with about the least total print time among those whose boxes meet a limit.
+    def compute_mean_s(self, partition: Mapping[Box, Sequence[Piece]]) -> float:
+        """Compute a lower bound on the mean true time of the pieces of a priced partition, in seconds."""
+        total_s = sum(self.true_times_s[box] for box in partition)
+        return total_s / sum(len(pieces) for pieces in partition.values())
 
-        At true prices, its boxes may take a little longer than the limit. The list is empty if there is no
-        such partition.
+    def _find_partition_within_limits(self, range_s: tuple[float, float]) -> list[Box]:
+        """Find a partition with about the least total print time among those whose boxes meet two limits.
+
+        At true prices, its boxes may take a little less than the minimum or more than the maximum. The list
+        is empty if there is no such partition.
         """
         best_boxes: list[Box] = []
         best_s, round_count = math.inf, 0
@@ -200,7 +227,7 @@ class ExactSearch:
             if self.problem.effort.is_spent() or round_count == MAX_LOOSER_ROUNDS:
                 break
             previous_sum_count = search.sum_count
-            boxes = search.find_boxes(limit_s, len(self.problem.printers))
+            boxes = search.find_boxes(range_s, len(self.problem.printers))
             self.problem.effort.record(Work.SUM, WORK_RATIO * (search.sum_count - previous_sum_count))
             if not boxes:
                 break
@@ -210,7 +237,7 @@ class ExactSearch:
             longest_s = self._compute_true_makespan_s(boxes)
             if longest_s < best_s:
                 best_boxes, best_s = boxes, longest_s
-            if longest_s <= RETRY_RATIO * limit_s:
+            if longest_s <= RETRY_RATIO * range_s[1]:
                 break
             self.excess.update_estimates()
         return best_boxes

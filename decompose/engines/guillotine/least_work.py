@@ -23,6 +23,7 @@ MAX_PART_PRICE_SHARE = 0.4  # maximum price of a part, as a share of the limit; 
 _UNREACHABLE_S = np.float32(1e9)
 
 Values = npt.NDArray[np.float32]
+Range = tuple[float, float]
 
 
 class LeastWorkSearch:
@@ -40,13 +41,13 @@ class LeastWorkSearch:
         self._tables, self._executor = tables, executor
         self.sum_count = 0  # number of additions of the values of both sides of a cut, in all searches so far
 
-    def find_boxes(self, limit_s: float, part_count: int) -> list[Box]:
+    def find_boxes(self, range_s: Range, part_count: int) -> list[Box]:
         """Find boxes with about the least total print time among partitions into at most a number of parts.
 
         Parameters
         ----------
-        limit_s
-            Maximum print time of a part.
+        range_s
+            Minimum and maximum print time of a part.
         part_count
             Number of parts; there are fewer only if no tried price gives as many.
 
@@ -55,12 +56,12 @@ class LeastWorkSearch:
         list of Box
             Empty if there is no such partition.
         """
-        low_s, high_s = (share * MAX_PART_PRICE_SHARE * limit_s for share in (-1.0, 1.0))
+        low_s, high_s = (share * MAX_PART_PRICE_SHARE * range_s[1] for share in (-1.0, 1.0))
         best_boxes: list[Box] = []
         price_s = 0.0
         for _ in range(MAX_SOLUTIONS):
-            values = self._solve(limit_s, price_s)
-            boxes = self._list_boxes(values, limit_s, price_s)
+            values = self._solve(range_s, price_s)
+            boxes = self._list_boxes(values, range_s, price_s)
             if not boxes:
                 break
             count = self._count_parts(boxes)
@@ -73,10 +74,10 @@ class LeastWorkSearch:
             price_s = (low_s + high_s) / 2.0
         return best_boxes
 
-    def _solve(self, limit_s: float, price_s: float) -> Values:
+    def _solve(self, range_s: Range, price_s: float) -> Values:
         """Compute the least total print time (boxes,) of each box's partitions, with prices of parts."""
         tables = self._tables
-        values = self._compute_uncut_values(slice(None), limit_s, price_s)
+        values = self._compute_uncut_values(slice(None), range_s, price_s)
         values[tables.trimmed_box < 0] = 0.0
         _, sums = list_class_states([])
         solve_by_length(
@@ -85,13 +86,14 @@ class LeastWorkSearch:
         self.sum_count += count_cuts(tables.shape)
         return values
 
-    def _compute_uncut_values(self, indices: slice, limit_s: float, price_s: float) -> Values:
+    def _compute_uncut_values(self, indices: slice, range_s: Range, price_s: float) -> Values:
         """Compute the values of uncut boxes at these indices."""
         seconds, piece_counts = self._tables.seconds[indices], self._tables.piece_counts[indices]
         values = seconds + np.float32(price_s) * piece_counts.astype(np.float32)
-        return np.where(seconds <= limit_s, values, _UNREACHABLE_S).astype(np.float32)
+        is_in_range = (range_s[0] <= seconds) & (seconds <= range_s[1])
+        return np.where(is_in_range, values, _UNREACHABLE_S).astype(np.float32)
 
-    def _list_boxes(self, values: Values, limit_s: float, price_s: float) -> list[Box]:
+    def _list_boxes(self, values: Values, range_s: Range, price_s: float) -> list[Box]:
         """List the boxes of a solution in the order of the cuts; none if there is no solution."""
         shape, trimmed_box = self._tables.shape, self._tables.trimmed_box
         if values[index_box((0, 0, 0, *shape), shape)] >= _UNREACHABLE_S / 2:
@@ -102,7 +104,7 @@ class LeastWorkSearch:
             index = int(trimmed_box[index_box(stack.pop(), shape)])
             if index < 0:
                 continue
-            if self._compute_uncut_values(slice(index, index + 1), limit_s, price_s)[0] <= values[index]:
+            if self._compute_uncut_values(slice(index, index + 1), range_s, price_s)[0] <= values[index]:
                 boxes.append(find_box(index, shape))
             else:
                 stack.extend(_find_best_cut(values, find_box(index, shape), shape))

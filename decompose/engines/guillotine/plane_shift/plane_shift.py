@@ -53,6 +53,8 @@ FIRST_STEP_SHARE = 0.5  # maximum length of the first step, as a share of a plan
 TRIAL_MM = 0.4  # length of a trial move, which shows whether a group is free to move
 MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
 STEP_REDUCTION = 0.6  # ratio of the maximum length of the next step to that of a step without a gain
+# A search ends before its first step if it is expected to end above this multiple of the makespan to beat.
+HOPELESS_RATIO = 1.01
 MIN_GAIN = 0.0025  # minimum expected gain of a step, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another search starts from its result
 PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
@@ -69,7 +71,11 @@ MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a pa
 
 
 def shift_planes(
-    problem: Problem, grid: Grid, box_pieces: Mapping[Box, Sequence[Piece]], cells: NeededCells | None = None
+    problem: Problem,
+    grid: Grid,
+    box_pieces: Mapping[Box, Sequence[Piece]],
+    cells: NeededCells | None = None,
+    best_known_s: float = math.inf,
 ) -> list[Piece]:
     """Move the cut planes of a partition to reduce its makespan; the pieces get their best poses.
 
@@ -81,6 +87,8 @@ def shift_planes(
         Boxes of a partition of the grid, and the pieces in each box.
     cells
         The grid's needed cells from `refine_needed_cells`, if they are known.
+    best_known_s
+        Makespan to beat; a partition that can hardly beat it keeps its planes.
 
     Returns
     -------
@@ -92,7 +100,7 @@ def shift_planes(
     cells = refine_needed_cells(problem, grid) if cells is None else cells
     boxes_mm = np.array([grid.find_bounds_mm(box) for box in box_pieces])
     boxes_mm, pieces = trim_boxes(problem, cells, boxes_mm, list(box_pieces.values()))
-    return shift_box_planes(problem, grid, boxes_mm, pieces, cells)
+    return shift_box_planes(problem, grid, boxes_mm, pieces, cells, best_known_s)
 
 
 def estimate_shift_s(problem: Problem, part_count: int) -> float:
@@ -108,6 +116,7 @@ def shift_box_planes(
     boxes_mm: Floats,
     pieces: Sequence[Sequence[Piece]],
     cells: NeededCells | None = None,
+    best_known_s: float = math.inf,
 ) -> list[Piece]:
     """Move the planes of boxes, on a grid or not, to reduce the makespan.
 
@@ -122,8 +131,8 @@ def shift_box_planes(
         (n, 2, 3) corners of disjoint boxes that cover the needed cells.
     pieces
         Pieces in each box.
-    cells
-        The grid's needed cells from `refine_needed_cells`, if they are known.
+    cells, best_known_s
+        As in `shift_planes`.
 
     Returns
     -------
@@ -136,7 +145,7 @@ def shift_box_planes(
     while True:
         search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
         start_parts = search.pose_start_parts()
-        parts = search.improve_parts(start_parts)
+        parts = search.improve_parts(start_parts, best_known_s)
         has_gain = math.isfinite(find_longest_time_s(parts)) and (
             find_longest_time_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_time_s(start_parts)
         )
@@ -178,8 +187,11 @@ class _PlaneShift:
         """Find the best poses for the parts of the first partition."""
         return self.cutter.pose_parts(self.start_parts)
 
-    def improve_parts(self, best_parts: list[BoxPart]) -> list[BoxPart]:
-        """Improve the positions of the planes, starting from parts in their poses."""
+    def improve_parts(self, best_parts: list[BoxPart], best_known_s: float = math.inf) -> list[BoxPart]:
+        """Improve the positions of the planes, starting from parts in their poses.
+
+        The parts stay as they are if they can hardly become faster than the makespan to beat.
+        """
         if not (self.is_free.any() and math.isfinite(find_longest_time_s(best_parts))):
             return best_parts
         numbers, is_fixed = range(len(best_parts)), self.groups < 0
@@ -187,6 +199,9 @@ class _PlaneShift:
         slopes_s_per_mm = np.array(
             list(self.problem.map(self.cutter.measure_slopes, numbers, best_parts, is_fixed))
         )
+        _, least_s = self._solve_valid_step(best_parts, slopes_s_per_mm, self.reach_mm.copy())
+        if least_s > HOPELESS_RATIO * best_known_s:
+            return best_parts
         for round_number in range(MAX_ROUNDS):
             if round_number and self.problem.effort.is_spent():
                 break

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from decompose.engines.guillotine import exact_search
-from decompose.engines.guillotine.exact_search import LIMIT_RATIOS, ExactSearch
+from decompose.engines.guillotine.exact_search import TIME_RANGES, ExactSearch
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.errors import NoFit
 from decompose.geometry import Model
@@ -45,7 +45,7 @@ def test_partitions_within_looser_limits_are_complete_without_more_work(
 ) -> None:
     search, best_partition = search_result
     results = [list(partition) for partition in search.list_looser_partitions(best_partition)]
-    assert 0 < len(results) <= len(LIMIT_RATIOS)
+    assert 0 < len(results) <= len(TIME_RANGES)
     assert len({frozenset(partition) for partition in [best_partition, *results]}) == len(results) + 1
     limits_s = [max(search.true_times_s[box] for box in partition) for partition in results]
     assert min(limits_s) >= max(search.true_times_s[box] for box in best_partition)
@@ -67,18 +67,42 @@ def test_earliest_end_after_plane_shifts_is_chosen(problem: Problem, monkeypatch
     results: list[tuple[Piece, ...]] = []
 
     def record_partition(
-        problem: Problem, grid: object, cut: dict[Box, list[Piece]], cells: object
+        problem: Problem, grid: object, cut: dict[Box, list[Piece]], cells: object, best_s: float = 0.0
     ) -> list[Piece]:
         pieces = tuple(piece for pieces_of_box in cut.values() for piece in pieces_of_box)
         results.append(pieces)
-        ends_s[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(results) - 1]
+        ends_s[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[min(len(results), 4) - 1]
         return list(pieces)
 
     monkeypatch.setattr(exact_search, "shift_planes", record_partition)
     monkeypatch.setattr(Problem, "compute_makespan_s", lambda _, pieces: ends_s[id(pieces[0])])
+    monkeypatch.setattr(ExactSearch, "compute_mean_s", lambda *_: 0.0)
     result = exact_search.cut_for_uniform_printers(problem)
     assert len(results) > 2
     assert result.pieces == results[2]
+
+
+@pytest.mark.parametrize(
+    ("mean_ratio", "shift_s", "is_shifted"), [(1.0, 0.0, True), (1.1, 0.0, False), (1.0, np.inf, False)]
+)
+def test_planes_of_hopeless_or_unaffordable_partitions_stay(
+    mean_ratio: float, shift_s: float, is_shifted: bool, problem: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Expect no shift if the mean time exceeds the best makespan, or if the budget is too small."""
+    pieces_by_shift: list[list[Piece]] = []
+
+    def record_shift(problem: Problem, grid: object, cut: dict[Box, list[Piece]], *_: object) -> list[Piece]:
+        pieces_by_shift.append([piece for pieces_of_box in cut.values() for piece in pieces_of_box])
+        return pieces_by_shift[-1]
+
+    def compute_mean_s(search: ExactSearch, cut: dict[Box, list[Piece]]) -> float:
+        return mean_ratio * problem.compute_makespan_s(pieces_by_shift[0])
+
+    monkeypatch.setattr(exact_search, "shift_planes", record_shift)
+    monkeypatch.setattr(exact_search, "estimate_shift_s", lambda *_: shift_s)
+    monkeypatch.setattr(ExactSearch, "compute_mean_s", compute_mean_s)
+    exact_search.cut_for_uniform_printers(problem)
+    assert (len(pieces_by_shift) > 1) == is_shifted
 
 
 @pytest.mark.parametrize(

@@ -32,14 +32,14 @@ def make_tables(shape: Shape, seed: int) -> BoxTables:
     return BoxTables(shape, seconds, np.arange(count, dtype=np.int32), piece_counts)
 
 
-def find_least_totals_s(tables: BoxTables) -> dict[int, float]:
-    """Find the least total time of all guillotine partitions within the limit, by their number of parts."""
+def find_least_totals_s(tables: BoxTables, min_s: float = 0.0) -> dict[int, float]:
+    """Find the least total time of all guillotine partitions within the limits, by their number of parts."""
 
     @cache
     def partition(box: Box) -> dict[int, float]:
         index = index_box(box, tables.shape)
         seconds = float(tables.seconds[index])
-        totals = {int(tables.piece_counts[index]): seconds} if seconds <= LIMIT_S else {}
+        totals = {int(tables.piece_counts[index]): seconds} if min_s <= seconds <= LIMIT_S else {}
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
                 lower, upper = list(box), list(box)
@@ -60,13 +60,13 @@ def sum_seconds(tables: BoxTables, boxes: list[Box]) -> float:
     return float(sum(tables.seconds[index_box(box, tables.shape)] for box in boxes))
 
 
-@given(shapes, st.integers(0, 2**32 - 1), st.integers(1, 12))
-def test_boxes_cover_the_grid_and_none_takes_longer_than_the_limit(
-    shape: Shape, seed: int, part_count: int
+@given(shapes, st.integers(0, 2**32 - 1), st.integers(1, 12), st.sampled_from([0.0, 40.0, 60.0]))
+def test_boxes_cover_the_grid_and_keep_to_the_limits(
+    shape: Shape, seed: int, part_count: int, min_s: float
 ) -> None:
     tables = make_tables(shape, seed)
-    boxes = LeastWorkSearch(tables).find_boxes(LIMIT_S, part_count)
-    least_totals_s = find_least_totals_s(tables)
+    boxes = LeastWorkSearch(tables).find_boxes((min_s, LIMIT_S), part_count)
+    least_totals_s = find_least_totals_s(tables, min_s)
     if not boxes:  # even the highest price that was tried leads to more parts
         price_s = MAX_PART_PRICE_SHARE * LIMIT_S * (1.0 - 0.5 ** (MAX_SOLUTIONS - 1))
         counts = sorted(least_totals_s, key=lambda count: least_totals_s[count] + price_s * count)
@@ -77,7 +77,8 @@ def test_boxes_cover_the_grid_and_none_takes_longer_than_the_limit(
         covered[a:d, b:e, c:f] += 1
     count = count_pieces(tables, boxes)
     assert (covered == 1).all() and count <= part_count
-    assert max(tables.seconds[index_box(box, shape)] for box in boxes) <= LIMIT_S
+    times_s = [tables.seconds[index_box(box, shape)] for box in boxes]
+    assert min_s <= min(times_s) and max(times_s) <= LIMIT_S
     # A solution for any price of a part has the least total among the partitions with as many parts.
     assert sum_seconds(tables, boxes) == pytest.approx(least_totals_s[count], rel=1e-5)
 
@@ -88,11 +89,11 @@ def test_number_of_parts_is_reached_where_a_price_leads_to_it(seed: int) -> None
     least_totals_s = find_least_totals_s(tables)
     assume(least_totals_s)
     free_count = min(least_totals_s, key=lambda count: least_totals_s[count])
-    boxes = LeastWorkSearch(tables).find_boxes(LIMIT_S, free_count)
+    boxes = LeastWorkSearch(tables).find_boxes((0.0, LIMIT_S), free_count)
     assert count_pieces(tables, boxes) == free_count
     assert sum_seconds(tables, boxes) == pytest.approx(least_totals_s[free_count], rel=1e-5)
 
 
 def test_no_boxes_if_the_limit_is_too_short() -> None:
     tables = make_tables((2, 2, 2), 0)
-    assert LeastWorkSearch(tables).find_boxes(1.0, 8) == []
+    assert LeastWorkSearch(tables).find_boxes((0.0, 1.0), 8) == []

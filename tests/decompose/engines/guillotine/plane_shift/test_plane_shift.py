@@ -140,6 +140,13 @@ def test_planes_move_once_after_the_budget_is_spent(
     assert problem.effort.is_cut_short
 
 
+def test_planes_stay_if_the_best_makespan_is_out_of_reach(tapered_block: Solid, cost: CostModel) -> None:
+    search, parts = start_shift(make_problem(tapered_block, cost, 2, cells=2))
+    longest_s = find_longest_time_s(parts)
+    assert search.improve_parts(parts, 0.5 * longest_s) is parts
+    assert search.improve_parts(parts, longest_s) is not parts
+
+
 def test_last_round_prices_every_part(
     tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
