@@ -139,7 +139,8 @@ def _cut_previous_boxes(
         parts_by_box.setdefault(box.tobytes(), []).append(i)
     box_pieces = []
     for parts in parts_by_box.values():
-        pieces = cut_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
+        box_mm = cutting.boxes_mm[parts[0]]
+        pieces = cut_box(problem.find_region(box_mm), *box_mm)
         if len(pieces) != len(parts):
             return None
         numbers = [parts[sort_pieces(pieces).index(piece)] for piece in pieces]
