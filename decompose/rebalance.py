@@ -139,8 +139,7 @@ def _cut_previous_boxes(
         parts_by_box.setdefault(box.tobytes(), []).append(i)
     box_pieces = []
     for parts in parts_by_box.values():
-        box_mm = cutting.boxes_mm[parts[0]]
-        pieces = cut_box(problem.find_region(box_mm), *box_mm)
+        pieces = cut_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
         if len(pieces) != len(parts):
             return None
         numbers = [parts[sort_pieces(pieces).index(piece)] for piece in pieces]

@@ -10,7 +10,6 @@ from decompose.geometry.convex import (
 )
 from decompose.geometry.formats import round_triangles, separate_touching_surfaces, write_stl
 from decompose.geometry.model import Model, load_model
-from decompose.geometry.regions import SolidRegions
 from decompose.geometry.shells import label_components
 from decompose.geometry.solid import Solid, triangulate
 from decompose.geometry.symmetry import (
@@ -27,7 +26,6 @@ __all__ = [
     "Mirror",
     "Model",
     "Solid",
-    "SolidRegions",
     "choose_plane_axes",
     "compute_cross_product",
     "find_convex_outline",

@@ -15,7 +15,7 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.bound import bound_makespan, compute_surface_bound_s
 from decompose.errors import DecomposeError, NoFit, format_size
-from decompose.geometry import Model, Solid, SolidRegions
+from decompose.geometry import Model, Solid
 from decompose.grid import VOLUME, Box, BoxTables, Grid, GridRules, build_grid, price_boxes
 from decompose.options import Interior, Options
 from decompose.pieces import Piece, assign_printers, find_cut_faces
@@ -129,22 +129,6 @@ class Problem:
             return self
         model = replace(self.model, solid=self.model.solid.rotate(rotation))
         return replace(self, model=model, frame=rotation @ self.frame)
-
-    def find_region(self, box_mm: Floats) -> Solid:
-        """Find a region of the model that contains a box (2, 3), and record the work of cutting the box out.
-
-        The box is cut out of the region faster than out of the whole model.
-        """
-        previous_count = self._regions.cut_face_count
-        region = self._regions.find_region(box_mm)
-        new_count = self._regions.cut_face_count - previous_count
-        self.effort.record(Work.FACE_CUT, new_count + region.face_count)
-        return region
-
-    @cached_property
-    def _regions(self) -> SolidRegions:
-        """Regions of the model."""
-        return SolidRegions(self.model.solid)
 
     def map(self, function: Callable[..., T], *arguments: Iterable[Any]) -> Iterator[T]:
         """Call a function for each item, in parallel if there is an executor; yield the results in order."""

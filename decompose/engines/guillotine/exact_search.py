@@ -285,8 +285,8 @@ class ExactSearch:
     def cut_box(self, box: Box) -> list[Piece]:
         """Cut out the pieces in a box; return the kept ones if they were cut in an earlier round."""
         if box not in self.pieces_by_box:
-            region = self.problem.find_region(np.array(self.grid.find_bounds_mm(box)))
-            self.pieces_by_box[box] = cut_cells(region, self.grid, box)
+            self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.face_count)
+            self.pieces_by_box[box] = cut_cells(self.problem.model.solid, self.grid, box)
         return self.pieces_by_box[box]
 
     def _drop_pieces(self, boxes: Sequence[Box]) -> None:

@@ -49,8 +49,10 @@ class PartCutter:
         self._cells, self._flat_faces = cells, flat_faces
         self._start_parts = start_parts
         # Solid in the reach of each part, which is faster to cut than the whole model.
-        nearby_boxes_mm = [part.box_mm + np.array([-reach_mm, reach_mm]) for part in start_parts]
-        self._nearby_solids = [problem.find_region(box_mm).clip(*box_mm) for box_mm in nearby_boxes_mm]
+        self._nearby_solids = [
+            problem.model.solid.clip(part.box_mm[0] - reach_mm, part.box_mm[1] + reach_mm)
+            for part in start_parts
+        ]
 
     def record_effort(self, parts: Sequence[int]) -> None:
         """Record the work of cutting parts, which are given by number, and of pricing them in their poses."""

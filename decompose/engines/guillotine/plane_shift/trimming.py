@@ -12,7 +12,7 @@ from decompose.engines.guillotine.plane_shift.box_part import compute_slowest_pi
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells, find_flat_faces
 from decompose.pieces import SLIVER_MM, Piece, cut_box, find_faults
-from decompose.problem import Problem
+from decompose.problem import Problem, Work
 
 # Distance up to which needed cells outside a box count as if they were in it. If the sides of the box move by
 # less, the part need not grow along other axes, so its time does not jump.
@@ -48,8 +48,8 @@ def trim_boxes(
         for i, box_mm in enumerate(trimmed_boxes_mm)
         if any(_extends_beyond(piece, box_mm) for piece in old_pieces[i])
     ]
-    regions = {i: problem.find_region(trimmed_boxes_mm[i]) for i in numbers}
-    cut_pieces = problem.map(lambda i: cut_box(regions[i], *trimmed_boxes_mm[i]), numbers)
+    problem.effort.record(Work.FACE_CUT, problem.model.solid.face_count * len(numbers))
+    cut_pieces = problem.map(lambda i: cut_box(problem.model.solid, *trimmed_boxes_mm[i]), numbers)
     for i, trimmed_pieces in zip(numbers, cut_pieces, strict=True):
         if len(trimmed_pieces) == len(old_pieces[i]):
             new_boxes_mm[i] = trimmed_boxes_mm[i]
