@@ -3,7 +3,8 @@
 All boxes of a grid are priced, and the best guillotine partition into boxes is found exactly. Then its boxes
 are cut out of the model, and their pieces are priced. These true prices replace those from the grid, prices
 of other boxes are estimated from them (`price_excess`), and the search is repeated. Afterwards, the partition
-is improved with cuts that are not guillotine cuts, and its planes are moved off the grid.
+is improved with cuts that are not guillotine cuts, and its planes are moved off the grid. As long as the
+budget lasts, so are the planes of looser partitions, which have less total print time (`least_work`).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from decompose.engines.guillotine.plane_shift import estimate_shift_s, refine_ne
 from decompose.engines.guillotine.price_excess import PriceExcess
 from decompose.engines.guillotine.recursion import UNREACHABLE_COUNT
 from decompose.errors import NoFit, format_size
-from decompose.grid import VOLUME, Box, BoxTables, Grid, NeededCells, index_box
+from decompose.grid import VOLUME, Box, BoxTables, Grid, index_box
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
@@ -75,34 +76,20 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
         problem.is_thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     )
     if is_promising and not problem.effort.is_spent():
-        pieces = _shift_looser_partitions(problem, search, list(partition), pieces, get_needed_cells())
+        for looser_partition in search.list_looser_partitions(list(partition)):
+            # The times of pieces that are cut for no certain printer are those of a printer with factor 1.
+            best_s = problem.compute_makespan_s(pieces) / problem.min_time_factor
+            if search.compute_mean_s(looser_partition) <= MAX_MEAN_RATIO * best_s:
+                other_pieces = tuple(
+                    shift_planes(problem, grid, looser_partition, get_needed_cells(), best_s)
+                )
+                pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
+            if problem.effort.is_spent():
+                break
     problem.on_stage("planes")
     figures = problem.compute_grid_figures(grid, tables, list(partition), pieces, proof)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
-
-
-def _shift_looser_partitions(
-    problem: Problem,
-    search: ExactSearch,
-    partition: list[Box],
-    best_pieces: tuple[Piece, ...],
-    cells: NeededCells,
-) -> tuple[Piece, ...]:
-    """Shift the planes of looser partitions as long as the budget lasts; return the best pieces."""
-    shift_s, effort = estimate_shift_s(problem, len(problem.printers)), problem.effort
-    effort.reserved_s = shift_s
-    for looser_partition in search.list_looser_partitions(partition):
-        best_s = problem.compute_makespan_s(best_pieces)
-        if search.compute_mean_s(looser_partition) <= MAX_MEAN_RATIO * best_s and not effort.is_spent():
-            effort.reserved_s = 0.0
-            pieces = tuple(shift_planes(problem, search.grid, looser_partition, cells, best_s))
-            best_pieces = min(best_pieces, pieces, key=problem.compute_makespan_s)
-            effort.reserved_s = shift_s
-        if effort.is_spent():
-            break
-    effort.reserved_s = 0.0
-    return best_pieces
 
 
 def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
@@ -188,10 +175,11 @@ class ExactSearch:
         return {box: self.cut_box(box) for box in best_boxes}
 
     def list_looser_partitions(self, best_partition: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
-        """Yield partitions with less total print time than the best one, but perhaps a longer makespan.
+        """Yield partitions with little total print time, but perhaps a longer makespan than the best one.
 
         The best partition on the grid may not be the best one after its planes are shifted: shifts balance
-        the times of the parts, so the total print time matters then (`least_work`).
+        the times of the parts, so the total print time matters then (`least_work`). A minimum time of a part
+        excludes parts that are too short to be balanced.
         """
         if len(best_partition) < 2:
             return
@@ -210,7 +198,10 @@ class ExactSearch:
                 yield {box: self.cut_box(box) for box in boxes}
 
     def compute_mean_s(self, partition: Mapping[Box, Sequence[Piece]]) -> float:
-        """Compute a lower bound on the mean true time of the pieces of a priced partition, in seconds."""
+        """Compute a lower bound on the mean true time of the pieces of a priced partition, in seconds.
+
+        Only the slowest piece of each box is priced.
+        """
         total_s = sum(self.true_times_s[box] for box in partition)
         return total_s / sum(len(pieces) for pieces in partition.values())
 

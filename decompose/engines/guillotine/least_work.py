@@ -1,9 +1,10 @@
-"""Partitions with the least total print time into a given number of parts, within a limit on each part.
+"""Partitions with the least total print time into a given number of parts, within limits on each part.
 
 Once planes have moved off the grid, all parts take about the same time: the total print time divided by their
 number. So the total matters more than the slowest part on the grid, as long as planes can still balance the
-parts. A price on each part (a Lagrange multiplier) makes the search over all guillotine cuts find partitions
-into fewer or more parts.
+parts. Planes cannot balance a part that takes far less time than the others, so there may also be a minimum.
+A price on each part (a Lagrange multiplier) makes the search over all guillotine cuts find partitions into
+fewer or more parts.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from decompose.engines.guillotine.recursion import lower_box_values
 from decompose.grid import Box, BoxTables, Shape, count_cuts, find_box, index_box
 
 MAX_SOLUTIONS = 6  # maximum number of prices of a part that are tried
-MAX_PART_PRICE_SHARE = 0.4  # maximum price of a part, as a share of the limit; the minimum is its negative
+MAX_PART_PRICE_SHARE = (
+    0.4  # maximum price of a part, as a share of the maximum time; the minimum is its negative
+)
 _UNREACHABLE_S = np.float32(1e9)
 
 Values = npt.NDArray[np.float32]
@@ -47,7 +50,7 @@ class LeastWorkSearch:
         Parameters
         ----------
         range_s
-            Minimum and maximum print time of a part.
+            Minimum and maximum print time of a box in the tables.
         part_count
             Number of parts; there are fewer only if no tried price gives as many.
 

@@ -8,6 +8,9 @@ the slopes are corrected accordingly. After `STEPS_PER_ROUND` steps all parts th
 then each part keeps its pose, because pricing it in a known pose is much faster. One such search is made even
 if the budget is spent, because it gains more in the same time than most other searches.
 
+Given a makespan to beat, a search ends before its first step if the linear programme expects to miss it by
+far.
+
 Boxes are trimmed to their needed cells first (`trimming`). In the search they are extended into the hollow
 again, so that faces there can move, but parts are not cut larger than needed (`part_cutter`).
 """
@@ -53,8 +56,9 @@ FIRST_STEP_SHARE = 0.5  # maximum length of the first step, as a share of a plan
 TRIAL_MM = 0.4  # length of a trial move, which shows whether a group is free to move
 MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
 STEP_REDUCTION = 0.6  # ratio of the maximum length of the next step to that of a step without a gain
-# A search ends before its first step if it is expected to end above this multiple of the makespan to beat.
-HOPELESS_RATIO = 1.01
+# A search ends before its first step if the makespan to beat, times this, is shorter than the one after the
+# best moves, as if slopes were exact. That expected makespan may be too long by 1 %.
+HOPELESS_RATIO = 1.02
 MIN_GAIN = 0.0025  # minimum expected gain of a step, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another search starts from its result
 PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
@@ -88,7 +92,8 @@ def shift_planes(
     cells
         The grid's needed cells from `refine_needed_cells`, if they are known.
     best_known_s
-        Makespan to beat; a partition that can hardly beat it keeps its planes.
+        Makespan to beat, with the time factors of the pieces (`Piece.time_factor`). A partition that can
+        hardly beat it keeps its planes.
 
     Returns
     -------
@@ -199,9 +204,10 @@ class _PlaneShift:
         slopes_s_per_mm = np.array(
             list(self.problem.map(self.cutter.measure_slopes, numbers, best_parts, is_fixed))
         )
-        _, least_s = self._solve_valid_step(best_parts, slopes_s_per_mm, self.reach_mm.copy())
-        if least_s > HOPELESS_RATIO * best_known_s:
-            return best_parts
+        if math.isfinite(best_known_s):
+            _, expected_s = self._solve_step(best_parts, slopes_s_per_mm, self.reach_mm)
+            if HOPELESS_RATIO * best_known_s < expected_s < math.inf:
+                return best_parts
         for round_number in range(MAX_ROUNDS):
             if round_number and self.problem.effort.is_spent():
                 break

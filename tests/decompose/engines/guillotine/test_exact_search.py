@@ -47,8 +47,6 @@ def test_partitions_within_looser_limits_are_complete_without_more_work(
     results = [list(partition) for partition in search.list_looser_partitions(best_partition)]
     assert 0 < len(results) <= len(TIME_RANGES)
     assert len({frozenset(partition) for partition in [best_partition, *results]}) == len(results) + 1
-    limits_s = [max(search.true_times_s[box] for box in partition) for partition in results]
-    assert min(limits_s) >= max(search.true_times_s[box] for box in best_partition)
     for partition in results:
         cover_count = np.zeros(search.grid.shape, dtype=np.int64)
         for a, b, c, d, e, f in partition:
@@ -82,27 +80,46 @@ def test_earliest_end_after_plane_shifts_is_chosen(problem: Problem, monkeypatch
     assert result.pieces == results[2]
 
 
-@pytest.mark.parametrize(
-    ("mean_ratio", "shift_s", "is_shifted"), [(1.0, 0.0, True), (1.1, 0.0, False), (1.0, np.inf, False)]
-)
-def test_planes_of_hopeless_or_unaffordable_partitions_stay(
-    mean_ratio: float, shift_s: float, is_shifted: bool, problem: Problem, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("mean_ratio", "is_shifted"), [(1.0, True), (1.1, False)])
+@pytest.mark.parametrize("time_factor", [1.0, 0.8])
+def test_planes_move_only_if_the_mean_time_is_near_the_best_makespan(
+    mean_ratio: float,
+    is_shifted: bool,
+    time_factor: float,
+    problem: Problem,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Expect no shift if the mean time exceeds the best makespan, or if the budget is too small."""
+    """Expect times of a printer with factor 1, like those of the pieces, as the makespan to beat."""
+    printers = tuple(replace(printer, time_factor=time_factor) for printer in problem.printers)
+    problem = replace(problem, printers=printers)
     pieces_by_shift: list[list[Piece]] = []
+    best_known_times_s: list[float] = []
 
-    def record_shift(problem: Problem, grid: object, cut: dict[Box, list[Piece]], *_: object) -> list[Piece]:
+    def record_shift(
+        problem: Problem, grid: object, cut: dict[Box, list[Piece]], cells: object, best_s: float = np.inf
+    ) -> list[Piece]:
         pieces_by_shift.append([piece for pieces_of_box in cut.values() for piece in pieces_of_box])
-        return pieces_by_shift[-1]
+        best_known_times_s.append(best_s)
+        return pieces_by_shift[0]
 
-    def compute_mean_s(search: ExactSearch, cut: dict[Box, list[Piece]]) -> float:
-        return mean_ratio * problem.compute_makespan_s(pieces_by_shift[0])
+    def find_longest_s() -> float:
+        return max(pose.price_s for pose in problem.find_poses(pieces_by_shift[0]) if pose is not None)
 
     monkeypatch.setattr(exact_search, "shift_planes", record_shift)
-    monkeypatch.setattr(exact_search, "estimate_shift_s", lambda *_: shift_s)
-    monkeypatch.setattr(ExactSearch, "compute_mean_s", compute_mean_s)
+    monkeypatch.setattr(ExactSearch, "compute_mean_s", lambda *_: mean_ratio * find_longest_s())
     exact_search.cut_for_uniform_printers(problem)
     assert (len(pieces_by_shift) > 1) == is_shifted
+    assert best_known_times_s[0] == np.inf
+    assert best_known_times_s[1:] == pytest.approx([find_longest_s()] * (len(pieces_by_shift) - 1))
+
+
+def test_mean_time_counts_every_piece_of_a_box(search_result: tuple[ExactSearch, list[Box]]) -> None:
+    search, boxes = search_result
+    partition = {box: search.cut_box(box) for box in boxes}
+    total_s = sum(search.true_times_s[box] for box in boxes)
+    assert search.compute_mean_s(partition) == pytest.approx(total_s / len(boxes))
+    partition[boxes[0]] = 2 * partition[boxes[0]]
+    assert search.compute_mean_s(partition) == pytest.approx(total_s / (len(boxes) + 1))
 
 
 @pytest.mark.parametrize(
