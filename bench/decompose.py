@@ -193,6 +193,7 @@ def slice_parts(
                 layer_0_expansion_mm=part["layer_0_expansion_mm"],
                 bed_face_hidden=part["bed_face_hidden"],
                 tops_hidden=part["tops_hidden"],
+                flat_tops_visible=part["flat_tops_visible"],
                 hidden_sides=part["hidden_sides"],
                 hidden_grooves=part["hidden_grooves"],
                 hidden_recesses=part["hidden_recesses"],
@@ -255,7 +256,9 @@ def _place_whole_model(run: Run, pose_name: str) -> tuple[trimesh.Trimesh, PartP
         pose = measure_pose(vertices, faces, is_cut, np.eye(3), cost, fits_first_layer)
     placed_mm = (vertices - pose.to_model[:3, 3]) @ pose.to_model[:3, :3]
     print_options = PartPrintOptions(
-        brim_width_mm=pose.brim_width_mm, layer_0_expansion_mm=pose.layer_0_expansion_mm
+        brim_width_mm=pose.brim_width_mm,
+        layer_0_expansion_mm=pose.layer_0_expansion_mm,
+        flat_tops_visible=pose.flat_tops_visible,
     )
     return trimesh.Trimesh(placed_mm, faces, process=False), print_options
 

@@ -147,6 +147,7 @@ def slice_part(part: Part, solid: Solid, folder: Path) -> SlicedPart:
             part.layer_0_expansion_mm,
             bed_face_hidden=part.bed_face_hidden,
             tops_hidden=part.tops_hidden,
+            flat_tops_visible=part.flat_tops_visible,
         ),
     )
     to_bed = np.diag([*scale, 1.0])

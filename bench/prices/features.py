@@ -191,6 +191,7 @@ def slice_features_s(
         layer_0_expansion_mm=pose.layer_0_expansion_mm,
         bed_face_hidden=pose.bed_face_hidden,
         tops_hidden=pose.tops_hidden,
+        flat_tops_visible=pose.flat_tops_visible,
     )
     settings = resolve_settings(request, find_resources(), part_settings)
     stl = cache / f"{posed_part.name}-{request.quality}.stl"

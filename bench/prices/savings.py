@@ -58,6 +58,7 @@ def slice_part(part: Part, request: SettingsRequest, cache: Path | None, has_hid
         layer_0_expansion_mm=part.layer_0_expansion_mm,
         bed_face_hidden=part.bed_face_hidden,
         tops_hidden=part.tops_hidden,
+        flat_tops_visible=part.flat_tops_visible,
     )
     settings = resolve_settings(request, find_resources(), part_settings)
     sides = tuple(HiddenSide((x, y), offset_mm) for x, y, offset_mm in part.hidden_sides.tolist())

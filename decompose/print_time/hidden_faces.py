@@ -18,9 +18,11 @@ from decompose.print_time.surfaces import Surfaces
 
 # Minimum downward component of the normal of a face that lies on the bed: within 2.6 degrees.
 LEVEL_COS = 0.999
+FLAT_COS = 0.99985  # minimum upward component of the normal of a flat top: within 1 degree
 MAX_BED_FACE_HEIGHT_MM = 0.15  # level faces below this height above the bed count as lying on the bed
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright face
 MIN_VISIBLE_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
+MIN_FLAT_TOP_MM2 = 100.0  # minimum area of flat tops on which the order of the lines is seen
 SIDE_END_MM = 6.0
 """Length at each end of a hidden side along which no time is saved. The last 5 mm are printed like a visible
 wall, and the print head stops once more. In most sliced parts, this length is 4 to 8 mm
@@ -41,6 +43,8 @@ class HiddenFaces(NamedTuple):
         Area of the cut faces, and of the model's own faces, among the tops with skin, as seen from above.
     cut_side_mm2
         Area of upright cut faces.
+    visible_flat_top_mm2
+        Area of the model's own faces among the flat tops.
     """
 
     cut_bed_mm2: float
@@ -48,6 +52,7 @@ class HiddenFaces(NamedTuple):
     cut_top_mm2: float
     visible_top_mm2: float
     cut_side_mm2: float
+    visible_flat_top_mm2: float
 
     @property
     def is_bed_hidden(self) -> bool:
@@ -58,6 +63,11 @@ class HiddenFaces(NamedTuple):
     def are_tops_hidden(self) -> bool:
         """True if all tops with skin are cut faces."""
         return self.cut_top_mm2 > 0.0 and self.visible_top_mm2 < MIN_VISIBLE_MM2
+
+    @property
+    def has_visible_flat_tops(self) -> bool:
+        """True if flat tops remain visible; the steps of a slope do not count."""
+        return self.visible_flat_top_mm2 >= MIN_FLAT_TOP_MM2
 
     def compute_saved_height_mm(self, bed_mm: float, top_mm: float) -> float:
         """Compute the height of skin in mm that the hidden faces of a thin flat part save.
@@ -97,7 +107,7 @@ def find_hidden_faces(
 @jit
 def measure_hidden_faces(
     surfaces: Surfaces, is_cut: Bools, up: Floats, bed_mm: float, skin_cos: float
-) -> tuple[float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float]:
     """Measure the areas of `HiddenFaces` in a pose.
 
     Parameters
@@ -119,7 +129,8 @@ def measure_hidden_faces(
         Areas in the order of `HiddenFaces`, in mm2.
     """
     normals, areas_mm2, centres = surfaces
-    cut_bed_mm2, visible_bed_mm2, cut_top_mm2, visible_top_mm2, cut_side_mm2 = 0.0, 0.0, 0.0, 0.0, 0.0
+    cut_bed_mm2, visible_bed_mm2, cut_top_mm2, visible_top_mm2 = 0.0, 0.0, 0.0, 0.0
+    cut_side_mm2, visible_flat_top_mm2 = 0.0, 0.0
     for i in range(len(areas_mm2)):
         n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
         if n < -LEVEL_COS:
@@ -134,9 +145,13 @@ def measure_hidden_faces(
                 cut_top_mm2 += areas_mm2[i] * n
             else:
                 visible_top_mm2 += areas_mm2[i] * n
+                if n > FLAT_COS:
+                    visible_flat_top_mm2 += areas_mm2[i] * n
         elif abs(n) < MAX_UPRIGHT_COS and is_cut[i]:
             cut_side_mm2 += areas_mm2[i]
-    return cut_bed_mm2, visible_bed_mm2, cut_top_mm2, visible_top_mm2, cut_side_mm2
+    return (
+        cut_bed_mm2, visible_bed_mm2, cut_top_mm2, visible_top_mm2, cut_side_mm2, visible_flat_top_mm2,
+    )  # fmt: skip
 
 
 def sum_side_ends_mm(mesh: PartMesh, up: Floats) -> float:

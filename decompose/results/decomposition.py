@@ -52,6 +52,8 @@ class Part:
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are cut faces, which are hidden once the parts are
         glued.
+    flat_tops_visible
+        Whether flat tops remain visible once the parts are glued.
     planes
         (k, 4) planes ``n @ x == d`` at which the part was cut, in the model's frame: rows nx, ny, nz, d.
     hidden_sides
@@ -82,6 +84,7 @@ class Part:
     layer_0_expansion_mm: float | None = None
     bed_face_hidden: bool = False
     tops_hidden: bool = False
+    flat_tops_visible: bool = True
     planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     hidden_sides: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     hidden_grooves: Floats = field(default_factory=lambda: np.zeros((0, 4)))
@@ -163,6 +166,7 @@ class Part:
             "layer_0_expansion_mm": self.layer_0_expansion_mm,
             "bed_face_hidden": self.bed_face_hidden,
             "tops_hidden": self.tops_hidden,
+            "flat_tops_visible": self.flat_tops_visible,
             "hidden_sides": self.hidden_sides.tolist(),
             "hidden_grooves": self.hidden_grooves.tolist(),
             "hidden_recesses": self.hidden_recesses.tolist(),

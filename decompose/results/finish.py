@@ -136,6 +136,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
             layer_0_expansion_mm=pose.layer_0_expansion_mm,
             bed_face_hidden=pose.bed_face_hidden,
             tops_hidden=pose.tops_hidden,
+            flat_tops_visible=pose.flat_tops_visible,
             planes=piece.planes,
             stands=pose.stands,
             small_foot_mm2=pose.footing.contact_mm2 if pose.has_small_foot else None,

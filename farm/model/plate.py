@@ -37,6 +37,8 @@ class PartPrintOptions(Entity):
         Width of the brim, and horizontal expansion of the first layer; None: as the print quality sets it.
     bed_face_hidden, tops_hidden
         True if all faces on the bed, or all top faces, are cut faces that gluing hides.
+    flat_tops_visible
+        True if flat tops remain visible; their lines get the order that looks even.
     hidden_sides
         Outward normals nx, ny and offsets in mm of the upright sides that gluing hides.
     hidden_grooves
@@ -53,6 +55,7 @@ class PartPrintOptions(Entity):
     layer_0_expansion_mm: float | None = None
     bed_face_hidden: bool = False
     tops_hidden: bool = False
+    flat_tops_visible: bool = True
     hidden_sides: tuple[tuple[float, float, float], ...] = ()
     hidden_grooves: tuple[tuple[int, float, float, float], ...] = ()
     hidden_recesses: tuple[tuple[float, float, float, float, float, float], ...] = ()

@@ -68,6 +68,7 @@ class DecomposedPart:
                 layer_0_expansion_mm=part.layer_0_expansion_mm,
                 bed_face_hidden=part.bed_face_hidden,
                 tops_hidden=part.tops_hidden,
+                flat_tops_visible=part.flat_tops_visible,
                 hidden_sides=tuple((float(x), float(y), float(d)) for x, y, d in part.hidden_sides),
                 hidden_grooves=tuple(
                     (int(side), float(low), float(high), float(depth))

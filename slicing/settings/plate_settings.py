@@ -78,6 +78,9 @@ class PartSettings:
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are hidden once the parts are glued. Hidden faces get
         the layers of `Quality.hidden_layers`, and hidden tops get no slow uppermost layer.
+    flat_tops_visible
+        Whether flat tops remain visible. If not, the lines of the uppermost layer of tops are not printed in
+        the order of their positions (`Quality.orders_flat_tops`).
     support_angle_deg
         Angle from the vertical above which its faces get support.
     """
@@ -87,6 +90,7 @@ class PartSettings:
     layer_0_expansion_mm: float | None = None
     bed_face_hidden: bool = False
     tops_hidden: bool = False
+    flat_tops_visible: bool = True
     support_angle_deg: float | None = None
 
 
@@ -198,6 +202,8 @@ def _resolve_settings(
         has_single_hidden_walls=quality.has_single_hidden_walls and _WALL_KEYS.isdisjoint(user_keys),
         small_overhang_deg=_find_small_overhang_deg(settings, quality, user_keys),
     )
+    if quality.orders_flat_tops and not part.flat_tops_visible and "roofing_monotonic" not in user_keys:
+        settings = replace(settings, extruder={**settings.extruder, "roofing_monotonic": "False"})
     return _reduce_hidden_layers(settings, quality.hidden_layers, part, user_keys)
 
 

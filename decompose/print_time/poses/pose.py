@@ -78,6 +78,8 @@ class Pose:
     bed_face_hidden, tops_hidden
         Whether all faces on the bed (or all tops with skin) are cut faces, and the cost model gives them less
         skin.
+    flat_tops_visible
+        Whether flat tops remain visible once the parts are glued.
     connectors_s
         Seconds that the price includes for marks and pins in the cut faces.
     """
@@ -95,6 +97,7 @@ class Pose:
     layer_0_expansion_mm: float | None
     bed_face_hidden: bool = False
     tops_hidden: bool = False
+    flat_tops_visible: bool = True
     connectors_s: float = 0.0
 
     @property
@@ -214,6 +217,7 @@ def measure_pose_from_features(
         layer_0_expansion_mm=expansion_mm,
         bed_face_hidden=hidden_faces.is_bed_hidden and cost.hidden_bed_share > 0.0,
         tops_hidden=hidden_faces.are_tops_hidden and cost.hidden_top_share > 0.0,
+        flat_tops_visible=hidden_faces.has_visible_flat_tops,
         connectors_s=connectors_s,
     )
 

@@ -92,6 +92,7 @@ def resolve_slice_settings(task: SliceTask, mesh: trimesh.Trimesh) -> EngineSett
         layer_0_expansion_mm=task.print_options.layer_0_expansion_mm,
         bed_face_hidden=task.print_options.bed_face_hidden,
         tops_hidden=task.print_options.tops_hidden,
+        flat_tops_visible=task.print_options.flat_tops_visible,
         support_angle_deg=find_support_angle_deg(mesh, task.settings),
     )
     return resolve_settings(task.request, task.resources, part_settings)

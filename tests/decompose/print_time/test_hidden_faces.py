@@ -75,6 +75,29 @@ def test_visible_top_beside_a_cut_keeps_its_skin():
     assert measure_block(BOTTOM_PLANE, (0.0, 0.0, 1.0, 30.0), solid=step).bed_face_hidden
 
 
+@pytest.mark.parametrize(
+    ("top_mm", "planes", "is_visible"),
+    [
+        ((20.0, 20.0), (), True),
+        ((20.0, 20.0), (TOP_PLANE,), False),
+        ((20.0, 20.3), (), True),  # a slope of 0.6 degrees
+        ((20.0, 21.0), (), False),  # 1.9 degrees
+    ],
+)
+def test_only_flat_tops_that_are_no_cuts_stay_visible(top_mm, planes, is_visible):
+    corners_mm = [
+        (x, y, z) for x, top in zip((0.0, 30.0), top_mm, strict=True) for y in (0, 40) for z in (0, top)
+    ]
+    assert measure_block(*planes, solid=Solid.hull(np.array(corners_mm))).flat_tops_visible == is_visible
+
+
+def test_small_flat_top_does_not_count():
+    """Check a pyramid with a top of 9 mm on each side."""
+    corners_mm = [(x, y, 0.0) for x in (0.0, 40.0) for y in (0.0, 40.0)]
+    corners_mm += [(x, y, 20.0) for x in (15.0, 24.0) for y in (15.0, 24.0)]
+    assert not measure_block(solid=Solid.hull(np.array(corners_mm))).flat_tops_visible
+
+
 def test_foot_beside_a_cut_face_on_the_bed_is_visible():
     vertices, faces = BLOCK.arrays()
     is_cut = find_cut_faces(vertices, faces, np.array([BOTTOM_PLANE]))

@@ -159,6 +159,10 @@ def test_only_visible_tops_of_glue_have_lines_in_even_order_without_scratches(re
 
     assert read(PartSettings()) == (["False", "True"], "no_outer_surfaces")
     assert read(PartSettings(tops_hidden=True)) == (["False", "True"], "all")
+    sloped_part = PartSettings(flat_tops_visible=False)
+    assert read(sloped_part) == (["False", "False"], "no_outer_surfaces")
+    assert read(sloped_part, roofing_monotonic="True")[0] == ["False", "True"]
+    assert read(sloped_part, "paper")[0] == ["True", "True"]
     assert read(PartSettings(tops_hidden=True), "paper-hidden") == (["True", "True"], "no_outer_surfaces")
     assert read(PartSettings(), roofing_layer_count="0") == (["True", "True"], "no_outer_surfaces")
     assert read(PartSettings(tops_hidden=True), retraction_combing="noskin")[1] == "noskin"

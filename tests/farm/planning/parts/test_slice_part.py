@@ -123,6 +123,16 @@ def test_only_the_uppermost_layer_of_a_visible_top_is_printed_slowly(make_task, 
     assert (30.0 in read_skin_speeds_mm_s(top_layer)) == (not tops_hidden)
 
 
+def test_slopes_are_printed_without_travel_between_their_sides(make_task):
+    """Slice a flat cone: each layer shows a ring, and lines in an even order alternate between its sides."""
+    cone = trimesh.creation.cone(40.0, 4.0)
+    times_s = [
+        slice_part(make_task(cone, flat_tops_visible=flat_tops_visible)).sliced_s
+        for flat_tops_visible in (False, True)
+    ]
+    assert times_s[0] < 0.98 * times_s[1]
+
+
 def read_skin_speeds_mm_s(layer):
     """Read the speeds of the lines of skin in a layer of G-code."""
     speeds_mm_s, is_skin, speed_mm_s = set(), False, 0.0
