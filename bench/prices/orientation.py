@@ -162,6 +162,7 @@ def measure_poses(
         best.layer_0_expansion_mm,
         best.bed_face_hidden,
         best.tops_hidden,
+        best.flat_tops_visible,
     )
     return Row(
         part=name,

@@ -18,11 +18,11 @@ from decompose.print_time.surfaces import Surfaces
 
 # Minimum downward component of the normal of a face that lies on the bed: within 2.6 degrees.
 LEVEL_COS = 0.999
-FLAT_COS = 0.99985  # minimum upward component of the normal of a flat top: within 1 degree
+FLAT_COS = 0.9994  # minimum upward component of the normal of a flat top: within 2 degrees
 MAX_BED_FACE_HEIGHT_MM = 0.15  # level faces below this height above the bed count as lying on the bed
 MAX_UPRIGHT_COS = 1e-6  # maximum upward component of the normal of an upright face
 MIN_VISIBLE_MM2 = 1.0  # minimum area of visible faces; a smaller area is a rounding error
-MIN_FLAT_TOP_MM2 = 100.0  # minimum area of flat tops on which the order of the lines is seen
+MIN_FLAT_TOP_MM2 = 100.0  # minimum area of all flat tops, on which the order of the lines is seen
 SIDE_END_MM = 6.0
 """Length at each end of a hidden side along which no time is saved. The last 5 mm are printed like a visible
 wall, and the print head stops once more. In most sliced parts, this length is 4 to 8 mm

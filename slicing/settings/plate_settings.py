@@ -80,7 +80,7 @@ class PartSettings:
         the layers of `Quality.hidden_layers`, and hidden tops get no slow uppermost layer.
     flat_tops_visible
         Whether flat tops remain visible. If not, the lines of the uppermost layer of tops are not printed in
-        the order of their positions (`Quality.orders_flat_tops`).
+        the order of their positions (`Quality.orders_only_flat_tops`).
     support_angle_deg
         Angle from the vertical above which its faces get support.
     """
@@ -202,7 +202,7 @@ def _resolve_settings(
         has_single_hidden_walls=quality.has_single_hidden_walls and _WALL_KEYS.isdisjoint(user_keys),
         small_overhang_deg=_find_small_overhang_deg(settings, quality, user_keys),
     )
-    if quality.orders_flat_tops and not part.flat_tops_visible and "roofing_monotonic" not in user_keys:
+    if quality.orders_only_flat_tops and not part.flat_tops_visible and "roofing_monotonic" not in user_keys:
         settings = replace(settings, extruder={**settings.extruder, "roofing_monotonic": "False"})
     return _reduce_hidden_layers(settings, quality.hidden_layers, part, user_keys)
 

@@ -107,9 +107,8 @@ class Quality:
     # Walls on hidden sides are printed with the flow of infill, at most this multiple of their own speed.
     hidden_wall_ratio: float = 1.0
     small_overhang_deg: float = 0.0  # see `EngineSettings`
-    orders_flat_tops: bool = (
-        False  # only flat visible tops keep Cura's order of the lines in uppermost layers
-    )
+    # Uppermost layers keep Cura's order of lines only in parts with visible flat tops.
+    orders_only_flat_tops: bool = False
     # Hidden sides have one wall; not if the user sets the number of walls or their thickness.
     has_single_hidden_walls: bool = False
 
@@ -185,8 +184,8 @@ _GLUE = Quality(
     hidden_layers=HiddenLayers(2, 3),
     # [assumed] A strip of an overhang is printed well up to this angle; support would be a thin tower.
     small_overhang_deg=55.0,
-    # On slopes, each layer shows narrow strips; the order of their lines is not seen, but needs travel.
-    orders_flat_tops=True,
+    # [assumed] On slopes, each layer shows narrow strips: the order of their lines is hardly seen.
+    orders_only_flat_tops=True,
     # [assumed] Walls with the flow of infill are good enough on hidden sides.
     hidden_wall_ratio=2.0,
     # [assumed] A glued face needs one wall: the infill ends at it, and carries the load through the part.

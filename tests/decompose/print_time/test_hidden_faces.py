@@ -80,8 +80,8 @@ def test_visible_top_beside_a_cut_keeps_its_skin():
     [
         ((20.0, 20.0), (), True),
         ((20.0, 20.0), (TOP_PLANE,), False),
-        ((20.0, 20.3), (), True),  # a slope of 0.6 degrees
-        ((20.0, 21.0), (), False),  # 1.9 degrees
+        ((20.0, 20.8), (), True),  # a slope of 1.1 degrees
+        ((20.0, 21.7), (), False),  # 2.4 degrees
     ],
 )
 def test_only_flat_tops_that_are_no_cuts_stay_visible(top_mm, planes, is_visible):

@@ -57,7 +57,7 @@ TRIAL_MM = 0.4  # length of a trial move, which shows whether a group is free to
 MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
 STEP_REDUCTION = 0.6  # ratio of the maximum length of the next step to that of a step without a gain
 # A search ends before its first step if the makespan to beat, times this, is shorter than the one after the
-# best moves, as if slopes were exact. That expected makespan may be too long by 1 %.
+# best moves, as if slopes were exact. That expected makespan may be too long by about 1 %.
 HOPELESS_RATIO = 1.02
 MIN_GAIN = 0.0025  # minimum expected gain of a step, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another search starts from its result

@@ -108,6 +108,21 @@ def test_first_layer_is_fitted_only_in_quality_glue(bar, files, tmp_path):
 
 
 @pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize(
+    ("mesh", "is_visible"),
+    [(trimesh.creation.cone(30.0, 10.0), False), (trimesh.creation.box((60.0, 36.0, 28.0)), True)],
+)
+def test_visible_flat_tops_reach_the_report_and_the_slicer(mesh, is_visible, files, tmp_path):
+    path = tmp_path / "upload.stl"
+    mesh.export(path)
+    task = make_decompose_task(inspect_model(path, "model.stl", JobOptions(), files), files, tmp_path)
+    slice_tasks = make_slice_tasks(task, decompose_job(task))
+    assert {item.print_options.flat_tops_visible for item in slice_tasks} == {is_visible}
+    report = json.loads((task.folder / REPORT).read_text())
+    assert {part["flat_tops_visible"] for part in report["parts"]} == {is_visible}
+
+
+@pytest.mark.usefixtures("without_pictures")
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
     def cut_enlarged_box(solid, lo, hi):
         return cut_box(solid, lo - 0.5, hi + 0.5)
