@@ -18,7 +18,7 @@ from functools import partial
 import numpy as np
 
 from decompose.bound import compute_surface_bound_s
-from decompose.engines.guillotine.least_work import LeastWorkSearch
+from decompose.engines.guillotine.least_work import LeastWorkSearch, Range
 from decompose.engines.guillotine.neighbourhood import improve_locally, sort_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_shift import estimate_shift_s, refine_needed_cells, shift_planes
@@ -205,7 +205,7 @@ class ExactSearch:
         total_s = sum(self.true_times_s[box] for box in partition)
         return total_s / sum(len(pieces) for pieces in partition.values())
 
-    def _find_partition_within_limits(self, range_s: tuple[float, float]) -> list[Box]:
+    def _find_partition_within_limits(self, range_s: Range) -> list[Box]:
         """Find a partition with about the least total print time among those whose boxes meet two limits.
 
         At true prices, its boxes may take a little less than the minimum or more than the maximum. The list

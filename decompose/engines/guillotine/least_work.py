@@ -20,9 +20,8 @@ from decompose.engines.guillotine.recursion import lower_box_values
 from decompose.grid import Box, BoxTables, Shape, count_cuts, find_box, index_box
 
 MAX_SOLUTIONS = 6  # maximum number of prices of a part that are tried
-MAX_PART_PRICE_SHARE = (
-    0.4  # maximum price of a part, as a share of the maximum time; the minimum is its negative
-)
+# Maximum price of a part, as a share of the maximum time of a part; the minimum price is its negative.
+MAX_PART_PRICE_SHARE = 0.4
 _UNREACHABLE_S = np.float32(1e9)
 
 Values = npt.NDArray[np.float32]
