@@ -25,7 +25,7 @@ MAX_PART_PRICE_SHARE = 0.4
 _UNREACHABLE_S = np.float32(1e9)
 
 Values = npt.NDArray[np.float32]
-Range = tuple[float, float]
+Range = tuple[float, float]  # minimum and maximum
 
 
 class LeastWorkSearch:
