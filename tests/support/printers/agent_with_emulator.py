@@ -133,9 +133,12 @@ class Printer:
 
 
 @asynccontextmanager
-async def run_printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
+async def run_printer(
+    folder: Path, faults: str = "", time_scale: float = TIME_SCALE
+) -> AsyncIterator[Printer]:
     """Run an agent with its emulator; yield it when it is ready."""
     printer = Printer(folder / "agent", f"sim://{PRINTER_MODEL}{faults}")
+    printer.clock = Clock(time_scale, time.time())
     printer.spawn()
     try:
         await printer.connect()

@@ -157,8 +157,9 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
 @pytest.mark.system
 def test_print_is_paused_and_resumed(tmp_path: Path):
     async def run_scenario() -> None:
-        async with run_printer(tmp_path) as rig:
-            await rig.start(make_gcode(1500))
+        # The firmware's dead-man lasts 120 s. At a higher scale, a busy machine may exceed it.
+        async with run_printer(tmp_path, time_scale=30.0) as rig:
+            await rig.start(make_gcode(400))
             await rig.wait_for(lambda s: s.print is not None and s.print.line >= 100)
             await rig.client.request(m.PausePrint(id=0, print_id="p-1"))
             paused_print = await rig.wait_for_phase(m.PrintPhase.PAUSED)
