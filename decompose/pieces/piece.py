@@ -87,6 +87,32 @@ def list_box_planes(box_mm: Floats) -> Floats:
     return np.array([[*np.eye(3)[axis], box_mm[side, axis]] for side in range(2) for axis in range(3)])
 
 
+def find_face_planes(vertices: Floats, faces: Ints, planes: Floats) -> Ints:
+    """Find the plane on which each face lies.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3).
+    planes
+        (k, 4) planes ``n @ x == d``: rows nx, ny, nz, d with a unit normal n.
+
+    Returns
+    -------
+    ndarray
+        (m,) number of the first plane that contains the face; -1 if there is none.
+    """
+    is_on_plane = _find_on_planes(vertices, faces, planes)
+    # The first column makes the number -1 where no plane contains the face.
+    return np.asarray(np.argmax(np.column_stack([~is_on_plane.any(axis=1), is_on_plane]), axis=1) - 1)
+
+
+def _find_on_planes(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
+    """Check for each face and each plane (m, k) whether the face lies on the plane."""
+    on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < PLANE_TOLERANCE_MM
+    return np.asarray(np.all(on_plane[faces], axis=1))
+
+
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
     """Find the faces that lie on one of several planes.
 
@@ -102,8 +128,7 @@ def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
     ndarray
         (m,) bool.
     """
-    on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < PLANE_TOLERANCE_MM
-    return np.asarray(np.any(np.all(on_plane[faces], axis=1), axis=1))
+    return np.asarray(_find_on_planes(vertices, faces, planes).any(axis=1))
 
 
 def rotate_planes(planes: Floats, rotation: Floats) -> Floats:

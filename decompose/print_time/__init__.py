@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, compute_price_s
+from decompose.print_time.face_slopes import measure_face_slopes
 from decompose.print_time.feature_shares import TERM_GROUPS, build_group_cost, estimate_feature_shares
 from decompose.print_time.hidden_faces import MEAN_SIDE_SHARE, MIN_VISIBLE_MM2
 from decompose.print_time.part_mesh import PartMesh
@@ -51,6 +52,7 @@ __all__ = [
     "find_best_pose",
     "find_steady_pose",
     "measure_columns",
+    "measure_face_slopes",
     "measure_pose",
     "price_axis_poses_s",
     "sum_pose_features",

@@ -24,6 +24,7 @@ class Work(StrEnum):
     PIECE_POSED = "piece-posed"
     FACE_MEASURED = "face-measured"  # a triangle of a piece that is priced in a given pose
     PIECE_MEASURED = "piece-measured"
+    FACE_SLOPED = "face-sloped"  # a triangle of a piece whose price is differentiated by its planes
     POINT_CLUSTERED = "point-clustered"  # a vertex compared with a cluster, to draw seeds of blocks
     CELL_GROWN = "cell-grown"  # a cell of the grid in one attempt to cover the grid with growing boxes
     BOX_PROVEN = "box-proven"  # a box of the grid in the proof of a lower bound
@@ -38,6 +39,7 @@ WORK_NS = {
     Work.PIECE_POSED: 9e6,
     Work.FACE_MEASURED: 1_000.0,
     Work.PIECE_MEASURED: 3e6,
+    Work.FACE_SLOPED: 1_000.0,
     Work.POINT_CLUSTERED: 300.0,
     Work.CELL_GROWN: 1_500.0,
     Work.BOX_PROVEN: 400.0,

@@ -8,14 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.engines.guillotine.plane_shift.box_part import BoxPart, compute_slowest_piece_s, copy_printers
+from decompose.engines.guillotine.plane_shift.box_part import BoxPart, copy_printers
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells
-from decompose.pieces import Piece, cut_box, find_cut_faces
-from decompose.print_time import Pose, measure_pose
+from decompose.pieces import Piece, cut_box, find_cut_faces, find_face_planes
+from decompose.print_time import PartMesh, Pose, measure_face_slopes, measure_pose
 from decompose.problem import Problem, Work
-
-PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
 
 
 class PartCutter:
@@ -58,6 +56,11 @@ class PartCutter:
         """Record the work of cutting parts, which are given by number, and of pricing them in their poses."""
         self._problem.effort.record(Work.PIECE_MEASURED, len(parts))
         self._problem.effort.record(Work.FACE_MEASURED, sum(self._nearby_solids[i].face_count for i in parts))
+
+    def record_slopes(self, parts: Sequence[BoxPart]) -> None:
+        """Record the work of measuring the slopes of parts."""
+        faces = sum(piece.solid.face_count for part in parts for piece in part.pieces)
+        self._problem.effort.record(Work.FACE_SLOPED, faces)
 
     def cut_part(self, i: int, box_mm: Floats) -> BoxPart:
         """Cut a part with another box; the pieces keep their printers if there are as many as before."""
@@ -144,31 +147,25 @@ class PartCutter:
         rotation, options = pose.to_model[:3, :3].T, self._problem.options
         return measure_pose(vertices, faces, is_cut, rotation, self._problem.cost, options.fit_first_layer)
 
-    def measure_slopes(self, i: int, part: BoxPart, is_fixed: Bools) -> Floats:
+    def measure_slopes(self, part: BoxPart, is_fixed: Bools) -> Floats:
         """Measure the change (2, 3) of a part's time, in s for each mm by which one face moves up its axis.
 
         Parameters
         ----------
-        i
-            Number of the part.
         part
-            Part in its poses.
+            Part in its poses, whose slowest piece counts.
         is_fixed
             (2, 3) bool, true for faces that cannot move, whose slopes stay 0.
         """
-        slopes_s_per_mm = np.zeros((2, 3))
-        for side, axis in np.ndindex(2, 3):
-            if is_fixed[side, axis] or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:
-                continue
-            box_mm = part.box_mm.copy()
-            box_mm[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
-            probed_part = self.cut_part(i, box_mm)
-            if len(probed_part.pieces) == len(part.pieces):
-                poses = [
-                    self._measure_piece(*pair) for pair in zip(probed_part.pieces, part.poses, strict=True)
-                ]
-                probed_s = compute_slowest_piece_s(probed_part.pieces, poses)
-                slopes_s_per_mm[side, axis] = (probed_s - part.seconds) / (
-                    box_mm[side, axis] - part.box_mm[side, axis]
-                )
-        return slopes_s_per_mm
+        piece, pose = max(
+            zip(part.pieces, part.poses, strict=True), key=lambda pair: pair[1].price_s * pair[0].time_factor
+        )
+        vertices, faces = piece.solid.arrays()
+        face_planes = find_face_planes(vertices, faces, piece.planes)
+        mesh = PartMesh(vertices, faces, face_planes >= 0)
+        # The planes are those of `list_box_planes`: the lower sides of the box, and then the upper ones.
+        slopes_s_per_mm = measure_face_slopes(
+            mesh, pose.to_model[:3, :3].T, face_planes, np.vstack([-np.eye(3), np.eye(3)]), self._problem.cost
+        ).reshape(2, 3) * [[-piece.time_factor], [piece.time_factor]]
+        # A part that ends inside its box does not change as the box does.
+        return np.where(is_fixed | (part.cut_box_mm != part.box_mm), 0.0, slopes_s_per_mm)

@@ -71,7 +71,7 @@ MAX_REDUCTIONS, MAX_STOPS = 6, 6
 MAX_SOLUTIONS = 4
 """Maximum number of times that the linear programme of a step is solved. Before each further time, the planes
 that flat faces have stopped are fixed."""
-MEAN_PRICING_COUNT = 10  # mean number of prices that a search computes for a part, for slopes and after moves
+MEAN_PRICING_COUNT = 4  # mean number of prices that a search computes for a part after moves
 
 
 def shift_planes(
@@ -199,10 +199,9 @@ class _PlaneShift:
         """
         if not (self.is_free.any() and math.isfinite(find_longest_time_s(best_parts))):
             return best_parts
-        numbers, is_fixed = range(len(best_parts)), self.groups < 0
-        self.cutter.record_effort([i for i in numbers for _ in range(6)])
+        self.cutter.record_slopes(best_parts)
         slopes_s_per_mm = np.array(
-            list(self.problem.map(self.cutter.measure_slopes, numbers, best_parts, is_fixed))
+            list(self.problem.map(self.cutter.measure_slopes, best_parts, self.groups < 0))
         )
         if math.isfinite(best_known_s):
             _, expected_s = self._solve_step(best_parts, slopes_s_per_mm, self.reach_mm)
