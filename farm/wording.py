@@ -58,7 +58,7 @@ def format_planning(progress: PlanProgress) -> str:
         share = "" if progress.share is None else f" {format_share(progress.share)}"
         remaining_s = progress.remaining_s or 0.0
         return f"decomposing{share}" + (
-            f", at most {format_duration(remaining_s)} left" if remaining_s >= 1.0 else ""
+            f", up to about {format_duration(remaining_s)} left" if remaining_s >= 1.0 else ""
         )
     if progress.step is PlanStep.REBALANCING:
         return "balancing the parts by their sliced times"

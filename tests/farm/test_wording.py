@@ -39,7 +39,7 @@ def test_times_are_formatted_with_weekday_or_date():
 def test_progress_of_a_plan_is_formatted():
     assert format_planning(PlanProgress(step=PlanStep.DECOMPOSING)) == "decomposing"
     progress = PlanProgress(step=PlanStep.DECOMPOSING, share=0.42, remaining_s=95.0)
-    assert format_planning(progress) == "decomposing 42 %, at most 95 s left"
+    assert format_planning(progress) == "decomposing 42 %, up to about 95 s left"
     assert format_planning(PlanProgress(step=PlanStep.WAITING)) == "waiting for a worker"
     assert (
         format_planning(PlanProgress(step=PlanStep.REBALANCING))

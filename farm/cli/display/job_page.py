@@ -186,7 +186,8 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
         rows.append(("assembly" if view.glued else "assembly, expected", format_duration(view.assembly_s)))
     if view.assembled is not None and view.submitted_to_assembled_s is not None:
         total_text = f"{format_duration(view.submitted_to_assembled_s)} after submission"
-        rows.append(("assembled", f"{format_time(view.assembled, view.now)}, {total_text}"))
+        label = "assembled" if view.glued else "assembled, expected"
+        rows.append((label, f"{format_time(view.assembled, view.now)}, {total_text}"))
     if view.serial_s is not None:
         rows.append(("single large printer", format_duration(view.serial_s)))
     if view.speedup is not None:

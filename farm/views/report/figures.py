@@ -35,8 +35,11 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
     if view.options.copies > 1:
         rows.insert(1, ("copies printed", format_copies(view)))
     if view.assembly_s is not None:
-        rows.append(("assembly" if view.glued else "assembly, expected", format_duration(view.assembly_s)))
-        rows.append(("from submission to assembly", format_duration(view.submitted_to_assembled_s)))
+        expected = "" if view.glued else ", expected"
+        rows.append((f"assembly{expected}", format_duration(view.assembly_s)))
+        rows.append(
+            (f"from submission to assembly{expected}", format_duration(view.submitted_to_assembled_s))
+        )
     if len(view.runs) > 1:
         rows.append(
             ("printed in runs", f"{format_runs(view.runs, view.now)}; the time between them is not counted")

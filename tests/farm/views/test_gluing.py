@@ -49,13 +49,22 @@ def print_parts(books):
     return books
 
 
+def print_page(view):
+    console = Console(width=140, record=True, file=io.StringIO())
+    console.print(render_job(view))
+    return console.export_text()
+
+
+def read_row(view, label):
+    [row] = [line.strip() for line in print_page(view).splitlines() if line.strip().startswith(label)]
+    return row
+
+
 def test_parts_are_listed_in_the_order_of_gluing(books):
     view = describe_job(make_context(books), books.jobs[1])
     assert [part.id for part in view.parts] == ["1/p01", "1/p02", "1/p03"]
     assert [part.id for part in view.parts_in_gluing_order] == ["1/p03", "1/p01", "1/p02"]
-    console = Console(width=140, record=True, file=io.StringIO())
-    console.print(render_job(view))
-    rows = [line.split()[:2] for line in console.export_text().splitlines() if line.startswith("1/p")]
+    rows = [line.split()[:2] for line in print_page(view).splitlines() if line.startswith("1/p")]
     assert rows == [["1/p03", "1"], ["1/p01", "2"], ["1/p02", "3"]]
 
 
@@ -72,10 +81,14 @@ def test_time_from_submission_to_assembly_is_forecast_then_measured(books):
     assert (view.assembly_s, view.glued) == (3600.0, False)
     assert view.submitted_to_assembled_s == pytest.approx(203.0 + 3600.0)
     assert ("assembly, expected", "1h00") in list_figures(view)
+    assert ("from submission to assembly, expected", "1h03") in list_figures(view)
+    assert read_row(view, "assembled").startswith("assembled, expected")
     books, _ = apply_events(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
     view = describe_job(make_context(books, 6000.0), books.jobs[1])
     assert (view.assembly_s, view.glued, view.submitted_to_assembled_s) == (3000.0, True, 5000.0)
     assert ("assembly", "50 min") in list_figures(view)
+    assert ("from submission to assembly", "1h23") in list_figures(view)
+    assert read_row(view, "assembled").startswith("assembled  ")
 
 
 def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
@@ -119,9 +132,7 @@ def test_reported_times_correct_those_expected_of_a_later_job(books):
 
 def test_page_of_a_job_names_its_instructions(books):
     view = describe_job(make_context(print_parts(books), 300.0), print_parts(books).jobs[1])
-    console = Console(width=140, record=True, file=io.StringIO())
-    console.print(render_job(view))
-    assert f"instructions for gluing: {view.folder}/instructions.html" in console.export_text()
+    assert f"instructions for gluing: {view.folder}/instructions.html" in print_page(view)
 
 
 def test_expected_gluing_time_of_other_jobs_follows_the_reports():

@@ -43,7 +43,7 @@ def test_search_prints_a_line_for_each_quarter():
     assert print_progress(*steps, PlanProgress(step=PlanStep.REBALANCING)) == [
         "decomposing",
         "decomposing 0 %",
-        "decomposing 25 %, at most 30 s left",
+        "decomposing 25 %, up to about 30 s left",
         "decomposing 100 %",
         "balancing the parts by their sliced times",
     ]

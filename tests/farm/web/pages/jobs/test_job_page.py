@@ -192,7 +192,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
                 "state": JobState.PLANNING,
                 "progress": PlanProgress(step=PlanStep.DECOMPOSING, share=0.4, remaining_s=90.0),
             },
-            "Decomposing 40 %, at most 90 s left.",
+            "Decomposing 40 %, up to about 90 s left.",
         ),
         (
             {"state": JobState.HELD, "expected_s": 3600.0},
