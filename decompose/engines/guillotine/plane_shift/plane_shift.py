@@ -2,11 +2,12 @@
 
 On the grid, a face can only move by a whole layer of cells, which is a large share of a part. Here all groups
 of faces that can move (`plane_moves`) move at once. A linear programme finds short steps that minimise the
-makespan as if every part's time were linear in the positions of its faces. The slopes are the changes of a
-part's time for each mm by which one of its faces moves. The parts are then priced at the new positions, and
-the slopes are corrected accordingly. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
-then each part keeps its pose, because pricing it in a known pose is much faster. One such search is made even
-if the budget is spent, because it gains more in the same time than most other searches.
+makespan as if every part's time were linear in the positions of its faces. The slopes, which are the changes
+of a part's time for each mm by which one of its faces moves, follow from the outlines of the faces at first
+(`measure_face_slopes`). The parts are then priced at the new positions, and the slopes are corrected
+accordingly. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until then each part keeps its
+pose, because pricing it in a known pose is much faster. One such search is made even if the budget is spent,
+because it gains more in the same time than most other searches.
 
 Given a makespan to beat, a search ends before its first step if the linear programme expects to miss it by
 far.
@@ -71,7 +72,8 @@ MAX_REDUCTIONS, MAX_STOPS = 6, 6
 MAX_SOLUTIONS = 4
 """Maximum number of times that the linear programme of a step is solved. Before each further time, the planes
 that flat faces have stopped are fixed."""
-MEAN_PRICING_COUNT = 4  # mean number of prices that a search computes for a part after moves
+# Mean number of prices that a search computes for a part after moves; a search for poses counts as three.
+MEAN_PRICING_COUNT = 8
 
 
 def shift_planes(
