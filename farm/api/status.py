@@ -57,11 +57,27 @@ class Reel(View):
     nozzle_mm: float
 
 
-class PrintProgress(PrintReadings, View):
+class PlateOfPrint(View):
+    """Plate of a print."""
+
+    plate: str
+    parts: list[str] = Field(default_factory=list)  # parts on the plate
+
+    @property
+    def name(self) -> str:
+        """Name for people: that of the part if there is only one, such as `2/p01`."""
+        return self.parts[0] if len(self.parts) == 1 else self.plate
+
+    @property
+    def label(self) -> str:
+        """Name after the word for it, such as `part 2/p01`."""
+        return f"{'part' if len(self.parts) == 1 else 'plate'} {self.name}"
+
+
+class PrintProgress(PrintReadings, PlateOfPrint):
     """Progress of an open print."""
 
     job: int
-    plate: str
     state: PrintState
     progress: float = Field(ge=0, le=1)
     remaining_s: float
@@ -69,11 +85,10 @@ class PrintProgress(PrintReadings, View):
     pause_ends: str | None  # time at which a paused print is stopped unless a person resumes it
 
 
-class LastPrint(View):
+class LastPrint(PlateOfPrint):
     """Last print on a printer; its part is on the bed until a person clears the bed."""
 
     id: str = ""
-    plate: str
     state: PrintState
     ended: str | None
     # (actual - expected time) / expected time; null unless the print is `done` and was never paused

@@ -80,12 +80,13 @@ def _describe_last_print(context: ViewContext, printer: str) -> api.LastPrint | 
     attempt = context.books.find_last_print(printer)
     if attempt is None:
         return None
-    deviation = None
+    deviation, plate = None, context.books.plates[attempt.plate]
     if attempt.state is PrintState.DONE and not attempt.paused:
-        deviation = compute_duration_s(attempt) / context.books.plates[attempt.plate].expected_s - 1
+        deviation = compute_duration_s(attempt) / plate.expected_s - 1
     return api.LastPrint(
         id=attempt.id,
         plate=attempt.plate,
+        parts=list(plate.parts),
         state=attempt.state,
         ended=context.format_time(attempt.ended_s),
         off=deviation,
@@ -111,6 +112,7 @@ def _describe_progress(context: ViewContext, attempt: Print) -> api.PrintProgres
         **(report or PrintReadings()).dump_readings(),
         job=attempt.job,
         plate=attempt.plate,
+        parts=list(plate.parts),
         state=attempt.shown_state,
         progress=min(1.0, max(0.0, 1 - remaining_s / plate.expected_s)),
         remaining_s=remaining_s,

@@ -45,7 +45,7 @@ def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
     part, ends, deviation = "", "", ""
     state, last_print = _STATE_NAMES.get(printer.state, printer.state), printer.last
     if printer.print is not None:
-        part = printer.print.plate
+        part = printer.print.name
         ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
     elif last_print is not None and printer.bed != Bed.CLEAR:
         end_time = (
@@ -53,7 +53,7 @@ def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
             if last_print.ended is None
             else format_recent_moment(parse_time(last_print.ended), parse_time(now))
         )
-        part, ends = last_print.plate, f"at {end_time}"
+        part, ends = last_print.name, f"at {end_time}"
         deviation = format_deviation(last_print.off) if last_print.off is not None else ""
         if state == "idle":
             state = "remove" if last_print.state == PrintState.DONE else "to clear"

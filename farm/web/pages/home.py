@@ -34,7 +34,7 @@ class BedToClear:
     printer
         Name of the printer.
     plate
-        Last plate that was printed on the bed; None if there is none.
+        Last plate that was printed on the bed, as its `label`; None if there is none.
     awaits_verdict
         True if the part of the plate waits for a verdict.
     seen_print
@@ -217,7 +217,7 @@ def describe_bed(printer: api.PrinterView, good_part: str | None = None) -> BedT
     last_print_id = last_print.id if last_print is not None else "none"
     return BedToClear(
         printer.name,
-        last_print.plate if last_print is not None else None,
+        last_print.label if last_print is not None else None,
         awaits_verdict,
         last_print_id,
         good_part,

@@ -30,7 +30,7 @@ def test_page_begins_with_the_tasks():
     assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
     assert lines[3].startswith("JOB 1    bracket.stl: printed 3/5, good 0/3; expected 100 s, now ")
     table = [line.split() for line in lines if line.startswith("um2-")]
-    assert table[0][:8] == ["um2-01", "remove", "1/01", "at", "00:01", "+2", "%", "1.00"]
+    assert table[0][:8] == ["um2-01", "remove", "1/p01", "at", "00:01", "+2", "%", "1.00"]
     assert [row[1] for row in table] == ["remove"] * 3 + ["inspect", "printing"]
 
 

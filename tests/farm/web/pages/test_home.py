@@ -49,6 +49,20 @@ def make_last_print(state, verdict=None):
     return api.LastPrint(id="print-1", plate="1/01", state=state, ended=None, off=None, verdict=verdict)
 
 
+@pytest.mark.parametrize(
+    ("parts", "name", "label"),
+    [
+        (["1/p01"], "1/p01", "part 1/p01"),
+        (["1/p01", "1/p04"], "1/01", "plate 1/01"),
+        ([], "1/01", "plate 1/01"),
+    ],
+)
+def test_plate_with_one_part_is_named_by_the_part(status, parts, name, label):
+    progress = make_print(60.0, parts=parts)
+    assert (progress.name, progress.label) == (name, label)
+    assert f"</a>, {label}</p>" in render_home(replace_printers(status, {"print": progress}), ANN)
+
+
 def test_tiles_are_in_the_order_of_their_ends(status):
     remaining_times_s = (7200.0, None, 60.0, 7205.0)
     print_fields = [
