@@ -1,10 +1,11 @@
 """Change of a part's print time for each mm by which one of its cut faces moves.
 
 The surfaces at the outline of the cut face become longer or shorter, and the area of the cut face itself
-changes where they are oblique. So the slope follows from the part as it is. Cutting the part again at a
-distance, and pricing that, takes a hundred times as long.
+changes where they are oblique. So the slope follows from the part as it is, without cutting it again.
 
-Only volume, walls and skins are counted. Supports, thin walls and rims of skin are not.
+Only the terms of `compute_price_s` without supports are counted, with the brim of the print settings. Those
+that are measured on a part in a pose, such as thin walls, contours and islands, are not, and neither are
+connectors.
 """
 
 from __future__ import annotations
@@ -107,12 +108,9 @@ def _sum_growth(mesh: PartMesh, face_planes: Ints, normals: Floats, weights: Flo
     is_on_plane = face_planes >= 0
     areas_mm2 = np.bincount(face_planes[is_on_plane], surfaces.areas_mm2[is_on_plane], count)
     half_edges = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
-    half_edges = half_edges[is_on_plane[half_edges[:, 0] // 3]]
-    cut_faces, other_faces = half_edges.T // 3
-    is_outline = face_planes[cut_faces] != face_planes[other_faces]
-    half_edges, cut_faces, other_faces = (
-        half_edges[is_outline, 0], cut_faces[is_outline], other_faces[is_outline]
-    )  # fmt: skip
+    face_pairs = half_edges // 3
+    is_outline = is_on_plane[face_pairs[:, 0]] & (np.diff(face_planes[face_pairs], axis=1)[:, 0] != 0)
+    half_edges, (cut_faces, other_faces) = half_edges[is_outline, 0], face_pairs[is_outline].T
     begins = mesh.vertices[mesh.faces[cut_faces, half_edges % 3]]
     ends = mesh.vertices[mesh.faces[cut_faces, (half_edges % 3 + 1) % 3]]
     lengths_mm = np.linalg.norm(ends - begins, axis=1)

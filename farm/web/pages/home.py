@@ -33,8 +33,8 @@ class BedToClear:
     ----------
     printer
         Name of the printer.
-    plate
-        Last plate that was printed on the bed, as its `label`; None if there is none.
+    label
+        Label of the last plate that was printed on the bed; None if there is none.
     awaits_verdict
         True if the part of the plate waits for a verdict.
     seen_print
@@ -45,7 +45,7 @@ class BedToClear:
     """
 
     printer: str
-    plate: str | None
+    label: str | None
     awaits_verdict: bool
     seen_print: str
     good_part: str | None = None

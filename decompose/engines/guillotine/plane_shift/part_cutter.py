@@ -58,7 +58,7 @@ class PartCutter:
         self._problem.effort.record(Work.FACE_MEASURED, sum(self._nearby_solids[i].face_count for i in parts))
 
     def record_slopes(self, parts: Sequence[BoxPart]) -> None:
-        """Record the work of measuring the slopes of parts."""
+        """Record the work of measuring the slopes of parts, as if those of all their pieces were measured."""
         faces = sum(piece.solid.face_count for part in parts for piece in part.pieces)
         self._problem.effort.record(Work.FACE_SLOPED, faces)
 

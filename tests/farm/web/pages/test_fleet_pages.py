@@ -90,6 +90,10 @@ def test_printer_page_asks_for_a_verdict_only_on_a_part_that_was_printed(farm):
         page = read_page(farm, "/printers/a")
         assert 'action="/printers/a/cleared"' in page
         verdict_requests.append('name="bad"' in page)
+        part = controller.books.plates[attempt.plate].parts[0]
+        for text in (f"Clear the bed: part {part}<", f"Part {part} is\n"):
+            assert (text in page) == (state is PrintState.DONE)
+        assert f"</a>, part {part}" in read_page(farm, "/")
         cleared_event = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
         controller.handle(cleared_event)
     assert verdict_requests == [False, True]

@@ -1,4 +1,4 @@
-"""Parts that end inside their boxes."""
+"""Parts that end inside their boxes, and slopes of the times of parts."""
 
 from __future__ import annotations
 
@@ -54,3 +54,32 @@ def test_side_inside_a_box_moves_only_to_cover_needed_cells(
     (piece,) = part.pieces
     assert piece.solid.bounds_mm[1].tolist() == pytest.approx([end_mm, 180.0, top_mm])
     assert (piece.printer, piece.time_ratio) == (printer, 1.5)
+
+
+def test_slopes_are_those_of_the_slowest_piece_on_its_printer(cost: CostModel) -> None:
+    """Cut two blocks of unequal length, 20 and 30 mm wide, at one plane."""
+    printer = TargetPrinter("p", ((220.0, 220.0, 200.0),), time_factor=1.2)
+    blocks = [Solid.box((0.0, 0.0, 0.0), (60.0, 20.0, 20.0)), Solid.box((0.0, 40.0, 0.0), (50.0, 70.0, 30.0))]
+    model = Model(Solid.union(blocks), (), 1.0)
+    problem = Problem(model, (printer,), cost, Options(Engine.GUILLOTINE, 4))
+    box_mm = np.array([[-1.0, -1.0, -1.0], [40.0, 80.0, 35.0]])
+    pieces = [replace(piece, printer=printer, time_ratio=1.5) for piece in cut_box(model.solid, *box_mm)]
+    part = BoxPart(box_mm, tuple(pieces), (), math.inf).with_poses(problem.find_poses(pieces))
+    planes = (np.array([-1.0, 41.0]), np.array([-1.0, 80.0]), np.array([-1.0, 35.0]))
+    cells = NeededCells(planes, np.ones((1, 1, 1), dtype=bool))
+    cutter = PartCutter(problem, [part], np.full(3, 20.0), cells, [NO_FLAT_FACES] * 3)
+    is_fixed = np.zeros((2, 3), dtype=bool)
+    slopes_s_per_mm = cutter.measure_slopes(part, is_fixed)
+    assert np.argwhere(slopes_s_per_mm).tolist() == [[1, 0]]
+    moved_mm = box_mm.copy()
+    moved_mm[1, 0] += 1.0
+    moved_part, poses = cutter.cut_in_old_poses(0, part, moved_mm)
+    measured_s_per_mm = moved_part.with_poses(poses).seconds - part.seconds
+    assert slopes_s_per_mm[1, 0] == pytest.approx(measured_s_per_mm, rel=0.1)
+    assert not cutter.measure_slopes(part, np.ones((2, 3), dtype=bool)).any()
+    inner_part = replace(part, box_mm=moved_mm)  # its pieces end inside this box
+    assert not cutter.measure_slopes(inner_part, is_fixed).any()
+    low_mm = np.array([[20.0, -1.0, -1.0], [61.0, 80.0, 35.0]])
+    low_part = cutter.cut_part(0, low_mm)
+    low_part = low_part.with_poses(problem.find_poses(low_part.pieces))
+    assert cutter.measure_slopes(low_part, is_fixed)[0, 0] < 0.0
