@@ -102,9 +102,21 @@ def render_page(
         parts=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_in_gluing_order],
         assembly=None if assembly_picture is None else _make_data_url(assembly_picture),
         decomposition=decomposition or Report(),
-        steps=[] if decomposition is None else _list_steps(decomposition),
+        steps=[] if decomposition is None else _lay_out_steps(decomposition),
     )
     return page + "\n"
+
+
+def _lay_out_steps(report: Report) -> list[tuple[str, ...]]:
+    """List the headings, and the cells of each step of the assembly, without columns that are empty."""
+    rows = [
+        ("step", "glue", "onto", "marks on the faces", "pins, mm", "seam, mm"),
+        *_list_steps(report),
+    ]
+    if len(rows) == 1:
+        return []
+    columns = [column for column in zip(*rows, strict=True) if any(column[1:])]
+    return list(zip(*columns, strict=True))
 
 
 def _list_steps(report: Report) -> list[tuple[str, ...]]:

@@ -96,7 +96,12 @@ def test_steps_of_the_assembly_are_listed_with_codes_pins_and_seams():
     cells = re.findall(r"<td>([^<]*)</td>", page[page.index('<table class="steps">') :])
     assert cells == ["1", "p02", "p01", "1-2, ●●", "13, 7, 8 × 1.75", "1,234"]
     assert "1,300 mm of seam are visible" in page and "a rim &lt;is&gt; thin" in page
+    assert "<th>marks on the faces</th><th>pins, mm</th>" in page
     assert "Assembly" not in render_page(view, rows, now_time, list_figures(view), JobContents())
+    decomposition["assembly"] = {"steps": [{"number": 1, "moved": ["p02"], "fixed": ["p01"], "seam_mm": 5.0}]}
+    report = parse_report(json.dumps(decomposition).encode())
+    page = render_page(view, rows, now_time, list_figures(view), JobContents(decomposition=report))
+    assert "<th>onto</th><th>seam, mm</th></tr>" in page and "<td>p01</td><td>5</td></tr>" in page
 
 
 def make_books_without_files(books):
