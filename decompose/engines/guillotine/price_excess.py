@@ -11,9 +11,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from decompose.arrays import Floats, Ints
 from decompose.grid import VOLUME, Box, BoxTables, Grid, find_interval_ends, index_box
+from decompose.jit import jit
+
+Prices = npt.NDArray[np.float32]
 
 # Share of the excess that is added to the prices of other boxes: they may be cut where it does not arise.
 SPREAD_SHARE = 0.7
@@ -78,17 +82,40 @@ class PriceExcess:
     def update_estimates(self) -> None:
         """Estimate the prices of all boxes from the excess of those whose true prices are known."""
         excess_s = SPREAD_SHARE * self._excess_s_per_mm3 / self._box_count.clip(1) * self._volumes_mm3
-        self.estimates.seconds[:] = self._tables.seconds + _sum_boxes(excess_s).astype(np.float32)
+        _add_box_sums(self._tables.seconds, excess_s, self.estimates.seconds)
         self.estimates.seconds[self._true_indices] = self._tables.seconds[self._true_indices]
 
 
-def _sum_boxes(values: Floats) -> Floats:
-    """Sum values (nx, ny, nz) of cells over each box (boxes,), in the order of the tables."""
-    sums = np.pad(values, ((1, 0), (1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
-    for axis in range(3):
-        low, high = _list_ends(values.shape[axis]).T
-        sums = np.take(sums, high, axis=axis) - np.take(sums, low, axis=axis)
-    return np.asarray(sums.reshape(-1))
+def _add_box_sums(seconds: Prices, values_s: Floats, estimates_s: Prices) -> None:
+    """Add the sum over the cells of each box to its price.
+
+    Parameters
+    ----------
+    seconds
+        (boxes,) prices, in the order of the tables.
+    values_s
+        (nx, ny, nz) value of each cell.
+    estimates_s
+        (boxes,) array for the sums of both.
+    """
+    sums_s = np.pad(values_s, ((1, 0), (1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    x_ends, y_ends, z_ends = (_list_ends(count) for count in values_s.shape)
+    _fill_estimates(seconds, sums_s, x_ends, y_ends, z_ends, estimates_s)
+
+
+@jit
+def _fill_estimates(
+    seconds: Prices, sums_s: Floats, x_ends: Ints, y_ends: Ints, z_ends: Ints, estimates_s: Prices
+) -> None:
+    """Add the sums of all boxes to their prices, from the sums of the cells below each corner of the grid."""
+    box = 0
+    for x in range(len(x_ends)):
+        layer_s = sums_s[x_ends[x, 1]] - sums_s[x_ends[x, 0]]
+        for y in range(len(y_ends)):
+            row_s = layer_s[y_ends[y, 1]] - layer_s[y_ends[y, 0]]
+            for z in range(len(z_ends)):
+                estimates_s[box] = seconds[box] + (row_s[z_ends[z, 1]] - row_s[z_ends[z, 0]])
+                box += 1
 
 
 def _list_ends(count: int) -> Ints:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.engines.guillotine.price_excess import SPREAD_SHARE, PriceExcess, _sum_boxes
+from decompose.engines.guillotine.price_excess import SPREAD_SHARE, PriceExcess, _add_box_sums
 from decompose.geometry import Model
 from decompose.grid import VOLUME, Box, BoxTables, Grid, find_box, index_box
 from decompose.options import Engine, Options
@@ -37,14 +37,19 @@ def list_boxes(shape: tuple[int, int, int]) -> list[Box]:
     st.tuples(*[st.integers(1, 4)] * 3),
     st.integers(0, 2**32 - 1),
 )
-def test_sums_of_all_boxes_are_those_of_their_cells(shape: tuple[int, int, int], seed: int) -> None:
-    values = np.random.default_rng(seed).random(shape)
-    sums = _sum_boxes(values)
-    boxes = list_boxes(shape)
-    assert len(boxes) == len(sums)
+def test_estimate_of_each_box_is_its_price_and_the_sum_of_its_cells(
+    shape: tuple[int, int, int], seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    boxes, values_s = list_boxes(shape), rng.random(shape)
+    seconds = rng.random(len(boxes)).astype(np.float32)
+    seconds[0] = math.inf
+    estimates_s = np.full(len(boxes), -1.0, np.float32)
+    _add_box_sums(seconds, values_s, estimates_s)
     for box in boxes:
         cells = tuple(slice(box[axis], box[axis + 3]) for axis in range(3))
-        assert sums[index_box(box, shape)] == pytest.approx(values[cells].sum())
+        number = index_box(box, shape)
+        assert estimates_s[number] == pytest.approx(seconds[number] + values_s[cells].sum())
 
 
 def trim_box(tables: BoxTables, box: Box) -> Box:
