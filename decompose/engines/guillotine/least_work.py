@@ -18,6 +18,7 @@ import numpy.typing as npt
 from decompose.engines.guillotine.partitioner import list_class_states, solve_by_length
 from decompose.engines.guillotine.recursion import lower_box_values
 from decompose.grid import Box, BoxTables, Shape, count_cuts, find_box, index_box
+from decompose.jit import jit
 
 MAX_SOLUTIONS = 6  # maximum number of prices of a part that are tried
 # Maximum price of a part, as a share of the maximum time of a part; the minimum price is its negative.
@@ -79,21 +80,14 @@ class LeastWorkSearch:
     def _solve(self, range_s: Range, price_s: float) -> Values:
         """Compute the least total print time (boxes,) of each box's partitions, with prices of parts."""
         tables = self._tables
-        values = self._compute_uncut_values(slice(None), range_s, price_s)
-        values[tables.trimmed_box < 0] = 0.0
+        values = np.empty(len(tables.seconds), np.float32)
+        _fill_uncut_values(tables.seconds, tables.piece_counts, tables.trimmed_box, range_s, price_s, values)
         _, sums = list_class_states([])
         solve_by_length(
             tables.shape[0], self._executor, partial(lower_box_values, values, sums, tables.shape)
         )
         self.sum_count += count_cuts(tables.shape)
         return values
-
-    def _compute_uncut_values(self, indices: slice, range_s: Range, price_s: float) -> Values:
-        """Compute the values of uncut boxes at these indices."""
-        seconds, piece_counts = self._tables.seconds[indices], self._tables.piece_counts[indices]
-        values = seconds + np.float32(price_s) * piece_counts.astype(np.float32)
-        is_in_range = (range_s[0] <= seconds) & (seconds <= range_s[1])
-        return np.where(is_in_range, values, _UNREACHABLE_S).astype(np.float32)
 
     def _list_boxes(self, values: Values, range_s: Range, price_s: float) -> list[Box]:
         """List the boxes of a solution in the order of the cuts; none if there is no solution."""
@@ -106,7 +100,8 @@ class LeastWorkSearch:
             index = int(trimmed_box[index_box(stack.pop(), shape)])
             if index < 0:
                 continue
-            if self._compute_uncut_values(slice(index, index + 1), range_s, price_s)[0] <= values[index]:
+            seconds, piece_count = self._tables.seconds[index], self._tables.piece_counts[index]
+            if _compute_uncut_value(seconds, piece_count, range_s, price_s) <= values[index]:
                 boxes.append(find_box(index, shape))
             else:
                 stack.extend(_find_best_cut(values, find_box(index, shape), shape))
@@ -115,6 +110,32 @@ class LeastWorkSearch:
     def _count_parts(self, boxes: list[Box]) -> int:
         """Count the pieces in boxes."""
         return sum(int(self._tables.piece_counts[index_box(box, self._tables.shape)]) for box in boxes)
+
+
+@jit
+def _compute_uncut_value(
+    seconds: np.float32, piece_count: np.int16, range_s: Range, price_s: float
+) -> np.float32:
+    """Compute the value of an uncut box: its time and the price of its pieces."""
+    if seconds < range_s[0] or seconds > range_s[1]:
+        return _UNREACHABLE_S
+    return np.float32(seconds + np.float32(price_s) * np.float32(piece_count))
+
+
+@jit
+def _fill_uncut_values(
+    seconds: Values,
+    piece_counts: npt.NDArray[np.int16],
+    trimmed_box: npt.NDArray[np.int32],
+    range_s: Range,
+    price_s: float,
+    values: Values,
+) -> None:
+    """Fill in the values (boxes,) of all uncut boxes; those without needed cells are 0."""
+    for box in range(len(values)):
+        values[box] = 0.0
+        if trimmed_box[box] >= 0:
+            values[box] = _compute_uncut_value(seconds[box], piece_counts[box], range_s, price_s)
 
 
 def _find_best_cut(values: Values, box: Box, shape: Shape) -> tuple[Box, Box]:
