@@ -11,6 +11,7 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import Solid
 from decompose.grid import Box, Grid
+from decompose.jit import jit
 from decompose.printers import TargetPrinter
 
 PLANE_TOLERANCE_MM = 1e-7  # maximum distance of a vertex from its cut plane, due to rounding
@@ -102,15 +103,31 @@ def find_face_planes(vertices: Floats, faces: Ints, planes: Floats) -> Ints:
     ndarray
         (m,) number of the first plane that contains the face; -1 if there is none.
     """
-    is_on_plane = _find_on_planes(vertices, faces, planes)
-    # The first column makes the number -1 where no plane contains the face.
-    return np.asarray(np.argmax(np.column_stack([~is_on_plane.any(axis=1), is_on_plane]), axis=1) - 1)
+    return _find_face_planes(
+        np.ascontiguousarray(vertices, np.float64),
+        np.ascontiguousarray(faces, np.int64),
+        np.ascontiguousarray(planes, np.float64),
+    )
 
 
-def _find_on_planes(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
-    """Check for each face and each plane (m, k) whether the face lies on the plane."""
-    on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < PLANE_TOLERANCE_MM
-    return np.asarray(np.all(on_plane[faces], axis=1))
+@jit
+def _find_face_planes(vertices: Floats, faces: Ints, planes: Floats) -> Ints:
+    """Find the plane on which each face lies; see `find_face_planes`."""
+    is_on_plane = np.zeros((len(planes), len(vertices)), np.bool_)
+    for k in range(len(planes)):
+        for i in range(len(vertices)):
+            distance_mm = -planes[k, 3]
+            for axis in range(3):
+                distance_mm += vertices[i, axis] * planes[k, axis]
+            is_on_plane[k, i] = abs(distance_mm) < PLANE_TOLERANCE_MM
+    face_planes = np.full(len(faces), -1, np.int64)
+    for i in range(len(faces)):
+        a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]
+        for k in range(len(planes)):
+            if is_on_plane[k, a] and is_on_plane[k, b] and is_on_plane[k, c]:
+                face_planes[i] = k
+                break
+    return face_planes
 
 
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
@@ -128,7 +145,7 @@ def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
     ndarray
         (m,) bool.
     """
-    return np.asarray(_find_on_planes(vertices, faces, planes).any(axis=1))
+    return find_face_planes(vertices, faces, planes) >= 0
 
 
 def rotate_planes(planes: Floats, rotation: Floats) -> Floats:

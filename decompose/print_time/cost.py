@@ -330,10 +330,20 @@ class CostModel:
         extents_mm
             (3,) width, depth and height.
         """
-        volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3 = map(float, additive_features)
-        width_mm, depth_mm, height_mm = map(float, extents_mm)
-        features = (volume_mm3, lateral_mm2, skin_mm2, slope_mm2, column_mm3)
-        return float(compute_price_s(self.build_prices(), features, (width_mm, depth_mm, height_mm)))
+        features, extents = (np.array([values], np.float64) for values in (additive_features, extents_mm))
+        return float(self.price_poses_s(features, extents)[0])
+
+    def price_poses_s(self, additive_features: Floats, extents_mm: Floats) -> Floats:
+        """Price a part in each of k poses, in seconds (k,).
+
+        Parameters
+        ----------
+        additive_features
+            (k, 5) `ADDITIVE_FEATURES`.
+        extents_mm
+            (k, 3) width, depth and height.
+        """
+        return _compute_prices_s(self.build_prices(), additive_features, extents_mm)
 
 
 def _compute_saved_share(saved_s: float, price_s: float) -> float:
@@ -394,4 +404,14 @@ def compute_price_s(prices: Prices, additive_features: AdditiveFeatures, extents
         + prices["overhang_s_per_mm3"] * column_mm3
         + prices["brim_s_per_mm2"] * brim_mm2
     )
+    return seconds
+
+
+@jit
+def _compute_prices_s(prices: Prices, additive_features: Floats, extents_mm: Floats) -> Floats:
+    """Compute the prices (k,) of a part in k poses; see `CostModel.price_poses_s`."""
+    seconds = np.zeros(len(extents_mm))
+    for i in range(len(extents_mm)):
+        f, e = additive_features[i], extents_mm[i]
+        seconds[i] = compute_price_s(prices, (f[0], f[1], f[2], f[3], f[4]), (e[0], e[1], e[2]))
     return seconds

@@ -154,7 +154,7 @@ def price_poses_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostMo
         (k,) seconds.
     """
     features, extents_mm = sum_pose_features(vertices, faces, rotations, cost)
-    return np.array([cost.price_part_s(*pose) for pose in zip(features, extents_mm, strict=True)])
+    return cost.price_poses_s(features, extents_mm)
 
 
 def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:

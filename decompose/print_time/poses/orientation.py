@@ -92,17 +92,16 @@ def find_best_pose(
 
 def _bound_prices_s(
     features: Floats, extents_mm: Floats, cost: CostModel, fit_first_layer: bool
-) -> tuple[list[float], list[float]]:
-    """Bound the prices of poses with features (k, 5): lower bounds without, upper bounds with supports.
+) -> tuple[Floats, Floats]:
+    """Bound the prices (k,) of poses with features (k, 5): lower bounds without, upper bounds with supports.
 
     If the brim is chosen for each pose, the lower bounds do not include it.
     """
     cost_without_brim = replace(cost, brim_mm=0.0) if fit_first_layer else cost
-    min_s = [
-        cost_without_brim.price_part_s([*f[:COLUMN_INDEX], 0.0], e)
-        for f, e in zip(features, extents_mm, strict=True)
-    ]
-    return min_s, [cost.price_part_s(f, e) for f, e in zip(features, extents_mm, strict=True)]
+    features_without_support = features.copy()
+    features_without_support[:, COLUMN_INDEX] = 0.0
+    min_s = cost_without_brim.price_poses_s(features_without_support, extents_mm)
+    return min_s, cost.price_poses_s(features, extents_mm)
 
 
 def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[TargetPrinter]) -> Floats:
