@@ -5,12 +5,12 @@ of faces that can move (`plane_moves`) move at once. A linear programme finds sh
 makespan as if every part's time were linear in the positions of its faces. The slopes, which are the changes
 of a part's time for each mm by which one of its faces moves, follow from the outlines of the faces at first
 (`measure_face_slopes`). The parts are then priced at the new positions, and the slopes are corrected
-accordingly. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until then each part keeps its
-pose, because pricing it in a known pose is much faster. One such search is made even if the budget is spent,
-because it gains more in the same time than most other searches.
+accordingly. Each part keeps its pose until the end, because pricing it in a known pose is much faster, and
+other poses hardly change the makespan. One such search is made even if the budget is spent, because it gains
+more in the same time than most other searches.
 
 Given a makespan to beat, a search ends before its first step if the linear programme expects to miss it by
-far.
+far, and before the search for new poses if the parts miss it.
 
 Boxes are trimmed to their needed cells first (`trimming`). In the search they are extended into the hollow
 again, so that faces there can move, but parts are not cut larger than needed (`part_cutter`).
@@ -56,10 +56,12 @@ MAX_MOVE_SHARE = 0.9  # maximum total move of a plane, as a share of the shortes
 FIRST_STEP_SHARE = 0.5  # maximum length of the first step, as a share of a plane's maximum total move
 TRIAL_MM = 0.4  # length of a trial move, which shows whether a group is free to move
 MAX_ROUNDS, STEPS_PER_ROUND = 4, 8
+MAX_TRIES = 4  # maximum number of times that planes are moved, if parts are too slow in their best poses
 STEP_REDUCTION = 0.6  # ratio of the maximum length of the next step to that of a step without a gain
 # A search ends before its first step if the makespan to beat, times this, is shorter than the one after the
 # best moves, as if slopes were exact. That expected makespan may be too long by about 1 %.
 HOPELESS_RATIO = 1.02
+MAX_POSE_RATIO = 1.003  # poses are not sought for parts that exceed the makespan to beat by this factor
 MIN_GAIN = 0.0025  # minimum expected gain of a step, as a share of the makespan
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another search starts from its result
 PLANE_DECIMALS = 6  # decimal places of a moved plane's coordinate in mm
@@ -72,9 +74,9 @@ MAX_REDUCTIONS, MAX_STOPS = 6, 6
 MAX_SOLUTIONS = 4
 """Maximum number of times that the linear programme of a step is solved. Before each further time, the planes
 that flat faces have stopped are fixed."""
-# Mean work of a search for a part, in prices: 4.3 prices after moves, and 1.1 searches for a pose, each of
-# which takes as long as three prices.
-MEAN_PRICING_COUNT = 8
+# Mean work of a search for a part, in prices: 4.3 prices after moves, and a search for its pose, which takes
+# as long as three prices.
+MEAN_PRICING_COUNT = 7.3
 
 
 def shift_planes(
@@ -195,40 +197,53 @@ class _PlaneShift:
         """Find the best poses for the parts of the first partition."""
         return self.cutter.pose_parts(self.start_parts)
 
-    def improve_parts(self, best_parts: list[BoxPart], best_known_s: float = math.inf) -> list[BoxPart]:
-        """Improve the positions of the planes, starting from parts in their poses.
+    def improve_parts(self, start_parts: list[BoxPart], best_known_s: float = math.inf) -> list[BoxPart]:
+        """Improve the positions of the planes, starting from parts in their best poses.
 
-        The parts stay as they are if they can hardly become faster than the makespan to beat.
+        The parts stay as they are if they can hardly become faster than the makespan to beat. Otherwise,
+        those that have moved get their best poses at the end. If they are slower in these, the faces of the
+        slow parts stay.
         """
-        if not (self.is_free.any() and math.isfinite(find_longest_time_s(best_parts))):
-            return best_parts
-        self.cutter.record_slopes(best_parts)
+        if not (self.is_free.any() and math.isfinite(find_longest_time_s(start_parts))):
+            return start_parts
+        self.cutter.record_slopes(start_parts)
         slopes_s_per_mm = np.array(
-            list(self.problem.map(self.cutter.measure_slopes, best_parts, self.groups < 0))
+            list(self.problem.map(self.cutter.measure_slopes, start_parts, self.groups < 0))
         )
         if math.isfinite(best_known_s):
-            _, expected_s = self._solve_step(best_parts, slopes_s_per_mm, self.reach_mm)
+            _, expected_s = self._solve_step(start_parts, slopes_s_per_mm, self.reach_mm)
             if HOPELESS_RATIO * best_known_s < expected_s < math.inf:
-                return best_parts
+                return start_parts
+        for try_number in range(MAX_TRIES):
+            if try_number and self.problem.effort.is_spent():
+                break
+            parts = self._take_rounds(start_parts, slopes_s_per_mm)
+            if parts is start_parts or find_longest_time_s(parts) > MAX_POSE_RATIO * best_known_s:
+                break
+            posed_parts = self.cutter.pose_parts(parts, start_parts)
+            if sort_times_s(posed_parts) < sort_times_s(start_parts):
+                return posed_parts
+            limit_s = find_longest_time_s(start_parts)
+            slow_numbers = [i for i, part in enumerate(posed_parts) if part.seconds >= limit_s]
+            if not self.face_limits.limit_faces(start_parts, posed_parts, slow_numbers, 0.0):
+                break
+        return start_parts
+
+    def _take_rounds(self, best_parts: list[BoxPart], slopes_s_per_mm: Floats) -> list[BoxPart]:
+        """Take rounds of steps as long as they gain enough; each begins with long steps again."""
         for round_number in range(MAX_ROUNDS):
             if round_number and self.problem.effort.is_spent():
                 break
-            moved_parts = self._take_steps(best_parts, slopes_s_per_mm)
-            if moved_parts is best_parts:
+            new_parts = self._take_steps(best_parts, slopes_s_per_mm)
+            if new_parts is best_parts:
                 break
-            new_parts = self.cutter.pose_parts(moved_parts, best_parts)
-            if sort_times_s(new_parts) >= sort_times_s(best_parts):
-                limit_s = find_longest_time_s(best_parts)
-                slow_numbers = [i for i, part in enumerate(new_parts) if part.seconds >= limit_s]
-                if not self.face_limits.limit_faces(best_parts, new_parts, slow_numbers, 0.0):
-                    break
-            elif self._has_faults(new_parts):
+            if self._has_faults(new_parts):
                 self.reach_mm = self.reach_mm / 2.0
-            else:
-                gain = 1.0 - find_longest_time_s(new_parts) / find_longest_time_s(best_parts)
-                best_parts = new_parts
-                if gain < MIN_GAIN:
-                    break
+                continue
+            gain = 1.0 - find_longest_time_s(new_parts) / find_longest_time_s(best_parts)
+            best_parts = new_parts
+            if gain < MIN_GAIN:
+                break
         return best_parts
 
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:

@@ -99,7 +99,7 @@ def test_other_parts_are_balanced_if_one_pose_would_get_worse(
 
 
 class RoundCounter:
-    """Counter of the rounds of plane shifts, from one set of poses to the next."""
+    """Counter of the rounds of plane shifts."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.started_count = 0
@@ -145,6 +145,20 @@ def test_planes_stay_if_the_best_makespan_is_out_of_reach(tapered_block: Solid, 
     longest_s = find_longest_time_s(parts)
     assert search.improve_parts(parts, 0.5 * longest_s) is parts
     assert search.improve_parts(parts, longest_s) is not parts
+
+
+def test_poses_are_not_sought_for_parts_that_miss_the_best_makespan(
+    tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search, parts = start_shift(make_problem(tapered_block, cost, 2, cells=2))
+    moved_s = find_longest_time_s(search.improve_parts(parts))
+    assert moved_s < 0.95 * find_longest_time_s(parts)
+    for ratio, posed_counts in ((0.99, []), (1.001, [2])):  # neither is out of reach of the linear programme
+        search, parts = start_shift(make_problem(tapered_block, cost, 2, cells=2))
+        counts: list[int] = []
+        monkeypatch.setattr(search.cutter, "pose_parts", lambda new, _, c=counts: c.append(len(new)) or new)
+        new_parts = search.improve_parts(parts, ratio * moved_s)
+        assert (counts, new_parts is parts) == (posed_counts, not posed_counts)
 
 
 def test_last_round_prices_every_part(
