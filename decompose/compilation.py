@@ -18,6 +18,7 @@ import trimesh
 
 from decompose.decompose import decompose_model
 from decompose.engines.guillotine.least_work import LeastWorkSearch
+from decompose.engines.guillotine.price_excess import add_box_sums
 from decompose.export import write_decomposition
 from decompose.geometry import load_model, write_stl
 from decompose.grid import BoxTables
@@ -71,10 +72,12 @@ def _cut_small_model() -> None:
             printers = [replace(_PRINTER, name=name) for name in "abcdefghij"]
             decomposition = decompose_model(model, printers, options, cost)
         write_decomposition(decomposition, Path(scratch) / "parts")
-    # The engines above make no search for the least total print time, as their budget is spent.
+    # The engines above make no search for the least total print time, as their budget is spent, and may not
+    # need to estimate prices again.
     numbers = np.arange(3)
     tables = BoxTables((2, 1, 1), numbers.astype(np.float32), numbers.astype(np.int32), np.ones(3, np.int16))
     LeastWorkSearch(tables).find_boxes((0.0, 2.0), 2)
+    add_box_sums(tables.seconds, np.zeros((2, 1, 1)), tables.seconds.copy())
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from decompose.arrays import Float32s
 from decompose.engines.guillotine.partitioner import list_class_states, solve_by_length
 from decompose.engines.guillotine.recursion import lower_box_values
 from decompose.grid import Box, BoxTables, Shape, count_cuts, find_box, index_box
@@ -25,7 +26,6 @@ MAX_SOLUTIONS = 6  # maximum number of prices of a part that are tried
 MAX_PART_PRICE_SHARE = 0.4
 _UNREACHABLE_S = np.float32(1e9)
 
-Values = npt.NDArray[np.float32]
 Range = tuple[float, float]  # minimum and maximum
 
 
@@ -77,7 +77,7 @@ class LeastWorkSearch:
             price_s = (low_s + high_s) / 2.0
         return best_boxes
 
-    def _solve(self, range_s: Range, price_s: float) -> Values:
+    def _solve(self, range_s: Range, price_s: float) -> Float32s:
         """Compute the least total print time (boxes,) of each box's partitions, with prices of parts."""
         tables = self._tables
         values = np.empty(len(tables.seconds), np.float32)
@@ -89,7 +89,7 @@ class LeastWorkSearch:
         self.sum_count += count_cuts(tables.shape)
         return values
 
-    def _list_boxes(self, values: Values, range_s: Range, price_s: float) -> list[Box]:
+    def _list_boxes(self, values: Float32s, range_s: Range, price_s: float) -> list[Box]:
         """List the boxes of a solution in the order of the cuts; none if there is no solution."""
         shape, trimmed_box = self._tables.shape, self._tables.trimmed_box
         if values[index_box((0, 0, 0, *shape), shape)] >= _UNREACHABLE_S / 2:
@@ -124,12 +124,12 @@ def _compute_uncut_value(
 
 @jit
 def _fill_uncut_values(
-    seconds: Values,
+    seconds: Float32s,
     piece_counts: npt.NDArray[np.int16],
     trimmed_box: npt.NDArray[np.int32],
     range_s: Range,
     price_s: float,
-    values: Values,
+    values: Float32s,
 ) -> None:
     """Fill in the values (boxes,) of all uncut boxes; those without needed cells are 0."""
     for box in range(len(values)):
@@ -138,7 +138,7 @@ def _fill_uncut_values(
             values[box] = _compute_uncut_value(seconds[box], piece_counts[box], range_s, price_s)
 
 
-def _find_best_cut(values: Values, box: Box, shape: Shape) -> tuple[Box, Box]:
+def _find_best_cut(values: Float32s, box: Box, shape: Shape) -> tuple[Box, Box]:
     """Find the cut of a box whose sides have the least sum of values: its upper and its lower side."""
     x0, y0, z0, x1, y1, z1 = box
     cuts: list[tuple[Box, Box]] = [

@@ -11,13 +11,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from decompose.arrays import Floats, Ints
+from decompose.arrays import Float32s, Floats, Ints
 from decompose.grid import VOLUME, Box, BoxTables, Grid, find_interval_ends, index_box
 from decompose.jit import jit
-
-Prices = npt.NDArray[np.float32]
 
 # Share of the excess that is added to the prices of other boxes: they may be cut where it does not arise.
 SPREAD_SHARE = 0.7
@@ -82,11 +79,11 @@ class PriceExcess:
     def update_estimates(self) -> None:
         """Estimate the prices of all boxes from the excess of those whose true prices are known."""
         excess_s = SPREAD_SHARE * self._excess_s_per_mm3 / self._box_count.clip(1) * self._volumes_mm3
-        _add_box_sums(self._tables.seconds, excess_s, self.estimates.seconds)
+        add_box_sums(self._tables.seconds, excess_s, self.estimates.seconds)
         self.estimates.seconds[self._true_indices] = self._tables.seconds[self._true_indices]
 
 
-def _add_box_sums(seconds: Prices, values_s: Floats, estimates_s: Prices) -> None:
+def add_box_sums(seconds: Float32s, values_s: Floats, estimates_s: Float32s) -> None:
     """Add the sum over the cells of each box to its price.
 
     Parameters
@@ -105,7 +102,7 @@ def _add_box_sums(seconds: Prices, values_s: Floats, estimates_s: Prices) -> Non
 
 @jit
 def _fill_estimates(
-    seconds: Prices, sums_s: Floats, x_ends: Ints, y_ends: Ints, z_ends: Ints, estimates_s: Prices
+    seconds: Float32s, sums_s: Floats, x_ends: Ints, y_ends: Ints, z_ends: Ints, estimates_s: Float32s
 ) -> None:
     """Add the sums of all boxes to their prices, from the sums of the cells below each corner of the grid."""
     box = 0

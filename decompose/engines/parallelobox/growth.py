@@ -13,13 +13,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from decompose.arrays import Bools, Ints
+from decompose.arrays import Bools, Float32s, Ints
 from decompose.engines.parallelobox.growth_tables import GrowthTables
 from decompose.grid import Box, compute_index
 from decompose.jit import jit
 from decompose.options import Score
-
-Float32s = npt.NDArray[np.float32]
 
 FREE_CELL, EXCLUDED_CELL = -1, -2
 

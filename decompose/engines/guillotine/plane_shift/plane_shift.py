@@ -5,9 +5,9 @@ of faces that can move (`plane_moves`) move at once. A linear programme finds sh
 makespan as if every part's time were linear in the positions of its faces. The slopes, which are the changes
 of a part's time for each mm by which one of its faces moves, follow from the outlines of the faces at first
 (`measure_face_slopes`). The parts are then priced at the new positions, and the slopes are corrected
-accordingly. Each part keeps its pose until the end, because pricing it in a known pose is much faster, and
-other poses hardly change the makespan. One such search is made even if the budget is spent, because it gains
-more in the same time than most other searches.
+accordingly. Each part keeps its pose until the end where it still fits, because pricing it in a known pose is
+much faster, and other poses hardly change the makespan. One such search is made even if the budget is spent,
+because it gains more in the same time than most other searches.
 
 Given a makespan to beat, a search ends before its first step if the linear programme expects to miss it by
 far, and before the search for new poses if the parts miss it.
@@ -131,7 +131,8 @@ def shift_box_planes(
     """Move the planes of boxes, on a grid or not, to reduce the makespan.
 
     A face that was stopped, or could not reach its best position, may be free to move after the others have
-    moved. So the planes are moved again as long as the gain is large enough.
+    moved. So the planes are moved again as long as the gain is large enough, and the makespan to beat is
+    reached.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.engines.guillotine.price_excess import SPREAD_SHARE, PriceExcess, _add_box_sums
+from decompose.engines.guillotine.price_excess import SPREAD_SHARE, PriceExcess, add_box_sums
 from decompose.geometry import Model
 from decompose.grid import VOLUME, Box, BoxTables, Grid, find_box, index_box
 from decompose.options import Engine, Options
@@ -45,7 +45,7 @@ def test_estimate_of_each_box_is_its_price_and_the_sum_of_its_cells(
     seconds = rng.random(len(boxes)).astype(np.float32)
     seconds[0] = math.inf
     estimates_s = np.full(len(boxes), -1.0, np.float32)
-    _add_box_sums(seconds, values_s, estimates_s)
+    add_box_sums(seconds, values_s, estimates_s)
     for box in boxes:
         cells = tuple(slice(box[axis], box[axis + 3]) for axis in range(3))
         number = index_box(box, shape)
