@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decompose.print_time.columns import measure_columns
-from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, compute_price_s
+from decompose.print_time.cost import CostModel
 from decompose.print_time.face_slopes import measure_face_slopes
 from decompose.print_time.feature_shares import TERM_GROUPS, build_group_cost, estimate_feature_shares
 from decompose.print_time.hidden_faces import MEAN_SIDE_SHARE, MIN_VISIBLE_MM2
@@ -18,6 +18,7 @@ from decompose.print_time.poses import (
     find_steady_pose,
     measure_pose,
 )
+from decompose.print_time.price_formula import MAX_INSET_SHARE, Prices, compute_price_s
 from decompose.print_time.time_settings import (
     ADDITIVE_FEATURES,
     FACTORS,

@@ -10,8 +10,9 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.jit import jit
-from decompose.print_time.cost import MAX_INSET_SHARE, CostModel
+from decompose.print_time.cost import CostModel
 from decompose.print_time.hidden_faces import find_hidden_faces
+from decompose.print_time.price_formula import MAX_INSET_SHARE
 from decompose.print_time.surfaces import Surfaces, measure_surfaces, sum_volume_mm3
 from decompose.print_time.time_settings import ADDITIVE_FEATURES
 
