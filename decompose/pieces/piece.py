@@ -131,20 +131,7 @@ def _find_face_planes(vertices: Floats, faces: Ints, planes: Floats) -> Ints:
 
 
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
-    """Find the faces that lie on one of several planes.
-
-    Parameters
-    ----------
-    vertices, faces
-        (n, 3) in mm and (m, 3).
-    planes
-        (k, 4) planes ``n @ x == d``: rows nx, ny, nz, d with a unit normal n.
-
-    Returns
-    -------
-    ndarray
-        (m,) bool.
-    """
+    """Find the faces (m,) that lie on one of several planes; see `find_face_planes`."""
     return find_face_planes(vertices, faces, planes) >= 0
 
 

@@ -1,4 +1,7 @@
-"""Shift of planes off the grid: the slowest part ends sooner and the partition stays valid."""
+"""Shift of planes off the grid: the slowest part ends sooner and the partition stays valid.
+
+The file is longer than others because all tests share the same blocks and the search that cuts them.
+"""
 
 from __future__ import annotations
 
