@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime, tzinfo
 
 from farm import api
-from farm.model import Hold, PlanProgress, PlanStep, TextTime
+from farm.model import Hold, PlanProgress, PlanStep, TextTime, name_plate
 from farm.text import format_count, format_duration, format_moment
 
 
@@ -128,10 +128,11 @@ def join_counted_names(names: Iterable[str]) -> str:
 
 
 def group_holds(jobs: Iterable[api.JobView]) -> list[tuple[Hold, list[str]]]:
-    """Group the waiting plates of jobs by the text of their hold, in the order of the first plates."""
+    """Group the names of the waiting plates of jobs by their hold, in the order of the first plates."""
     groups: dict[str, tuple[Hold, list[str]]] = {}
     for job in jobs:
         for plate in job.plates:
             if plate.hold is not None:
-                groups.setdefault(plate.hold.text, (plate.hold, []))[1].append(plate.id)
+                _, names = groups.setdefault(plate.hold.text, (plate.hold, []))
+                names.append(name_plate(plate.id, plate.parts))
     return list(groups.values())

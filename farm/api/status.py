@@ -8,7 +8,7 @@ from drivers.messages import PrinterReadings, PrintReadings
 from farm.api.base import SCHEMA, View
 from farm.api.jobs import JobSummary, JobView
 from farm.api.prints import FeatureFactorsView
-from farm.model import Bed, FilamentState, Hold, PrintState, TextTime, Verdict
+from farm.model import Bed, FilamentState, Hold, PrintState, TextTime, Verdict, name_plate
 
 
 class ClusterWorkerView(View):
@@ -66,7 +66,7 @@ class PlateOfPrint(View):
     @property
     def name(self) -> str:
         """Name for people: that of the part if there is only one, such as `2/p01`."""
-        return self.parts[0] if len(self.parts) == 1 else self.plate
+        return name_plate(self.plate, self.parts)
 
     @property
     def label(self) -> str:
@@ -192,6 +192,7 @@ class Wait(View):
 
     hold: Hold
     plates: list[str]
+    names: list[str]  # names of the plates for people: that of the part if there is only one
 
 
 class StatusSummary(FarmOverview):

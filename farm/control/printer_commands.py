@@ -77,7 +77,7 @@ class PrinterCommands:
         last_print = books.find_last_print(printer)
         if request.seen is not None and last_print is not None and request.seen != last_print.id:
             raise RefusedError(
-                f"plate {last_print.plate} was printed on {printer} after this page was shown: "
+                f"{books.plates[last_print.plate].name} was printed on {printer} after this page was shown: "
                 "look at its bed"
             )
         judged_print = books.find_print_to_judge(printer)

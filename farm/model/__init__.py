@@ -31,6 +31,7 @@ from farm.model.plate import (
     Plate,
     Shares,
     TimeFactors,
+    name_plate,
 )
 from farm.model.print import Moment, Print, PrintState, Still, Verdict
 from farm.model.printer import (
@@ -88,5 +89,6 @@ __all__ = [
     "TimeFactors",
     "Verdict",
     "compute_assembly_ratio",
+    "name_plate",
     "share_field_set",
 ]

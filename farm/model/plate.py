@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import mul
 from typing import Any
@@ -154,6 +155,11 @@ NOMINAL_TIME_FACTORS = TimeFactors()
 """Time factors of a printer before its first print."""
 
 
+def name_plate(plate: str, parts: Sequence[str]) -> str:
+    """Name a plate for people: by its part, such as `2/p01`, if it has only one; otherwise by its id."""
+    return parts[0] if len(parts) == 1 else plate
+
+
 class Plate(Entity):
     """Part and G-code that a printer prints in one go."""
 
@@ -191,6 +197,11 @@ class Plate(Entity):
     def _drop_hold(cls, fields: Any) -> Any:
         """Drop the hold that farm 0.1 stored in a plate; holds are now computed from the state."""
         return {k: v for k, v in fields.items() if k != "hold"} if isinstance(fields, dict) else fields
+
+    @property
+    def name(self) -> str:
+        """Name for people; see `name_plate`."""
+        return name_plate(self.id, self.parts)
 
     @property
     def overhead_s(self) -> float:

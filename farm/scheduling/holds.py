@@ -124,9 +124,7 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported_printers: str, n
     """
     state = books.find_plate_state(plate)
     if state is PlateState.OUT_OF_ATTEMPTS:
-        text = (
-            f"plate {plate.id} failed too often: print it again with `farm reprint {job.id} {plate.parts[0]}`"
-        )
+        text = f"{plate.name} failed too often: print it again with `farm reprint {job.id} {plate.parts[0]}`"
         return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
     if state is not PlateState.WAITING:
         return None

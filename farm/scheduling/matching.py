@@ -227,6 +227,7 @@ class WaitingPlate:
     extra_printer_count: int | None = None  # number of further printers that its job may use; None: no limit
     not_before_s: float | None = None  # start time of its job; None: as soon as possible
     glue_rank: int = 0  # position of its part in the order of gluing; 0: none
+    name: str = ""  # name for people: see `farm.model.name_plate`
 
     @cached_property
     def priority_key(self) -> tuple[int, float, int, float, int, float, str]:

@@ -313,6 +313,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
         printers = job.options.printers
         yield WaitingPlate(
             id=plate.id,
+            name=plate.name,
             job=plate.job,
             requirements=derive_plate_requirements(plate, job.options),
             planned_printer=plate.printer,

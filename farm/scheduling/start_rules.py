@@ -304,5 +304,5 @@ def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter) -> Hold |
     return Hold(
         code=HoldCode.REEL_TOO_SHORT,
         text=f"{stock}, but this plate {need}: load a reel, then `farm load {printer.name}`",
-        reel=ShortReel(printer=printer.name, text=f"{stock}, {plate.id} {need}"),
+        reel=ShortReel(printer=printer.name, text=f"{stock}, {plate.name or plate.id} {need}"),
     )

@@ -56,7 +56,7 @@ def _describe_failures(books: Books, job: Job) -> str:
     other_count = len(out_of_attempts) - 1
     more_plates = f" (and {format_count(other_count, 'more plate')})" if other_count else ""
     return (
-        f"plate {out_of_attempts[0].id} failed {len(failures)} times, last on {failures[-1].printer}: "
+        f"{out_of_attempts[0].name} failed {len(failures)} times, last on {failures[-1].printer}: "
         f"{failures[-1].reason or failures[-1].fault}{more_plates}"
     )
 

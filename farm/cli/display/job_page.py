@@ -16,7 +16,7 @@ from farm.cli.display.console import (
     read_terminal_width,
 )
 from farm.cli.display.table import Column, lay_out_table
-from farm.model import JobState, PrintState
+from farm.model import JobState, PrintState, name_plate
 from farm.text import format_duration, format_mass
 from farm.wording import (
     format_cached_plates,
@@ -92,7 +92,7 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
         rows.append(Text(f"  {view.reason}", style=ERROR_STYLE))
     rows += [_format_change(line) for line in _list_changes(view)]
     rows += [
-        Text(f"  plate {plate.id}: {line}", style=WARNING_STYLE)
+        Text(f"  {name_plate(plate.id, plate.parts)}: {line}", style=WARNING_STYLE)
         for plate in view.plates
         for line in plate.warnings
     ]
@@ -235,7 +235,7 @@ def _list_holds(view: api.JobView) -> list[RenderableType]:
     lines = []
     if view.hold is not None:
         lines.append(Text(f"job {view.id} waits: {view.hold.text}", style=WARNING_STYLE))
-    for hold, plates in group_holds([view]):
-        waits = f"plate {plates[0]} waits" if len(plates) == 1 else f"plates {shorten_names(plates)} wait"
-        lines.append(Text(f"{waits}: {hold.text}", style=WARNING_STYLE))
+    for hold, names in group_holds([view]):
+        verb = "waits" if len(names) == 1 else "wait"
+        lines.append(Text(f"{shorten_names(names)} {verb}: {hold.text}", style=WARNING_STYLE))
     return list(lines)

@@ -209,7 +209,7 @@ def _list_wait_lines(waits: Iterable[api.Wait], width: int | None) -> list[Text]
     """List the reasons for which plates wait, each with all plates that wait for this reason."""
     lines: list[Text] = []
     for wait in waits:
-        text = f"{shorten_names(wait.plates)}: {wait.hold.text}"
+        text = f"{shorten_names(wait.names)}: {wait.hold.text}"
         lines += _lay_out_texts("" if lines else "WAIT", [text], "", width)
     return lines
 

@@ -63,8 +63,9 @@ def group_waits(context: ViewContext, jobs: Iterable[Job]) -> list[api.Wait]:
             continue
         wait = waits.get(hold.text)
         if wait is None:
-            waits[hold.text] = wait = api.Wait(hold=hold, plates=[])
+            waits[hold.text] = wait = api.Wait(hold=hold, plates=[], names=[])
         wait.plates.append(name)
+        wait.names.append(context.books.plates[name].name)
     return list(waits.values())
 
 

@@ -266,9 +266,9 @@ def _list_wait_reasons(job: api.JobView) -> Iterator[Sentence]:
     if job.hold is not None:
         is_held = job.hold.code is HoldCode.APPROVAL
         yield Sentence("waits for approval") if is_held else Sentence(job.hold.text, job.hold.times)
-    for hold, plates in group_holds([job]):
+    for hold, names in group_holds([job]):
         if job.hold is None or hold.text != job.hold.text:
-            yield Sentence(f"{shorten_names(plates)}: {hold.text}", hold.times)
+            yield Sentence(f"{shorten_names(names)}: {hold.text}", hold.times)
 
 
 def describe_night(night: api.NightView | None) -> str | None:

@@ -371,7 +371,7 @@ def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
     context = farm.build_view_context(state)
     assert [(item.code, item.text) for item in list_tasks(context)] == [
         ("approve", f"approve job {first_job} (2 parts, 6 g): `farm approve {first_job}`"),
-        ("reel", f"a has 4 g, {second_job}/01 needs 8 g: load a reel, then `farm load a`"),
+        ("reel", f"a has 4 g, {second_job}/p01 needs 8 g: load a reel, then `farm load a`"),
     ]
     assert [
         describe_job(context, farm.controller.books.get_job(n)).waits_for_person

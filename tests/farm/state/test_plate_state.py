@@ -115,7 +115,7 @@ def test_plate_without_remaining_attempts_does_not_block_others():
     assert books.prints["y"].cancel_reason is None
     books, _ = apply_events(books, make_end_event("y", at_s=500.0))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.FAILED, ErrorCode.ATTEMPTS)
-    assert "1/01 failed 3 times, last on a: no heat" in books.jobs[1].reason
+    assert "1/p01 failed 3 times, last on a: no heat" in books.jobs[1].reason
 
 
 @pytest.mark.parametrize(

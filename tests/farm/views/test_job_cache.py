@@ -87,7 +87,7 @@ def test_cached_view_equals_a_fresh_one(steps_and_holds):
             assert summary.plate_count == len(view.plates)
             names = api.JobOverview.model_fields
             assert all(getattr(summary, name) == getattr(view, name) for name in names)
-        assert [(wait.hold, wait.plates) for wait in group_waits(context, jobs)] == group_holds(views)
+        assert [(wait.hold, wait.names) for wait in group_waits(context, jobs)] == group_holds(views)
 
 
 def test_unchanged_parts_and_plates_are_not_described_again():

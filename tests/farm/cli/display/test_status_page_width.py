@@ -141,7 +141,7 @@ def test_plates_of_several_jobs_with_the_same_hold_share_one_sentence():
             hold=None,
             parts=parts,
             plates=[
-                p.model_copy(update={"id": f"{number}/0{i}", "hold": BUSY_HOLD})
+                p.model_copy(update={"id": f"{number}/0{i}", "parts": [f"{number}/p0{i}"], "hold": BUSY_HOLD})
                 for i, p in enumerate(STATUS.jobs[0].plates, 1)
             ],
         )
@@ -149,7 +149,7 @@ def test_plates_of_several_jobs_with_the_same_hold_share_one_sentence():
     ]
     page = "\n".join(render_lines(make_view([], jobs=held_jobs)))
     assert page.count(BUSY_HOLD.text.strip()) == 1
-    assert "WAIT     3/01..05 4/01..05: um2-01 is printing" in page
+    assert "WAIT     3/p01..05 4/p01..05: um2-01 is printing" in page
 
 
 def test_empty_task_list_is_not_highlighted():

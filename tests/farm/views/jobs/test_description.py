@@ -81,7 +81,7 @@ def test_warnings_of_plates_are_shown_with_the_job():
     assert job_view.plates[0].warnings == [warning]
     console = Console(width=120, record=True, file=io.StringIO())
     console.print(render_job(job_view))
-    assert f"plate {name}: {warning}" in console.export_text()
+    assert f"1/p01: {warning}" in console.export_text()
 
 
 def test_failed_job_has_no_speedup():

@@ -219,7 +219,7 @@ def test_plates_that_wait_for_the_same_reason_are_named_together():
     hold = Hold(code=HoldCode.PRINTER_BUSY, text="its printers are busy", times=TIMES)
     plates = [plate.model_copy(update={"hold": hold}) for plate in data.job.plates[:3]] + data.job.plates[3:]
     job = data.job.model_copy(update={"plates": plates})
-    assert list_wait_reasons(job) == [Sentence("1/01..03: its printers are busy", TIMES)]
+    assert list_wait_reasons(job) == [Sentence("1/p01..03: its printers are busy", TIMES)]
     assert "its printers are busy" in render_page(replace(data, job=job))
 
 
@@ -241,7 +241,7 @@ def test_plates_that_no_printer_can_take_are_named():
         currency=None,
     )
     # The approval is in the summary.
-    assert list_wait_reasons(job, timeline) == [Sentence("no printer can print 1/01..02")]
+    assert list_wait_reasons(job, timeline) == [Sentence("no printer can print 1/p01..02")]
     assert list_wait_reasons(job) == []
 
 
