@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decompose.export.drawn_parts import simplify_parts
 from decompose.export.files import PlaceFinder, draw_parts, write_decomposition, write_parts
 from decompose.export.glb import write_glb
 from decompose.export.picture import draw_assembly
@@ -12,6 +13,7 @@ __all__ = [
     "draw_assembly",
     "draw_parts",
     "draw_steps",
+    "simplify_parts",
     "write_decomposition",
     "write_glb",
     "write_parts",

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from decompose.errors import GeometryError
+from decompose.export.drawn_parts import simplify_parts
 from decompose.export.glb import write_glb
 from decompose.export.instructions import write_instructions
 from decompose.export.picture import draw_assembly
@@ -101,6 +102,7 @@ def draw_parts(
     overview, steps
         Picture of the parts as PNG, and pictures of all steps; None to draw them.
     """
+    decomposition = replace(decomposition, parts=simplify_parts(decomposition.parts))
     if overview is None:
         draw_assembly(decomposition.parts, folder / PICTURE)
     else:

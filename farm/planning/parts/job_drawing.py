@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from decompose.export import draw_assembly, draw_parts, draw_steps
+from decompose.export import draw_assembly, draw_parts, draw_steps, simplify_parts
 from decompose.results import Decomposition
 from farm.planning.error_translation import translate_errors
 from farm.planning.parts.bed_places import find_beds, make_place_finder
@@ -18,8 +19,9 @@ DRAWING_RECORD_FILE_NAME = "drawing-record.pickle"
 
 def write_drawing_record(decomposition: Decomposition, folder: Path) -> Path:
     """Write the data of stored parts that `draw_job_parts` needs; return the file."""
+    drawn_result = replace(decomposition, parts=simplify_parts(decomposition.parts))
     path = folder / DRAWING_RECORD_FILE_NAME
-    path.write_bytes(pickle.dumps(decomposition, protocol=pickle.HIGHEST_PROTOCOL))
+    path.write_bytes(pickle.dumps(drawn_result, protocol=pickle.HIGHEST_PROTOCOL))
     return path
 
 

@@ -1,0 +1,33 @@
+"""Parts as they are drawn: very detailed ones are simplified, because each step draws all parts again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from decompose.results import Part
+
+MAX_DRAWN_FACES = 20_000  # parts with more faces are simplified
+# Tolerance as a share of the diagonal of the assembly: about a sixth of a pixel; curves stay smooth.
+TOLERANCE_SHARE = 1e-4
+
+
+def simplify_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
+    """Simplify the parts with very many faces, to a tolerance that a picture does not show.
+
+    Parameters
+    ----------
+    parts
+        Parts of one assembly; at least one.
+    """
+    low_mm = np.min([part.solid.bounds_mm[0] for part in parts], axis=0)
+    high_mm = np.max([part.solid.bounds_mm[1] for part in parts], axis=0)
+    tolerance_mm = TOLERANCE_SHARE * float(np.linalg.norm(high_mm - low_mm))
+    return tuple(
+        replace(part, solid=part.solid.simplify(tolerance_mm))
+        if part.solid.face_count > MAX_DRAWN_FACES
+        else part
+        for part in parts
+    )
