@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from decompose.errors import ModelNotSolid
+from decompose.geometry import Solid
 from decompose.results import Part
 
 MAX_DRAWN_FACES = 20_000  # parts with more faces are simplified
@@ -20,14 +22,30 @@ def simplify_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
     Parameters
     ----------
     parts
-        Parts of one assembly; at least one.
+        Parts of one assembly; at least one. A part that cannot be simplified stays as it is.
     """
     low_mm = np.min([part.solid.bounds_mm[0] for part in parts], axis=0)
     high_mm = np.max([part.solid.bounds_mm[1] for part in parts], axis=0)
     tolerance_mm = TOLERANCE_SHARE * float(np.linalg.norm(high_mm - low_mm))
-    return tuple(
-        replace(part, solid=part.solid.simplify(tolerance_mm))
-        if part.solid.face_count > MAX_DRAWN_FACES
-        else part
-        for part in parts
+    return tuple(_simplify_part(part, tolerance_mm) for part in parts)
+
+
+def _simplify_part(part: Part, tolerance_mm: float) -> Part:
+    """Simplify the solids of a part, without and with its holes and marks, if it has very many faces."""
+    if part.solid.face_count <= MAX_DRAWN_FACES:
+        return part
+    drilled_solid = part.drilled_solid
+    return replace(
+        part,
+        solid=_simplify_solid(part.solid, tolerance_mm),
+        drilled_solid=None if drilled_solid is None else _simplify_solid(drilled_solid, tolerance_mm),
     )
+
+
+def _simplify_solid(solid: Solid, tolerance_mm: float) -> Solid:
+    """Simplify a solid; return the same solid if nothing would remain of it."""
+    try:
+        simplified_solid = solid.simplify(tolerance_mm)
+    except ModelNotSolid:
+        return solid
+    return simplified_solid if simplified_solid.face_count else solid

@@ -40,7 +40,8 @@ def write_decomposition(
         As in `write_parts`.
     """
     stored_result = write_parts(decomposition, folder)
-    draw_parts(stored_result, folder, find_place)
+    drawn_result = replace(stored_result, parts=simplify_parts(stored_result.parts))
+    draw_parts(drawn_result, folder, find_place)
     return stored_result
 
 
@@ -102,7 +103,6 @@ def draw_parts(
     overview, steps
         Picture of the parts as PNG, and pictures of all steps; None to draw them.
     """
-    decomposition = replace(decomposition, parts=simplify_parts(decomposition.parts))
     if overview is None:
         draw_assembly(decomposition.parts, folder / PICTURE)
     else:

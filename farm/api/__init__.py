@@ -172,7 +172,7 @@ class Timeline(View):
     now: str
     plan: str
     slots: list[SlotView]
-    left: list[str]  # plates that no printer can print, because of material, reel or hours
+    left: list[str]  # names of the plates that no printer can print, because of material, reel or hours
     notices: list[str]  # changes to the model, and options that the farm cannot fulfil
     makespan_s: float
     lower_bound_s: float

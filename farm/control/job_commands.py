@@ -194,7 +194,7 @@ class JobCommands:
             path = state.files / plate.gcode
             if not path.is_file() or await asyncio.to_thread(compute_sha256, path) != plate.sha256:
                 raise RefusedError(
-                    f"plate {plate.id} has changed since it was planned: {path}; submit the model again"
+                    f"{plate.name} has changed since it was planned: {path}; submit the model again"
                 )
         self._find_held_job(job_id)  # the job may have been cancelled in the meantime
         self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=job_id, by=caller_name))

@@ -13,7 +13,7 @@ import trimesh
 from decompose.auto import decompose_for_goal
 from decompose.connectors import read_pair_shapes
 from decompose.errors import NoFit
-from decompose.export import draw_assembly, write_decomposition, write_glb
+from decompose.export import draw_assembly, simplify_parts, write_decomposition, write_glb
 from decompose.files.names import INSTRUCTIONS, REPORT
 from decompose.geometry import Model, Solid
 from decompose.options import Interior, PairShape
@@ -67,8 +67,9 @@ def cut_part(task: ReplanTask) -> Pieces:
         *stored_decomposition.parts,
     ]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
-    draw_assembly(job_parts, picture)
-    write_glb(job_parts, assembly)
+    drawn_parts = simplify_parts(job_parts)
+    draw_assembly(drawn_parts, picture)
+    write_glb(drawn_parts, assembly)
     return Pieces(pieces, picture, assembly, task.folder / REPORT, task.folder / INSTRUCTIONS)
 
 

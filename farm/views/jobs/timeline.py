@@ -51,7 +51,7 @@ def describe_timeline(context: ViewContext, job_id: int, situation: Situation) -
         now=context.format_time(context.now_s) or "",
         plan=job.plan or "",
         slots=[_make_slot_view(slot, plates[slot.plate], context) for slot in slots],
-        left=[name for name in forecast.unprintable_plates if name in plates],
+        left=[plates[plate].name for plate in forecast.unprintable_plates if plate in plates],
         notices=list(job.repairs),
         makespan_s=end_s - begin_s,
         lower_bound_s=max(0.0, min(bound_s, end_s) - begin_s),

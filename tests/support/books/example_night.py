@@ -81,6 +81,9 @@ def summarise_status(status):
         api.JobSummary(**{name: getattr(job, name) for name in figures}, plate_count=job.plate_count)
         for job in status.jobs
     ]
-    waits = [api.Wait(hold=hold, plates=names, names=names) for hold, names in group_holds(status.jobs)]
+    waits = [
+        api.Wait(hold=hold, plates=[name.replace("/p", "/") for name in names], names=names)
+        for hold, names in group_holds(status.jobs)
+    ]
     farm_figures = {name: getattr(status, name) for name in api.FarmOverview.model_fields}
     return api.StatusSummary(**farm_figures, jobs=jobs, waits=waits)

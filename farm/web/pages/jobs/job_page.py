@@ -9,7 +9,7 @@ from datetime import datetime
 from markupsafe import Markup
 
 from farm import api
-from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate, TextTime, name_plate
+from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate, TextTime
 from farm.text import format_count, format_duration, format_mass
 from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
 from farm.views.report import list_figures
@@ -176,9 +176,7 @@ def list_wait_reasons(job: api.JobView, timeline: api.Timeline | None = None) ->
     """List the reasons why a job or its plates wait, each once, without the reason that the summary gives."""
     reasons = []
     if timeline is not None and timeline.left:
-        left_plates = frozenset(timeline.left)
-        names = [name_plate(plate.id, plate.parts) for plate in job.plates if plate.id in left_plates]
-        reasons.append(Sentence(f"no printer can print {shorten_names(names)}"))
+        reasons.append(Sentence(f"no printer can print {shorten_names(timeline.left)}"))
     if job.hold is not None and job.state != JobState.QUEUED and job.hold.code is not HoldCode.APPROVAL:
         reasons.append(Sentence(job.hold.text, job.hold.times))
     known_texts = {reason.text for reason in reasons}

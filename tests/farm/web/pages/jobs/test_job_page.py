@@ -232,7 +232,7 @@ def test_plates_that_no_printer_can_take_are_named():
         now=job.now,
         plan="",
         slots=[],
-        left=["1/01", "1/02"],
+        left=["1/p01", "1/p02"],
         notices=[],
         makespan_s=0.0,
         lower_bound_s=0.0,
