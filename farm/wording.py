@@ -128,7 +128,7 @@ def join_counted_names(names: Iterable[str]) -> str:
 
 
 def group_holds(jobs: Iterable[api.JobView]) -> list[tuple[Hold, list[str]]]:
-    """Group the names of the waiting plates of jobs by their hold, in the order of the first plates."""
+    """Group the names of waiting plates by the text of their hold, in the order of the first plates."""
     groups: dict[str, tuple[Hold, list[str]]] = {}
     for job in jobs:
         for plate in job.plates:

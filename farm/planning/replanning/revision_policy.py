@@ -166,7 +166,7 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
         time_factor=1.0,
     )
     return tuple(
-        replace(part_plate, id=f"{job.id}/revised-{index:02d}", planned_printer=name)
+        replace(part_plate, id=f"{job.id}/revised-{index:02d}", name="", planned_printer=name)
         for index, name in enumerate(names)
     )
 

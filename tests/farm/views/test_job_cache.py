@@ -87,7 +87,12 @@ def test_cached_view_equals_a_fresh_one(steps_and_holds):
             assert summary.plate_count == len(view.plates)
             names = api.JobOverview.model_fields
             assert all(getattr(summary, name) == getattr(view, name) for name in names)
-        assert [(wait.hold, wait.names) for wait in group_waits(context, jobs)] == group_holds(views)
+        waits = group_waits(context, jobs)
+        assert [(wait.hold, wait.names) for wait in waits] == group_holds(views)
+        for wait in waits:
+            waiting_plates = [p for view in views for p in view.plates if p.id in wait.plates]
+            assert [p.id for p in waiting_plates] == wait.plates
+            assert [part for p in waiting_plates for part in p.parts] == wait.names
 
 
 def test_unchanged_parts_and_plates_are_not_described_again():
