@@ -9,6 +9,7 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 from decompose.decompose import decompose_model
+from decompose.detailed_models import simplify_model
 from decompose.engines.guillotine import Partitioner
 from decompose.errors import GeometryError, ModelNotSolid, NoFit
 from decompose.geometry import Model, Solid
@@ -47,6 +48,7 @@ def advise_longest_side_mm(
         Size in whole mm, close to the largest one with a result; None if there is none.
     """
     longest_side_mm = float(model.extents_mm.max())
+    model = simplify_model(model)
     max_scale = _estimate_max_scale(model, printers, options, cost)
     if max_scale is None:
         return None

@@ -14,19 +14,15 @@ import numpy as np
 from decompose.arrays import Floats, Ints
 from decompose.best import find_best_result
 from decompose.bound import bound_shared_work_s, sum_least_work_s
+from decompose.detailed_models import cut_detailed_pieces, simplify_problem, simplify_solid
 from decompose.engines import ENGINES, apply_paper_settings
+from decompose.errors import GeometryError, NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Interior, Options
 from decompose.print_time import CostModel, find_best_pose, measure_pose
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, finish_result
-
-# A model with more faces than this is simplified before it is priced; twice as many faces would change the
-# price by 0.5 %.
-MAX_PRICED_FACES = 300_000
-# Tolerances of the simplification, tried in this order until there are few enough faces.
-PRICE_TOLERANCES_MM = (0.02, 0.05)
 
 
 def decompose_model(
@@ -62,7 +58,8 @@ def decompose_model(
     """
     start_s = perf_counter()
     validate_problem(model, tuple(printers), options)
-    vertices, faces = simplify_solid_for_pricing(model.solid).arrays()
+    simple_solid = simplify_solid(model.solid)
+    vertices, faces = simple_solid.arrays()
     problem = Problem(model, tuple(printers), cost, options, executor)
     get_serial_s = problem.start_work(
         partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer)
@@ -71,7 +68,7 @@ def decompose_model(
     # The model is usually cut along its own axes. The least work for cuts along them is summed here, before
     # the search needs all processors.
     get_least_work_s = problem.start_work(partial(_sum_least_work_s, problem, vertices[faces]))
-    engine_runner = partial(run_engine, get_serial_s=get_serial_s)
+    engine_runner = partial(run_engine, get_serial_s=get_serial_s, simple_solid=simple_solid)
     result = (
         find_best_result(problem, engine_runner) if options.engine is Engine.BEST else engine_runner(problem)
     )
@@ -80,7 +77,9 @@ def decompose_model(
     return replace(result, compute_s=compute_s)
 
 
-def run_engine(problem: Problem, get_serial_s: Callable[[], tuple[float, float]]) -> Decomposition:
+def run_engine(
+    problem: Problem, get_serial_s: Callable[[], tuple[float, float]], simple_solid: Solid | None = None
+) -> Decomposition:
     """Run the engine that the options name, and check its result.
 
     Parameters
@@ -89,16 +88,41 @@ def run_engine(problem: Problem, get_serial_s: Callable[[], tuple[float, float]]
         Problem with the options.
     get_serial_s
         Function that returns the result of `estimate_serial_s`.
+    simple_solid
+        Result of `simplify_solid` for the model in the frame of the input, if it is known.
     """
     stage_times = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=apply_paper_settings(problem.options))
     problem = replace(problem, on_stage=stage_times.record_stage)
-    partition = ENGINES[problem.options.engine](problem)
-    stage_times.record_stage("engine")
-    return replace(
-        finish_result(problem, partition, get_serial_s()), compute_s=stage_times.list_stage_times()
-    )
+    result = _search_simplified_model(problem, get_serial_s, simple_solid)
+    if result is None:
+        partition = ENGINES[problem.options.engine](problem)
+        problem.on_stage("engine")
+        result = finish_result(problem, partition, get_serial_s())
+    return replace(result, compute_s=stage_times.list_stage_times())
+
+
+def _search_simplified_model(
+    problem: Problem, get_serial_s: Callable[[], tuple[float, float]], simple_solid: Solid | None
+) -> Decomposition | None:
+    """Search in a simplified copy of a very detailed model, and cut the parts out of the model itself.
+
+    The result is None if the model is not that detailed, or if its parts differ too much from those of the
+    copy. Then it has to be searched itself.
+    """
+    simple_problem = simplify_problem(problem, simple_solid)
+    if simple_problem is problem:
+        return None
+    problem.on_stage("simplification")
+    partition = cut_detailed_pieces(problem, ENGINES[problem.options.engine](simple_problem))
+    problem.on_stage("engine")
+    if partition is None:
+        return None
+    try:
+        return finish_result(problem, partition, get_serial_s())
+    except (GeometryError, NoFit):
+        return None
 
 
 def _add_bound(
@@ -120,7 +144,7 @@ def _add_bound(
         return result
     work_s = get_least_work_s()
     if not np.array_equal(result.cutting.frame, np.eye(3)):
-        solid = simplify_solid_for_pricing(problem.model.solid.rotate(result.cutting.frame))
+        solid = simplify_solid(problem.model.solid.rotate(result.cutting.frame))
         vertices, faces = solid.arrays()
         work_s = _sum_least_work_s(problem, vertices[faces])
     if work_s is None:
@@ -141,16 +165,6 @@ def _sum_least_work_s(problem: Problem, triangles: Floats) -> float | None:
     keeps_interior = problem.options.interior is Interior.KEEP
     wall_mm = math.inf if keeps_interior else problem.options.min_wall_mm
     return sum_least_work_s(triangles, problem.printers, problem.cost, wall_mm)
-
-
-def simplify_solid_for_pricing(solid: Solid) -> Solid:
-    """Simplify a solid if it has too many faces to price; this hardly changes its price."""
-    simplified_solid = solid
-    for tolerance_mm in PRICE_TOLERANCES_MM:
-        if simplified_solid.face_count <= MAX_PRICED_FACES:
-            break
-        simplified_solid = solid.simplify(tolerance_mm)
-    return simplified_solid
 
 
 def estimate_serial_s(

@@ -15,6 +15,7 @@ from time import perf_counter
 
 import numpy as np
 
+from decompose.detailed_models import cut_detailed_pieces, simplify_problem
 from decompose.engines.guillotine import shift_box_planes
 from decompose.geometry import Model
 from decompose.options import Engine
@@ -77,12 +78,18 @@ def rebalance_planes(
     effort = Effort(previous_result.options.best.budget_s)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
-    box_pieces = _cut_previous_boxes(problem, cutting, sliced_times_s)
-    shifted_pieces = None if box_pieces is None else _shift_planes(problem, box_pieces, best_ratio)
+    search_problem = simplify_problem(problem)
+    box_pieces = _cut_previous_boxes(search_problem, cutting, sliced_times_s)
+    shifted_pieces = None if box_pieces is None else _shift_planes(search_problem, box_pieces, best_ratio)
     if shifted_pieces is None:
         return None
     grid = GridFigures(previous_result.grid_makespan_s, previous_result.lower_bound_s, previous_result.cells)
-    partition = Partition(tuple(shifted_pieces), problem.model, np.eye(3), grid)
+    partition = Partition(tuple(shifted_pieces), search_problem.model, np.eye(3), grid)
+    if search_problem is not problem:
+        detailed_partition = cut_detailed_pieces(problem, partition)
+        if detailed_partition is None:
+            return None
+        partition = detailed_partition
     result = finish_result(problem, partition, (previous_result.serial_s, previous_result.serial_as_is_s))
     return _copy_history(previous_result, result, perf_counter() - start_s)
 

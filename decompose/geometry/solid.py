@@ -170,7 +170,9 @@ class Solid:
 
     def simplify(self, tolerance_mm: float) -> Solid:
         """Remove edges shorter than a tolerance, and flatten surfaces that are flat within this tolerance."""
-        return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
+        simplified_manifold = _check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid")
+        # Built again, because manifold3d would simplify every part that is cut out of it by this tolerance.
+        return Solid.from_arrays(*Solid(simplified_manifold).arrays())
 
     def measure_gap_mm(self, other: Solid, max_gap_mm: float) -> float:
         """Measure the exact distance to another solid in mm; 0 if they meet.

@@ -16,6 +16,7 @@ from decompose.pieces.joints import (
 from decompose.pieces.piece import (
     PLANE_TOLERANCE_MM,
     Piece,
+    copy_printers,
     cut_box,
     cut_cells,
     find_cut_faces,
@@ -36,6 +37,7 @@ __all__ = [
     "Piece",
     "Seam",
     "assign_printers",
+    "copy_printers",
     "cut_box",
     "cut_cells",
     "describe_thin_rims",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +51,14 @@ class Piece:
 def sort_pieces(pieces: Iterable[Piece]) -> list[Piece]:
     """Sort pieces from the bottom up, which is the order in which parts are numbered."""
     return sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
+
+
+def copy_printers(pieces: Sequence[Piece], old_pieces: Sequence[Piece]) -> list[Piece]:
+    """Copy the printers and time ratios of old pieces to as many new ones, in the same order."""
+    return [
+        replace(piece, printer=old_piece.printer, time_ratio=old_piece.time_ratio)
+        for piece, old_piece in zip(pieces, old_pieces, strict=True)
+    ]
 
 
 def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:

@@ -12,7 +12,7 @@ from decompose.engines.guillotine.curve import (
     find_least_total_time,
 )
 from decompose.engines.guillotine.partitioner import Partitioner
-from decompose.engines.guillotine.plane_shift import shift_box_planes
+from decompose.engines.guillotine.plane_shift import grow_boxes, shift_box_planes
 from decompose.engines.guillotine.printer_classes import classify_printers
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "cut_by_guillotine",
     "find_fewest_printers_in_time",
     "find_least_total_time",
+    "grow_boxes",
     "make_class_tables",
     "shift_box_planes",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.decompose import decompose_model, estimate_serial_s, simplify_solid_for_pricing
+from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, NoFit
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
@@ -75,21 +75,6 @@ def test_interior_is_omitted_if_that_saves_time(fleet: list[TargetPrinter], cost
     assert volume_mm3 < 0.95 * block.solid.volume_mm3
     assert sum(p.solid.volume_mm3 for p in solid_result.parts) == pytest.approx(block.solid.volume_mm3)
     assert hollow_result.makespan_s < solid_result.makespan_s
-
-
-def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
-    monkeypatch: pytest.MonkeyPatch, cost: CostModel
-) -> None:
-    ring = trimesh.creation.torus(60.0, 25.0, major_sections=160, minor_sections=80)
-    solid = Solid.from_arrays(ring.vertices, ring.faces)
-    assert simplify_solid_for_pricing(solid) is solid
-    monkeypatch.setattr("decompose.decompose.MAX_PRICED_FACES", 22_000)
-    simple_solid = simplify_solid_for_pricing(solid)
-    assert simple_solid.face_count <= 22_000 < solid.face_count
-    exact_s = estimate_serial_s(*solid.arrays(), cost, fit_first_layer=True)
-    assert estimate_serial_s(*simple_solid.arrays(), cost, fit_first_layer=True) == pytest.approx(
-        exact_s, rel=0.01
-    )
 
 
 def test_too_few_printers_are_reported_with_the_required_number(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -57,6 +58,25 @@ def test_simplify_removes_short_edges_only() -> None:
     assert simplified_box.volume_mm3 == pytest.approx(1000.0, rel=1e-6)
     assert len(simplified_box.arrays()[1]) <= len(notched_box.arrays()[1])
     assert np.isfinite(simplified_box.arrays()[0]).all()
+
+
+def test_parts_of_a_simplified_solid_have_its_whole_surface() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=50.0)
+    roughness = np.random.default_rng(0).normal(0.0, 0.001, len(ball.vertices))
+    rough_solid = Solid.from_arrays(ball.vertices * (1.0 + roughness)[:, None], ball.faces)
+    solid = rough_solid.simplify(0.2)
+    upper, lower = solid.clip((-60, -60, 10), (60, 60, 60)), solid.clip((-60, -60, -60), (60, 60, 10))
+    cut_mm2 = sum(_measure_level_faces_mm2(half, 10.0) for half in (upper, lower))
+    assert solid.face_count < rough_solid.face_count
+    assert upper.area_mm2 + lower.area_mm2 - cut_mm2 == pytest.approx(solid.area_mm2, rel=1e-9)
+
+
+def _measure_level_faces_mm2(solid: Solid, z_mm: float) -> float:
+    """Measure the area of the faces at a height."""
+    vertices, faces = solid.arrays()
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    is_level = (np.abs(mesh.triangles[:, :, 2] - z_mm) < 1e-7).all(axis=1)
+    return float(mesh.area_faces[is_level].sum())
 
 
 def test_solid_is_cut_off_above_a_plane() -> None:

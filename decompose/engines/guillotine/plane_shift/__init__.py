@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from decompose.engines.guillotine.plane_shift.plane_moves import refine_needed_cells
+from decompose.engines.guillotine.plane_shift.plane_moves import grow_boxes, refine_needed_cells
 from decompose.engines.guillotine.plane_shift.plane_shift import (
     estimate_shift_s,
     shift_box_planes,
     shift_planes,
 )
 
-__all__ = ["estimate_shift_s", "refine_needed_cells", "shift_box_planes", "shift_planes"]
+__all__ = ["estimate_shift_s", "grow_boxes", "refine_needed_cells", "shift_box_planes", "shift_planes"]

@@ -62,14 +62,6 @@ class BoxPart:
         )
 
 
-def copy_printers(pieces: Sequence[Piece], old_pieces: Sequence[Piece]) -> list[Piece]:
-    """Copy the printers and time ratios of old pieces to as many new ones, in the same order."""
-    return [
-        replace(piece, printer=old_piece.printer, time_ratio=old_piece.time_ratio)
-        for piece, old_piece in zip(pieces, old_pieces, strict=True)
-    ]
-
-
 def compute_slowest_piece_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
     """Compute the time in seconds of the slowest piece on its printer; inf if a piece has no pose.
 

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.engines.guillotine.plane_shift.box_part import BoxPart, copy_printers
+from decompose.engines.guillotine.plane_shift.box_part import BoxPart
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells
-from decompose.pieces import Piece, cut_box, find_cut_faces, find_face_planes
+from decompose.pieces import Piece, copy_printers, cut_box, find_cut_faces, find_face_planes
 from decompose.print_time import PartMesh, Pose, measure_face_slopes, measure_pose
 from decompose.problem import Problem, Work
 

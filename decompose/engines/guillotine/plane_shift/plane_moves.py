@@ -62,6 +62,28 @@ def extend_boxes(boxes_mm: Floats) -> Floats:
     return boxes_mm
 
 
+def grow_boxes(boxes_mm: Floats, margin_mm: float) -> Floats:
+    """Move each face of the boxes outward by a margin, unless another box is in the way.
+
+    Parameters
+    ----------
+    boxes_mm
+        (n, 2, 3) corners of disjoint boxes.
+    margin_mm
+        Length by which a face moves.
+
+    Returns
+    -------
+    ndarray
+        (n, 2, 3) corners in mm of disjoint boxes that contain the former ones.
+    """
+    grown_mm = boxes_mm.copy()
+    for box, side, axis in np.ndindex(*boxes_mm.shape):
+        limit_mm = float(boxes_mm[box, side, axis]) + (margin_mm if side else -margin_mm)
+        _extend_face(grown_mm, box, (side, axis), limit_mm)
+    return grown_mm
+
+
 def _extend_face(boxes_mm: Floats, box: int, face: tuple[int, int], limit_mm: float) -> None:
     """Extend a face of a box outward to a coordinate, unless another box is in the way; changes the boxes."""
     extended_mm = boxes_mm[box].copy()

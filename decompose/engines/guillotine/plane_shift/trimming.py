@@ -8,10 +8,10 @@ from itertools import chain
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.engines.guillotine.plane_shift.box_part import compute_slowest_piece_s, copy_printers
+from decompose.engines.guillotine.plane_shift.box_part import compute_slowest_piece_s
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells, find_flat_faces
-from decompose.pieces import SLIVER_MM, Piece, cut_box, find_faults
+from decompose.pieces import SLIVER_MM, Piece, copy_printers, cut_box, find_faults
 from decompose.problem import Problem, Work
 
 # Distance up to which needed cells outside a box count as if they were in it. If the sides of the box move by

@@ -16,6 +16,7 @@ from decompose.engines.guillotine.plane_shift.plane_moves import (
     find_free_directions,
     find_invalid_groups,
     group_faces,
+    grow_boxes,
     move_groups,
     refine_needed_cells,
 )
@@ -120,6 +121,29 @@ def test_boxes_grow_and_remain_disjoint(seed: int, cuts: int) -> None:
     for (x0, y0, z0), (x1, y1, z1) in np.rint(grown_mm / 10.0).astype(int):
         owners[x0:x1, y0:y1, z0:z1] += 1
     assert owners.max() == 1
+
+
+def test_free_faces_grow_and_touching_faces_stay() -> None:
+    boxes_mm = convert_to_mm([(0, 0, 0, 3, 6, 3), (0, 0, 3, 6, 6, 6)])
+    (low, high) = grow_boxes(boxes_mm, 0.5)
+    assert low.tolist() == [[-0.5, -0.5, -0.5], [30.5, 60.5, 30.0]]
+    assert high.tolist() == [[-0.5, -0.5, 30.0], [60.5, 60.5, 60.5]]
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), cuts=st.integers(1, 4), margin_mm=st.sampled_from([0.5, 10.0, 25.0]))
+def test_grown_boxes_are_disjoint(seed: int, cuts: int, margin_mm: float) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = cut_at_random(rng, (0, 0, 0, 6, 6, 6), cuts)
+    boxes_mm = convert_to_mm([box for box in boxes if rng.random() < 0.7] or boxes)
+    grown_mm = grow_boxes(boxes_mm, margin_mm)
+    assert (grown_mm[:, 0] <= boxes_mm[:, 0]).all()
+    assert (grown_mm[:, 1] >= boxes_mm[:, 1]).all()
+    overlap_mm = np.minimum(grown_mm[:, None, 1], grown_mm[None, :, 1]) - np.maximum(
+        grown_mm[:, None, 0], grown_mm[None, :, 0]
+    )
+    has_overlap = (overlap_mm > 0.0).all(axis=2)
+    assert not has_overlap[~np.eye(len(boxes_mm), dtype=bool)].any()
 
 
 def test_overlapping_or_incomplete_boxes_are_not_a_partition() -> None:

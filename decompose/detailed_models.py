@@ -1,0 +1,111 @@
+"""Very detailed models: a simplified copy is searched, and the parts are cut out of the model itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.engines.guillotine import grow_boxes
+from decompose.geometry import Model, Solid
+from decompose.pieces import Piece, copy_printers, cut_box, sort_pieces
+from decompose.problem import Partition, Problem, Work
+
+# Maximum number of faces of a simplified solid. Twice as many would change its price by 0.5 %.
+MAX_SIMPLIFIED_FACES = 300_000
+# Tolerances of the simplification, one after the other until there are few enough faces.
+TOLERANCES_MM = (0.02, 0.05, 0.1, 0.2)
+# A model with more faces than this is not searched itself, because that takes minutes and many GB.
+MAX_SEARCHED_FACES = 1_000_000
+# Length by which the surfaces of a model and of its copy may differ: the tolerances above together, and some
+# rounding.
+MARGIN_MM = 0.5
+
+
+def is_too_detailed(model: Model) -> bool:
+    """Check whether a simplified copy of a model is searched instead of the model itself."""
+    return model.solid.face_count > MAX_SEARCHED_FACES
+
+
+def simplify_solid(solid: Solid) -> Solid:
+    """Simplify a solid if it has very many faces; this hardly changes its price."""
+    for tolerance_mm in TOLERANCES_MM:
+        if solid.face_count <= MAX_SIMPLIFIED_FACES:
+            break
+        solid = solid.simplify(tolerance_mm)
+    return solid
+
+
+def simplify_model(model: Model) -> Model:
+    """Simplify a model if it is too detailed for a search; return the same model if not."""
+    return replace(model, solid=simplify_solid(model.solid)) if is_too_detailed(model) else model
+
+
+def simplify_problem(problem: Problem, simple_solid: Solid | None = None) -> Problem:
+    """Simplify the model of a problem if it is too detailed for a search; return the same problem if not.
+
+    Hollows keep a greater distance from the surface of the copy, so that they are far enough from the surface
+    of the model.
+
+    Parameters
+    ----------
+    problem
+        Problem with the model itself.
+    simple_solid
+        Simplified solid in the frame of the input (see `Problem.frame`), if it is known.
+    """
+    if not is_too_detailed(problem.model):
+        return problem
+    solid = (
+        simplify_solid(problem.model.solid) if simple_solid is None else simple_solid.rotate(problem.frame)
+    )
+    model = replace(problem.model, solid=solid)
+    options = replace(problem.options, min_wall_mm=problem.options.min_wall_mm + MARGIN_MM)
+    return replace(problem, model=model, options=options)
+
+
+def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | None:
+    """Cut the boxes of a partition of the simplified model out of the model itself.
+
+    Faces that touch no other box move outward by `MARGIN_MM`, so that no surface of the model is lost.
+
+    Parameters
+    ----------
+    problem
+        Problem with the model itself.
+    partition
+        Partition of the problem that `simplify_problem` returned.
+
+    Returns
+    -------
+    Partition or None
+        None if a piece was not cut out of a single box, or if the model has other pieces in a box.
+    """
+    if any(len(piece.boxes_mm) != 1 for piece in partition.pieces):
+        return None
+    simple_pieces: dict[bytes, list[Piece]] = {}
+    for piece in partition.pieces:
+        simple_pieces.setdefault(piece.boxes_mm.tobytes(), []).append(piece)
+    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in simple_pieces.values()])
+    model = problem.rotate(partition.rotation).model
+    problem.effort.record(Work.FACE_CUT, model.solid.face_count * len(boxes_mm))
+    box_pieces = [
+        _cut_same_pieces(model.solid, box_mm, pieces)
+        for box_mm, pieces in zip(grow_boxes(boxes_mm, MARGIN_MM), simple_pieces.values(), strict=True)
+    ]
+    if not all(box_pieces):
+        return None
+    return replace(partition, pieces=tuple(chain(*box_pieces)), model=model)
+
+
+def _cut_same_pieces(solid: Solid, box_mm: Floats, simple_pieces: Sequence[Piece]) -> list[Piece]:
+    """Cut the pieces of a solid in a box (2, 3) in mm for the printers of similar pieces.
+
+    The list is empty if there are more or fewer of them.
+    """
+    pieces = sort_pieces(cut_box(solid, *box_mm))
+    is_same_number = len(pieces) == len(simple_pieces)
+    return copy_printers(pieces, sort_pieces(simple_pieces)) if is_same_number else []
