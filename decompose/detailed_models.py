@@ -32,11 +32,7 @@ def is_too_detailed(model: Model) -> bool:
 
 def simplify_solid(solid: Solid) -> Solid:
     """Simplify a solid if it has very many faces; this hardly changes its price."""
-    for tolerance_mm in TOLERANCES_MM:
-        if solid.face_count <= MAX_SIMPLIFIED_FACES:
-            break
-        solid = solid.simplify(tolerance_mm)
-    return solid
+    return solid.simplify(*TOLERANCES_MM, max_faces=MAX_SIMPLIFIED_FACES)
 
 
 def simplify_model(model: Model) -> Model:

@@ -168,11 +168,23 @@ class Solid:
         """Move the solid by an offset (3,) in mm."""
         return Solid(self.manifold.translate(tuple(offset_mm.tolist())))
 
-    def simplify(self, tolerance_mm: float) -> Solid:
-        """Remove edges shorter than a tolerance, and flatten surfaces that are flat within this tolerance."""
-        simplified_manifold = _check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid")
+    def simplify(self, *tolerances_mm: float, max_faces: int = 0) -> Solid:
+        """Remove edges shorter than a tolerance, and flatten surfaces that are flat within this tolerance.
+
+        Parameters
+        ----------
+        tolerances_mm
+            Tolerances, applied one after the other until there are few enough triangles.
+        max_faces
+            Number of triangles that is few enough; 0 to apply all tolerances.
+        """
+        manifold = self.manifold
+        for tolerance_mm in tolerances_mm:
+            if manifold.num_tri() <= max_faces:
+                break
+            manifold = _check_status(manifold.simplify(tolerance_mm), "simplifying a solid")
         # Built again, because manifold3d would simplify every part that is cut out of it by this tolerance.
-        return Solid.from_arrays(*Solid(simplified_manifold).arrays())
+        return self if manifold is self.manifold else Solid.from_arrays(*Solid(manifold).arrays())
 
     def measure_gap_mm(self, other: Solid, max_gap_mm: float) -> float:
         """Measure the exact distance to another solid in mm; 0 if they meet.
