@@ -6,6 +6,7 @@ repaired solid and far from it, and only a little surface may be added.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -35,7 +36,11 @@ MAX_MOVE_SHARE = 0.005  # distance by which the surface may move, as a share of 
 MAX_LOST_SHARE = 0.02
 MAX_NEW_SHARE = 0.20  # maximum share of new surface in the repaired surface; beyond it, the model is refused
 MAX_EXTENT_CHANGE_SHARE = 0.05  # maximum change of a bound, as a share of the longest side
-SAMPLE_COUNT = 40_000  # number of points on a surface to which distances are measured
+# Minimum and maximum number of samples: points on a surface, to whose triangles distances are measured.
+MIN_SAMPLE_COUNT, MAX_SAMPLE_COUNT = 40_000, 2_000_000
+# Expected number of samples around a point of the surface that are nearer than the distance that counts as
+# far. With fewer samples, small triangles of the surface itself count as far from it.
+SAMPLES_WITHIN_LIMIT = 9.0
 PROBE_COUNT = 5_000  # number of points from which distances are measured
 MIN_VOLUME_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5; bodies with less are left out
 NEIGHBOUR_COUNT = 6  # number of nearest samples; the exact distance to the triangle of each is computed
@@ -238,7 +243,10 @@ def _draw_probes(mesh: Any, count: int) -> Floats:
 def _is_far(mesh: Any, other: Any) -> Bools:
     """Check for each of PROBE_COUNT random points on a mesh whether it is too far from another mesh."""
     geometry: Any = trimesh.triangles  # untyped
-    samples, triangle = trimesh.sample.sample_surface(other, SAMPLE_COUNT, seed=0)
+    limit_mm = float(MAX_MOVE_SHARE * np.ptp(mesh.bounds, axis=0).max())
+    dense_count = SAMPLES_WITHIN_LIMIT * other.area / (math.pi * limit_mm**2)
+    count = round(min(MAX_SAMPLE_COUNT, max(MIN_SAMPLE_COUNT, dense_count)))
+    samples, triangle = trimesh.sample.sample_surface(other, count, seed=0)
     probes = _draw_probes(mesh, PROBE_COUNT)
     _, nearest_samples = cKDTree(samples).query(probes, NEIGHBOUR_COUNT)
     distances_mm = np.full(len(probes), np.inf)
@@ -246,7 +254,7 @@ def _is_far(mesh: Any, other: Any) -> Bools:
         corners = np.asarray(other.triangles)[triangle[nearest_samples[:, k]]]
         nearest_point = geometry.closest_point(corners, probes)
         distances_mm = np.minimum(distances_mm, np.linalg.norm(nearest_point - probes, axis=1))
-    return np.asarray(distances_mm > MAX_MOVE_SHARE * np.ptp(mesh.bounds, axis=0).max())
+    return np.asarray(distances_mm > limit_mm)
 
 
 def _is_inside(points: Floats, triangles: Floats) -> Bools:

@@ -127,6 +127,18 @@ def test_gaps_due_to_rounding_are_welded() -> None:
     assert repairs == ["Joined vertices within 0.0001 mm of each other."]
 
 
+def test_surface_of_small_triangles_is_not_reported_as_lost() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=50.0)
+    x, _, z = ball.triangles_center.T
+    triangles = ball.triangles[z < 40.0 + 0.2 * x]  # the rim runs along triangles, so it is not flat
+    solid, (repair,) = close_surface("ball", weld_triangles(triangles))
+    assert repair.endswith(" % of the surface is new.")
+    new_share = float(repair.split()[-7]) / 100.0
+    open_share = 1.0 - len(triangles) / len(ball.faces)
+    assert new_share == pytest.approx(open_share, rel=0.3)
+    assert solid.area_mm2 < ball.area
+
+
 def test_cup_without_wall_thickness_is_refused() -> None:
     """Check the refusal of a repair that would add a lid to a cup."""
     with pytest.raises(ModelNotSolid, match=r"would add 2\d %"):
