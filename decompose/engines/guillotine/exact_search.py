@@ -34,8 +34,6 @@ MAX_REJECTIONS = 40  # maximum number of partitions rejected because of a sliver
 MAX_UNPOSED_COUNT = 40  # maximum number of partitions with a part that has no pose
 # Another round follows if the true makespan is more than this multiple of the expected one.
 RETRY_RATIO = 1.01
-# Share by which the least makespan may probably fall when prices are estimated again.
-FALL_SHARE = 0.03
 # The least makespan according to the estimates is sought to an accuracy of `TOLERANCE_S`, or of the share
 # `TOLERANCE` of the makespan if that is longer; the errors of the tables' prices are larger.
 TOLERANCE_S = 1.0
@@ -126,7 +124,7 @@ class ExactSearch:
         self.bound_s = bound_s  # lower bound on the makespan at any prices
         self.min_s = bound_s  # lower bound on the makespan at the estimated prices
         self.least_s = math.inf  # last least makespan at estimated prices
-        self.is_near_min = False  # whether the next least makespan is probably near `min_s`
+        self.near_s: float | None = None  # least makespan at the prices of the last round
         self.solver = Partitioner(self.excess.estimates, executor=problem.executor)
         self.pieces_by_box: dict[Box, list[Piece]] = {}
         self.true_times_s: dict[Box, float] = {}
@@ -144,7 +142,8 @@ class ExactSearch:
                 effort.is_cut_short = True  # from here on any partition is accepted
                 if best_boxes:
                     break
-            tolerance_s = max(TOLERANCE_S, (LATE_TOLERANCE if is_late else TOLERANCE) * self.min_s)
+            tolerance = LATE_TOLERANCE if is_late else TOLERANCE
+            tolerance_s = max(TOLERANCE_S, tolerance * (self.near_s or self.min_s))
             makespan_s = self._solve(len(self.problem.printers), tolerance_s)
             is_hopeless = len(self.rejections) > MAX_REJECTIONS or unposed_count > MAX_UNPOSED_COUNT
             if makespan_s is None or is_hopeless:
@@ -169,7 +168,7 @@ class ExactSearch:
             is_estimated_well = makespan_s / RETRY_RATIO <= longest_s <= RETRY_RATIO * makespan_s
             if is_estimated_well or round_count == MAX_ROUNDS:
                 break
-            self._estimate_prices(makespan_s)
+            self._estimate_prices()
         best_boxes = self._improve_partition(best_boxes)
         self._drop_pieces(best_boxes)
         return {box: self.cut_box(box) for box in best_boxes}
@@ -233,27 +232,18 @@ class ExactSearch:
             self.excess.update_estimates()
         return best_boxes
 
-    def _estimate_prices(self, makespan_s: float) -> None:
-        """Estimate prices again, and find a lower bound on the new makespan from the last one.
-
-        Prices may rise and fall, so the last makespan is no lower bound.
-        """
+    def _estimate_prices(self) -> None:
+        """Estimate prices again; they may rise and fall, so the last makespan is no lower bound any more."""
         self.excess.update_estimates()
-        min_s, printer_count = (1.0 - FALL_SHARE) * makespan_s, len(self.problem.printers)
-        previous_sum_count = self.solver.sum_count
-        self.is_near_min = min_s > self.bound_s and self.solver.solve(min_s) > printer_count
-        self.min_s = min_s if self.is_near_min else self.bound_s
-        self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sum_count)
+        self.min_s = self.bound_s
 
     def _solve(self, printer_count: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
         """Find the least makespan at estimated prices (`find_min_makespan_s`), and record the work."""
         previous_sum_count = self.solver.sum_count
-        min_s = self.solver.find_min_makespan_s(
-            printer_count, self.min_s, tolerance_s, max_s, is_near_min=self.is_near_min
-        )
-        self.is_near_min = min_s is not None
+        least_s = self.solver.find_min_makespan_s(printer_count, self.min_s, tolerance_s, max_s, self.near_s)
+        self.near_s = least_s
         self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sum_count)
-        return min_s
+        return least_s
 
     def _improve_partition(self, partition: list[Box]) -> list[Box]:
         """Improve a partition at true prices by neighbourhood search, not limited to guillotine cuts."""

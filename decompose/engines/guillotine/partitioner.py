@@ -261,8 +261,7 @@ class Partitioner:
         min_s: float,
         tolerance_s: float = 1.0,
         max_s: float = math.inf,
-        *,
-        is_near_min: bool = False,
+        near_s: float | None = None,
     ) -> float | None:
         """Find the lowest time limit for which the printers are enough; keep its solution.
 
@@ -274,24 +273,27 @@ class Partitioner:
             Limits between which to search.
         tolerance_s
             Accuracy of the result.
-        is_near_min
-            Whether the lowest limit is probably near `min_s`: then limits just above `min_s` are tried first,
-            in growing steps.
+        near_s
+            Time near which the lowest limit probably is: it is tried first, then others in growing steps from
+            it. None if there is none.
 
         Returns
         -------
         float or None
             Limit in seconds; None if no limit up to `max_s` is enough.
         """
-        high_s = min(max_s, self._find_slowest_box_s())
-        low_s, step_s = max(0.0, min_s), tolerance_s
-        is_reached = False
-        while is_near_min and not is_reached and low_s + step_s < high_s:
-            is_reached = self.solve(low_s + step_s) <= printer_count
-            if is_reached:
-                high_s = self._find_reached_limit_s(low_s + step_s)
+        low_s, high_s = max(0.0, min_s), min(max_s, self._find_slowest_box_s())
+        step_s = tolerance_s
+        limit_s = 0.0 if near_s is None else max(near_s, low_s + step_s)
+        is_reached = is_missed = False
+        while low_s < limit_s < high_s and not (is_reached and is_missed):
+            if self.solve(limit_s) <= printer_count:
+                is_reached, high_s = True, self._find_reached_limit_s(limit_s)
+                limit_s = high_s - step_s
             else:
-                low_s, step_s = low_s + step_s, LIMIT_STEP_RATIO * step_s
+                is_missed, low_s = True, limit_s
+                limit_s = low_s + step_s
+            step_s *= LIMIT_STEP_RATIO
         if high_s < 0.0 or (not is_reached and self.solve(high_s) > printer_count):
             return None
         while high_s - low_s > tolerance_s:

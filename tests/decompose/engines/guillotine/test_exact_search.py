@@ -232,7 +232,7 @@ def test_tables_get_only_true_prices_while_estimates_are_searched(
     problem: Problem, search_result: tuple[ExactSearch, list[Box]]
 ) -> None:
     search, _ = search_result
-    search._estimate_prices(search.min_s)
+    search._estimate_prices()
     first_seconds = problem.price_boxes(search.grid).seconds
     changed = np.flatnonzero(search.tables.seconds != first_seconds)
     true_indices = {index_box(box, search.tables.shape) for box in search.true_times_s}
@@ -247,15 +247,14 @@ def test_least_makespan_is_found_after_estimates_have_fallen(problem: Problem) -
     for box in search.solver.list_chosen_boxes():
         search.excess.record(box, 3.0 * float(search.tables.seconds[index_box(box, search.tables.shape)]))
     search.excess.update_estimates()
-    search.is_near_min = True
     high_s = search._solve(len(PRINTERS), 1.0)
     assert high_s is not None
     # Other boxes show that the excess arises in those boxes alone.
     for box in search.solver.list_chosen_boxes() * 9:
         search.excess.record(box, 0.0)
-    search._estimate_prices(high_s)
+    search._estimate_prices()
     low_s = search._solve(len(PRINTERS), 1.0)
-    search.min_s, search.is_near_min = 0.0, False
+    search.near_s = None
     expected_s = search._solve(len(PRINTERS), 1.0)
     assert low_s is not None and expected_s is not None
     assert low_s == pytest.approx(expected_s, abs=2.0) and low_s < 0.96 * high_s
