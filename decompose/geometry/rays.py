@@ -66,12 +66,12 @@ def place_rays(lo_mm: Floats, hi_mm: Floats, step_mm: float) -> Rays:
 
 @jit
 def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
-    """Find the bounds of triangles.
+    """Find the bounds of triangles, or of points.
 
     Parameters
     ----------
     triangles
-        (m, 3, 3) float64 in mm.
+        (m, k, 3) float64 in mm; k is 3 for triangles, and 1 for points.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
     """
     lo_mm, hi_mm = np.full(3, np.inf), np.full(3, -np.inf)
     for t in range(len(triangles)):
-        for corner in range(3):
+        for corner in range(triangles.shape[1]):
             for axis in range(3):
                 coordinate = triangles[t, corner, axis]
                 if coordinate < lo_mm[axis]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
+from decompose.geometry.rays import find_bounds
 from decompose.jit import jit
 from decompose.print_time.cost import CostModel
 from decompose.print_time.hidden_faces import find_hidden_faces
@@ -124,8 +125,8 @@ def sum_pose_features(
     cosines = (cost.skin_cos, cost.overhang_cos)
     for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
         rotated_vertices = (vertices if hull is None else hull) @ rotation.T
-        bottom = rotated_vertices.min(axis=0)
-        extents_mm[i] = rotated_vertices.max(axis=0) - bottom
+        bottom, top = find_bounds(rotated_vertices[:, None])
+        extents_mm[i] = top - bottom
         up, bed_mm = rotation[2], float(bottom[2])
         features[i, 1:] = _sum_face_features(surfaces, up, bed_mm, cosines)
         if has_savings and is_cut is not None:

@@ -95,7 +95,7 @@ def measure_thin_walls(
     sums = np.zeros(3)
     mesh = _Mesh(np.ascontiguousarray(triangles), *find_bounds(triangles), compute_unit_normals(triangles))
     # First x, then y, becomes the last axis; `upright_axis` is the index of z in the new order.
-    for upright_axis, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):
+    for upright_axis, order in ((1, (1, 2, 0)), (0, (2, 0, 1))):
         turned_mesh = mesh.permute_axes(order)
         crossings, ray_mm2 = _cast_rays(turned_mesh, count)
         sums += ray_mm2 * _sum_thin_walls(crossings, turned_mesh.normals, upright_axis, widths)
@@ -113,9 +113,19 @@ class _Mesh(NamedTuple):
     hi_mm: Floats
     normals: Floats
 
-    def permute_axes(self, order: list[int]) -> _Mesh:
+    def permute_axes(self, order: tuple[int, int, int]) -> _Mesh:
         """Reorder x, y and z of all arrays; `order` is an even permutation, so that normals stay outward."""
-        return _Mesh(*(np.ascontiguousarray(array[..., order]) for array in self))
+        return _Mesh(*(_permute_columns(array.reshape(-1, 3), order).reshape(array.shape) for array in self))
+
+
+@jit
+def _permute_columns(rows: Floats, order: tuple[int, int, int]) -> Floats:
+    """Reorder the columns of an array (n, 3) float64."""
+    permuted_rows = np.empty_like(rows)
+    for i in range(len(rows)):
+        for k in range(3):
+            permuted_rows[i, k] = rows[i, order[k]]
+    return permuted_rows
 
 
 def _cast_rays(mesh: _Mesh, count: int) -> tuple[Crossings, float]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.geometry.rays import find_bounds, place_rays
+from decompose.jit import jit
 from decompose.print_time.columns.brim import count_brim_columns
 from decompose.print_time.columns.sweep import MIN_STEP_MM, sum_steps_mm, sweep_columns
 
@@ -133,10 +134,33 @@ def measure_columns(
     )
 
 
+@jit
 def _find_row_ends(is_marked: Bools) -> Floats:
-    """Find the indices (p, 2) of the first and of the last marked column in each row of a mask (nx, ny)."""
-    rows = np.flatnonzero(is_marked.any(axis=1))
-    if not len(rows):
-        return np.zeros((0, 2))
-    first, last = is_marked.argmax(axis=1), is_marked.shape[1] - 1 - is_marked[:, ::-1].argmax(axis=1)
-    return np.concatenate([np.stack([rows, ends[rows]], axis=1) for ends in (first, last)]).astype(np.float64)
+    """Find the first and the last marked column in each row.
+
+    Parameters
+    ----------
+    is_marked
+        (nx, ny) bool.
+
+    Returns
+    -------
+    ndarray
+        (2 r, 2) float64 indices: the first marked column of each of r rows, then the last ones.
+    """
+    row_count, row_length = is_marked.shape
+    ends = np.empty((row_count, 3))  # row, first and last marked column
+    count = 0
+    for i in range(row_count):
+        first, last = -1, -1
+        for j in range(row_length):
+            if is_marked[i, j]:
+                first, last = (j if first < 0 else first), j
+        if first >= 0:
+            ends[count, 0], ends[count, 1], ends[count, 2] = i, first, last
+            count += 1
+    points = np.empty((2 * count, 2))
+    for k in range(count):
+        points[k, 0], points[k, 1] = ends[k, 0], ends[k, 1]
+        points[count + k, 0], points[count + k, 1] = ends[k, 0], ends[k, 2]
+    return points

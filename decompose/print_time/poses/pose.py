@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
+from decompose.geometry.rays import find_bounds
 from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.contours import measure_contours
 from decompose.print_time.cost import CostModel
@@ -232,7 +233,7 @@ def _place_on_bed(vertices: Floats, rotation: Floats) -> tuple[Floats, Floats, F
         to the middle of the bed.
     """
     rotated_vertices = vertices @ rotation.T
-    lo_mm, hi_mm = rotated_vertices.min(axis=0), rotated_vertices.max(axis=0)
+    lo_mm, hi_mm = find_bounds(rotated_vertices[:, None])
     origin_mm = np.array([(lo_mm[0] + hi_mm[0]) / 2.0, (lo_mm[1] + hi_mm[1]) / 2.0, lo_mm[2]])
     return rotated_vertices - origin_mm, hi_mm - lo_mm, origin_mm
 
