@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from decompose.decompose import decompose_model
-from decompose.detailed_models import simplify_problem
+from decompose.detailed_models import simplify_model, simplify_problem
 from decompose.engines.guillotine import (
     ASSEMBLY_S,
     CLEARING_S,
@@ -118,7 +118,7 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     problem
         Problem with all printers, the best ones first.
     """
-    problem = simplify_problem(problem)
+    problem = simplify_problem(problem, simplify_model(problem.model).solid)
     printers = problem.printers
     grid_problem = problem if problem.is_uniform else replace(problem, printers=problem.distinct_printers)
     grid = grid_problem.build_grid(problem.model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -14,9 +15,15 @@ import numpy as np
 from decompose.arrays import Floats, Ints
 from decompose.best import find_best_result
 from decompose.bound import bound_shared_work_s, sum_least_work_s
-from decompose.detailed_models import cut_detailed_pieces, simplify_problem, simplify_solid
+from decompose.detailed_models import (
+    BOX_ENGINES,
+    cut_detailed_pieces,
+    is_too_detailed,
+    simplify_problem,
+    simplify_solid,
+)
 from decompose.engines import ENGINES, apply_paper_settings
-from decompose.errors import GeometryError, NoFit
+from decompose.errors import GeometryError, ModelNotSolid, NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Interior, Options
 from decompose.print_time import CostModel, find_best_pose, measure_pose
@@ -78,7 +85,7 @@ def decompose_model(
 
 
 def run_engine(
-    problem: Problem, get_serial_s: Callable[[], tuple[float, float]], simple_solid: Solid | None = None
+    problem: Problem, get_serial_s: Callable[[], tuple[float, float]], simple_solid: Solid
 ) -> Decomposition:
     """Run the engine that the options name, and check its result.
 
@@ -89,13 +96,20 @@ def run_engine(
     get_serial_s
         Function that returns the result of `estimate_serial_s`.
     simple_solid
-        Result of `simplify_solid` for the model in the frame of the input, if it is known.
+        Result of `simplify_solid` for the model in the frame of the input.
+
+    Raises
+    ------
+    NoFit, GeometryError, ModelNotSolid
+        The engine finds no partition, or its result breaks a geometry rule.
     """
     stage_times = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=apply_paper_settings(problem.options))
     problem = replace(problem, on_stage=stage_times.record_stage)
-    result = _search_simplified_model(problem, get_serial_s, simple_solid)
+    result: Decomposition | None = None
+    if is_too_detailed(problem.model) and problem.options.engine in BOX_ENGINES:
+        result = _search_simplified_model(problem, get_serial_s, simple_solid)
     if result is None:
         partition = ENGINES[problem.options.engine](problem)
         problem.on_stage("engine")
@@ -104,25 +118,31 @@ def run_engine(
 
 
 def _search_simplified_model(
-    problem: Problem, get_serial_s: Callable[[], tuple[float, float]], simple_solid: Solid | None
+    problem: Problem, get_serial_s: Callable[[], tuple[float, float]], simple_solid: Solid
 ) -> Decomposition | None:
     """Search in a simplified copy of a very detailed model, and cut the parts out of the model itself.
 
-    The result is None if the model is not that detailed, or if its parts differ too much from those of the
-    copy. Then it has to be searched itself.
+    The result is None if the parts of the model differ too much from those of the copy. Then the model has to
+    be searched itself, with the same budget again.
+
+    Raises
+    ------
+    NoFit
+        There is no partition of the copy, or the parts differ but there is a result of an earlier attempt.
     """
-    simple_problem = simplify_problem(problem, simple_solid)
-    if simple_problem is problem:
-        return None
-    problem.on_stage("simplification")
-    partition = cut_detailed_pieces(problem, ENGINES[problem.options.engine](simple_problem))
+    partition = ENGINES[problem.options.engine](simplify_problem(problem, simple_solid))
     problem.on_stage("engine")
-    if partition is None:
-        return None
-    try:
-        return finish_result(problem, partition, get_serial_s())
-    except (GeometryError, NoFit):
-        return None
+    with contextlib.suppress(GeometryError, ModelNotSolid, NoFit):
+        detailed_partition = cut_detailed_pieces(problem, partition)
+        problem.on_stage("details")
+        if detailed_partition is not None:
+            result = finish_result(problem, detailed_partition, get_serial_s())
+            if not result.faults:
+                return result
+    if math.isfinite(problem.best_known_s):
+        raise NoFit("the parts of the model differ from those of its simplified copy")
+    problem.effort.restart()
+    return None
 
 
 def _add_bound(

@@ -7,11 +7,14 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.engines.guillotine import grow_boxes
 from decompose.geometry import Model, Solid
-from decompose.pieces import Piece, copy_printers, cut_box, sort_pieces
+from decompose.options import Engine
+from decompose.pieces import Piece, copy_printers, cut_box
 from decompose.problem import Partition, Problem, Work
 
 # Maximum number of faces of a simplified solid. Twice as many would change its price by 0.5 %.
@@ -20,9 +23,11 @@ MAX_SIMPLIFIED_FACES = 300_000
 TOLERANCES_MM = (0.02, 0.05, 0.1, 0.2)
 # A model with more faces than this is not searched itself, because that takes minutes and many GB.
 MAX_SEARCHED_FACES = 1_000_000
-# Length by which the surfaces of a model and of its copy may differ: the tolerances above together, and some
-# rounding.
+# Margin for the distance between the surfaces of a model and of its copy: the tolerances above together, and
+# some rounding. Only details thinner than a tolerance, which the copy may lack, can be farther from the copy.
 MARGIN_MM = 0.5
+# Engines whose pieces are each cut out of a single box.
+BOX_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 
 
 def is_too_detailed(model: Model) -> bool:
@@ -32,7 +37,8 @@ def is_too_detailed(model: Model) -> bool:
 
 def simplify_solid(solid: Solid) -> Solid:
     """Simplify a solid if it has very many faces; this hardly changes its price."""
-    return solid.simplify(*TOLERANCES_MM, max_faces=MAX_SIMPLIFIED_FACES)
+    simple_solid = solid.simplify(*TOLERANCES_MM, max_faces=MAX_SIMPLIFIED_FACES)
+    return solid if simple_solid.is_empty else simple_solid
 
 
 def simplify_model(model: Model) -> Model:
@@ -40,7 +46,7 @@ def simplify_model(model: Model) -> Model:
     return replace(model, solid=simplify_solid(model.solid)) if is_too_detailed(model) else model
 
 
-def simplify_problem(problem: Problem, simple_solid: Solid | None = None) -> Problem:
+def simplify_problem(problem: Problem, simple_solid: Solid) -> Problem:
     """Simplify the model of a problem if it is too detailed for a search; return the same problem if not.
 
     Hollows keep a greater distance from the surface of the copy, so that they are far enough from the surface
@@ -51,14 +57,12 @@ def simplify_problem(problem: Problem, simple_solid: Solid | None = None) -> Pro
     problem
         Problem with the model itself.
     simple_solid
-        Simplified solid in the frame of the input (see `Problem.frame`), if it is known.
+        Simplified solid in the frame of the input (see `Problem.frame`). All attempts of a search use the
+        same copy, wherever they run.
     """
     if not is_too_detailed(problem.model):
         return problem
-    solid = (
-        simplify_solid(problem.model.solid) if simple_solid is None else simple_solid.rotate(problem.frame)
-    )
-    model = replace(problem.model, solid=solid)
+    model = replace(problem.model, solid=simple_solid.rotate(problem.frame))
     options = replace(problem.options, min_wall_mm=problem.options.min_wall_mm + MARGIN_MM)
     return replace(problem, model=model, options=options)
 
@@ -66,7 +70,8 @@ def simplify_problem(problem: Problem, simple_solid: Solid | None = None) -> Pro
 def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | None:
     """Cut the boxes of a partition of the simplified model out of the model itself.
 
-    Faces that touch no other box move outward by `MARGIN_MM`, so that no surface of the model is lost.
+    Faces that touch no other box move outward by `MARGIN_MM`, so that no surface of the model is lost; but no
+    box extends farther than that beyond the model.
 
     Parameters
     ----------
@@ -88,9 +93,11 @@ def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | N
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in simple_pieces.values()])
     model = problem.rotate(partition.rotation).model
     problem.effort.record(Work.FACE_CUT, model.solid.face_count * len(boxes_mm))
+    low_mm, high_mm = model.solid.bounds_mm
+    grown_mm = np.clip(grow_boxes(boxes_mm, MARGIN_MM), low_mm - MARGIN_MM, high_mm + MARGIN_MM)
     box_pieces = [
         _cut_same_pieces(model.solid, box_mm, pieces)
-        for box_mm, pieces in zip(grow_boxes(boxes_mm, MARGIN_MM), simple_pieces.values(), strict=True)
+        for box_mm, pieces in zip(grown_mm, simple_pieces.values(), strict=True)
     ]
     if not all(box_pieces):
         return None
@@ -98,10 +105,16 @@ def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | N
 
 
 def _cut_same_pieces(solid: Solid, box_mm: Floats, simple_pieces: Sequence[Piece]) -> list[Piece]:
-    """Cut the pieces of a solid in a box (2, 3) in mm for the printers of similar pieces.
+    """Cut the pieces of a solid in a box (2, 3) in mm for the printers of the nearest pieces of the copy.
 
     The list is empty if there are more or fewer of them.
     """
-    pieces = sort_pieces(cut_box(solid, *box_mm))
-    is_same_number = len(pieces) == len(simple_pieces)
-    return copy_printers(pieces, sort_pieces(simple_pieces)) if is_same_number else []
+    pieces = cut_box(solid, *box_mm)
+    if len(pieces) != len(simple_pieces):
+        return []
+    centres_mm, simple_centres_mm = (
+        np.array([piece.solid.bounds_mm.mean(axis=0) for piece in some_pieces])
+        for some_pieces in (pieces, simple_pieces)
+    )
+    numbers = linear_sum_assignment(cdist(centres_mm, simple_centres_mm))[1]
+    return copy_printers(pieces, [simple_pieces[number] for number in numbers])

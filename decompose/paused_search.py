@@ -21,6 +21,7 @@ from decompose.best import (
     report_progress,
 )
 from decompose.decompose import run_engine
+from decompose.detailed_models import simplify_model
 from decompose.geometry import Model
 from decompose.print_time import CostModel
 from decompose.problem import Problem
@@ -126,4 +127,5 @@ class PausedSearch:
     def _run_engine(self) -> Callable[[Problem], Decomposition]:
         """Function that runs the engine of a problem."""
         serial_times_s = (self.best_result.serial_s, self.best_result.serial_as_is_s)
-        return lambda problem: run_engine(problem, lambda: serial_times_s)
+        simple_solid = simplify_model(self.model).solid
+        return lambda problem: run_engine(problem, lambda: serial_times_s, simple_solid)

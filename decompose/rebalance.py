@@ -15,7 +15,7 @@ from time import perf_counter
 
 import numpy as np
 
-from decompose.detailed_models import cut_detailed_pieces, simplify_problem
+from decompose.detailed_models import cut_detailed_pieces, simplify_model, simplify_problem
 from decompose.engines.guillotine import shift_box_planes
 from decompose.geometry import Model
 from decompose.options import Engine
@@ -78,7 +78,7 @@ def rebalance_planes(
     effort = Effort(previous_result.options.best.budget_s)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
-    search_problem = simplify_problem(problem)
+    search_problem = simplify_problem(problem, simplify_model(model).solid)
     box_pieces = _cut_previous_boxes(search_problem, cutting, sliced_times_s)
     shifted_pieces = None if box_pieces is None else _shift_planes(search_problem, box_pieces, best_ratio)
     if shifted_pieces is None:

@@ -3,7 +3,7 @@
 Usage: python -m bench.models.detailed_model [--million N] [--printers N] [--json]
 
 The model is a torus with waves of several sizes, written as a binary STL and scaled to 450 mm. The memory is
-the largest resident memory of any process.
+the largest resident memory of the process.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import resource
+import os
 import subprocess
 import sys
 import tempfile
@@ -49,12 +49,16 @@ def measure(triangles: int, printer_count: int) -> dict[str, float]:
         writer = multiprocessing.get_context("spawn").Process(target=write_wavy_torus, args=(path, triangles))
         writer.start()
         writer.join()
+        if writer.exitcode != 0:
+            raise SystemExit(f"writing the model ended with {writer.exitcode}")
         command = [str(Path(sys.executable).with_name("farm")), "decompose", str(path), "--out", str(out)]
         command += ["--printers", str(printer_count), "--longest-side", "450"]
         begin_s = time.perf_counter()
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        _, status, usage = os.wait4(process.pid, 0)  # the usage of this process alone
         elapsed_s = time.perf_counter() - begin_s
-        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        if status != 0:
+            raise SystemExit(f"farm decompose ended with {os.waitstatus_to_exitcode(status)}")
         decomposition = json.loads((out / "decomposition.json").read_text())
     return {
         "elapsed_s": elapsed_s,

@@ -21,8 +21,6 @@ from decompose.results import Attempt, Decomposition
 # budget, a coarser grid is used.
 GRID_SHARE = 0.5
 USUAL_SEARCH_COUNT = 30  # usual number of searches on a grid, each for another time limit
-# Minimum remaining budget for another attempt, as a share of the first attempt's effort.
-MIN_START_SHARE = 0.5
 OTHER_GRID_RATIOS = (1.1, 0.95, 0.9)  # ratios of the granularities of other grids to that of the first grid
 # Rotations of the model about z; after a quarter turn the grid is the same.
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
@@ -97,9 +95,9 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[PlannedAttemp
     usual one if the budget is small. If it then gives no sound result, the usual grid follows with the whole
     budget, then the engine `parallelobox`, because any result is better than none. The next rounds try other
     grids, then rotations of the model about z, then other grids at the best angle. The attempts of a round
-    have equal shares of the remaining budget. A round has at least one attempt, but only so many that each
-    can spend as much effort as the first attempt. The other attempts form the next round, with the rest of
-    the budget.
+    have equal shares of the remaining budget. A round has only so many attempts that each can spend as much
+    effort as the first attempt, but at least one as long as there is no result. The other attempts form the
+    next round, with the rest of the budget.
 
     Parameters
     ----------
@@ -116,16 +114,15 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[PlannedAttemp
         return (PlannedAttempt(Engine.GUILLOTINE, usual_granularity, budget_s=budget_s),)
     planned_attempts = next(iter(_list_open_rounds(problem, state)), ())
     remaining_s, first_s = compute_remaining_s(problem, state), state.attempts[0].effort_s
-    is_budget_too_small = state.best_result is not None and remaining_s < MIN_START_SHARE * first_s
-    if not planned_attempts or remaining_s <= 0.0 or is_budget_too_small:
+    if not planned_attempts or remaining_s <= 0.0:
         return ()
-    count = (
-        len(planned_attempts)
-        if first_s <= 0.0
-        else min(len(planned_attempts), max(1, int(remaining_s / first_s)))
-    )
+    # An attempt with less effort than the first one is cut short, and hardly ever wins.
+    count = len(planned_attempts) if first_s <= 0.0 else int(remaining_s / first_s)
+    if state.best_result is None:
+        count = max(1, count)
     return tuple(
-        replace(planned_attempt, budget_s=remaining_s / count) for planned_attempt in planned_attempts[:count]
+        replace(planned_attempt, budget_s=remaining_s / min(count, len(planned_attempts)))
+        for planned_attempt in planned_attempts[:count]
     )
 
 

@@ -65,12 +65,12 @@ def place_rays(lo_mm: Floats, hi_mm: Floats, step_mm: float) -> Rays:
 
 
 @jit
-def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
+def find_bounds(corners: Floats) -> tuple[Floats, Floats]:
     """Find the bounds of triangles, or of points.
 
     Parameters
     ----------
-    triangles
+    corners
         (m, k, 3) float64 in mm; k is 3 for triangles, and 1 for points.
 
     Returns
@@ -79,10 +79,10 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
         (3,) float64 least x, y and z, and (3,) float64 greatest x, y and z, in mm.
     """
     lo_mm, hi_mm = np.full(3, np.inf), np.full(3, -np.inf)
-    for t in range(len(triangles)):
-        for corner in range(triangles.shape[1]):
+    for t in range(len(corners)):
+        for corner in range(corners.shape[1]):
             for axis in range(3):
-                coordinate = triangles[t, corner, axis]
+                coordinate = corners[t, corner, axis]
                 if coordinate < lo_mm[axis]:
                     lo_mm[axis] = coordinate
                 if coordinate > hi_mm[axis]:

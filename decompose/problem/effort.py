@@ -74,6 +74,11 @@ class Effort:
     on_spent: Callable[[float], None] | None = None
     reserved_s: float = 0.0
 
+    def restart(self) -> None:
+        """Extend the budget by the work done so far, for a search that has to begin again."""
+        self.budget_s += self.spent_s
+        self.is_cut_short = False
+
     @property
     def spent_s(self) -> float:
         """Work done, in seconds of one core of a typical machine; the proof of the bound is not counted."""

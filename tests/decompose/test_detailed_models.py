@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +12,20 @@ import trimesh
 
 from decompose import decompose as decompose_module
 from decompose.best import rotate_about_z
-from decompose.decompose import decompose_model, estimate_serial_s
-from decompose.detailed_models import cut_detailed_pieces, simplify_problem, simplify_solid
-from decompose.errors import GeometryError, Rule
+from decompose.decompose import decompose_model, estimate_serial_s, run_engine
+from decompose.detailed_models import (
+    MARGIN_MM,
+    TOLERANCES_MM,
+    cut_detailed_pieces,
+    simplify_problem,
+    simplify_solid,
+)
+from decompose.engines import ENGINES
+from decompose.errors import GeometryError, NoFit, Rule
 from decompose.geometry import Model, Solid
 from decompose.grid import Grid
 from decompose.options import BestOptions, Engine, Options
-from decompose.pieces import Piece, cut_box
+from decompose.pieces import Fault, Piece, cut_box
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.problem import Partition, Problem
@@ -85,17 +94,21 @@ def test_parts_are_cut_out_of_the_model_itself(
     assert max(gridded_face_counts) <= MAX_FACES < model.solid.face_count
     check_parts(result, model)
     assert len({part.printer for part in result.parts}) == len(result.parts)
-    assert "simplification" in result.compute_s
+    assert "details" in result.compute_s
 
 
-def test_several_attempts_are_made(
+def test_rotated_attempt_uses_the_copy_in_the_frame_of_the_input(
     gridded_face_counts: list[int], ring: Model, fleet: list[TargetPrinter], cost: CostModel
 ) -> None:
-    options = Options(Engine.BEST, prove=False, best=BestOptions(30.0))
-    result = decompose_model(ring, fleet, options, cost)
-    assert len([attempt for attempt in result.attempts if attempt.makespan_s]) > 1
-    assert max(gridded_face_counts) <= MAX_FACES
+    options = replace(COARSE_OPTIONS, engine=Engine.GUILLOTINE, prove=False)
+    problem = rotate_about_z(Problem(ring, tuple(fleet), cost, options), 30.0)
+    simple_solid = simplify_solid(ring.solid)
+    result = run_engine(problem, lambda: (1.0, 1.0), simple_solid)
+    assert set(gridded_face_counts) == {simple_solid.face_count}
     check_parts(result, ring)
+    assert result.makespan_s == pytest.approx(
+        run_engine(problem, lambda: (1.0, 1.0), pickle.loads(pickle.dumps(simple_solid))).makespan_s, rel=0.0
+    )
 
 
 def test_model_whose_pieces_differ_is_searched_itself(
@@ -107,6 +120,59 @@ def test_model_whose_pieces_differ_is_searched_itself(
 ) -> None:
     monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda problem, partition: None)
     check_parts(decompose_model(ring, fleet, COARSE_OPTIONS, cost), ring)
+    assert gridded_face_counts[-1] == ring.solid.face_count
+
+
+def test_later_attempt_whose_pieces_differ_fails(
+    monkeypatch: pytest.MonkeyPatch,
+    gridded_face_counts: list[int],
+    ring: Model,
+    fleet: list[TargetPrinter],
+    cost: CostModel,
+) -> None:
+    monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda problem, partition: None)
+    problem = Problem(ring, tuple(fleet), cost, replace(COARSE_OPTIONS, engine=Engine.GUILLOTINE))
+    with pytest.raises(NoFit, match="differ from those of its simplified copy"):
+        run_engine(replace(problem, best_known_s=1e9), lambda: (1.0, 1.0), simplify_solid(ring.solid))
+    assert max(gridded_face_counts) <= MAX_FACES
+
+
+def test_model_is_searched_itself_with_the_whole_budget(
+    monkeypatch: pytest.MonkeyPatch,
+    gridded_face_counts: list[int],
+    ring: Model,
+    fleet: list[TargetPrinter],
+    cost: CostModel,
+) -> None:
+    options = replace(COARSE_OPTIONS, prove=False, best=BestOptions(2.0))
+    monkeypatch.setattr("decompose.detailed_models.MAX_SEARCHED_FACES", 10**9)
+    expected_result = decompose_model(ring, fleet, options, cost)
+    monkeypatch.setattr("decompose.detailed_models.MAX_SEARCHED_FACES", MAX_FACES)
+    monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda problem, partition: None)
+    result = decompose_model(ring, fleet, options, cost)
+    assert min(gridded_face_counts) <= MAX_FACES
+    assert result.makespan_s == expected_result.makespan_s
+
+
+def test_model_whose_parts_have_faults_is_searched_itself(
+    monkeypatch: pytest.MonkeyPatch,
+    gridded_face_counts: list[int],
+    ring: Model,
+    fleet: list[TargetPrinter],
+    cost: CostModel,
+) -> None:
+    finish_result = decompose_module.finish_result
+
+    def add_fault(
+        problem: Problem, partition: Partition, serial_times_s: tuple[float, float]
+    ) -> Decomposition:
+        result = finish_result(problem, partition, serial_times_s)
+        is_copy = gridded_face_counts[-1] < ring.solid.face_count
+        return replace(result, faults=(Fault(0, "is a sliver"),)) if is_copy else result
+
+    monkeypatch.setattr("decompose.decompose.finish_result", add_fault)
+    result = decompose_model(ring, fleet, COARSE_OPTIONS, cost)
+    assert not result.faults
     assert gridded_face_counts[-1] == ring.solid.face_count
 
 
@@ -132,11 +198,84 @@ def test_model_whose_parts_break_a_rule_is_searched_itself(
 
 
 @pytest.mark.usefixtures("gridded_face_counts")
+def test_engine_without_boxes_searches_the_model_itself(
+    monkeypatch: pytest.MonkeyPatch, ring: Model, fleet: list[TargetPrinter], cost: CostModel
+) -> None:
+    searched_face_counts = []
+    search = ENGINES[Engine.CUBE_SKELETON]
+
+    def record_search(problem: Problem) -> Partition:
+        searched_face_counts.append(problem.model.solid.face_count)
+        return search(problem)
+
+    monkeypatch.setitem(ENGINES, Engine.CUBE_SKELETON, record_search)
+    with contextlib.suppress(NoFit):
+        decompose_model(ring, fleet, replace(COARSE_OPTIONS, engine=Engine.CUBE_SKELETON), cost)
+    assert searched_face_counts == [ring.solid.face_count]
+
+
+def test_parts_of_a_rough_model_keep_its_surface_and_its_wall(
+    gridded_face_counts: list[int], fleet: list[TargetPrinter], cost: CostModel
+) -> None:
+    """Use a rough block with a hollow: its surface lies partly outside the copy."""
+    block = trimesh.creation.box((500.0, 400.0, 380.0))
+    for _ in range(6):
+        block = block.subdivide()
+    block.vertices += np.random.default_rng(0).uniform(-0.15, 0.15, block.vertices.shape)
+    model = Model(Solid.from_arrays(block.vertices, block.faces), (), 1.0)
+    printers = [TargetPrinter(f"p{i}", fleet[0].box_sizes_mm) for i in range(40)]
+    options = Options(Engine.GUILLOTINE, 9, prove=False, min_wall_mm=10.0)
+    result = decompose_model(model, printers, options, replace(cost, volume_s_per_mm3=1.0))
+    assert max(gridded_face_counts) <= MAX_FACES < model.solid.face_count
+    assert sum(part.solid.volume_mm3 for part in result.parts) < 0.99 * model.solid.volume_mm3
+    assert result.coverage.surface_error < 1e-6
+    assert result.options.min_wall_mm == 10.0
+
+
+def test_pieces_keep_the_printers_of_the_nearest_pieces_of_the_copy(
+    fleet: list[TargetPrinter], cost: CostModel
+) -> None:
+    """Use two towers of almost the same height, of which another one is lower in the copy."""
+
+    def make_towers(heights_mm: tuple[float, float]) -> Model:
+        towers = [Solid.box((x, 0, 0), (x + 10, 10, z)) for x, z in zip((0, 50), heights_mm, strict=True)]
+        return Model(Solid.union(towers), (), 1.0)
+
+    problem = Problem(make_towers((80.0, 80.02)), tuple(fleet), cost, COARSE_OPTIONS)
+    copy = make_towers((80.02, 80.0))
+    box_mm = np.array([[-1.0, -1.0, -1.0], [61.0, 11.0, 81.0]])
+    pieces = [
+        replace(piece, printer=fleet[int(piece.solid.bounds_mm[0, 0] > 25.0)])
+        for piece in cut_box(copy.solid, *box_mm)
+    ]
+    partition = cut_detailed_pieces(problem, Partition(tuple(pieces), copy, np.eye(3)))
+    assert partition is not None
+    printers = {round(piece.solid.bounds_mm[0, 0]): piece.printer for piece in partition.pieces}
+    assert printers == {0: fleet[0], 50: fleet[1]}
+
+
+def test_boxes_grow_only_up_to_the_margin_around_the_model(
+    ring: Model, fleet: list[TargetPrinter], cost: CostModel
+) -> None:
+    assert sum(TOLERANCES_MM) < MARGIN_MM
+    problem = Problem(ring, tuple(fleet), cost, COARSE_OPTIONS)
+    low_mm, high_mm = ring.solid.bounds_mm
+    partition = Partition(tuple(cut_box(ring.solid, low_mm, high_mm)), ring, np.eye(3))
+    for _ in range(3):
+        grown_partition = cut_detailed_pieces(problem, partition)
+        assert grown_partition is not None
+        partition = grown_partition
+        (piece,) = partition.pieces
+        assert piece.boxes_mm[0] == pytest.approx(np.array([low_mm - MARGIN_MM, high_mm + MARGIN_MM]))
+
+
+@pytest.mark.usefixtures("gridded_face_counts")
 def test_boxes_with_other_pieces_are_not_cut(
     ring: Model, fleet: list[TargetPrinter], cost: CostModel
 ) -> None:
     problem = Problem(ring, tuple(fleet), cost, COARSE_OPTIONS)
-    simple_problem = simplify_problem(problem)
+    simple_problem = simplify_problem(problem, simplify_solid(ring.solid))
+    assert simple_problem.options.min_wall_mm == problem.options.min_wall_mm + MARGIN_MM
     box_mm = np.array([[-200.0, -20.0, -60.0], [200.0, 20.0, 60.0]])
     pieces = cut_box(simple_problem.model.solid, *box_mm)
     assert len(pieces) == 2

@@ -135,7 +135,7 @@ def test_rotated_model_is_rebalanced_in_its_own_frame(cost: CostModel) -> None:
     from decompose.decompose import run_engine
 
     problem = rotate_about_z(Problem(MODEL, PRINTERS, cost, OPTIONS), -20.0)
-    decomposition = run_engine(problem, get_serial_s=lambda: (1.0, 1.0))
+    decomposition = run_engine(problem, lambda: (1.0, 1.0), MODEL.solid)
     new_result = rebalance_planes(
         MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
     )

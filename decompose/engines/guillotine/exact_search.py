@@ -124,7 +124,7 @@ class ExactSearch:
         self.bound_s = bound_s  # lower bound on the makespan at any prices
         self.min_s = bound_s  # lower bound on the makespan at the estimated prices
         self.least_s = math.inf  # last least makespan at estimated prices
-        self.near_s: float | None = None  # least makespan at the prices of the last round
+        self.guess_s: float | None = None  # least makespan at the prices of the last round
         self.solver = Partitioner(self.excess.estimates, executor=problem.executor)
         self.pieces_by_box: dict[Box, list[Piece]] = {}
         self.true_times_s: dict[Box, float] = {}
@@ -143,7 +143,7 @@ class ExactSearch:
                 if best_boxes:
                     break
             tolerance = LATE_TOLERANCE if is_late else TOLERANCE
-            tolerance_s = max(TOLERANCE_S, tolerance * (self.near_s or self.min_s))
+            tolerance_s = max(TOLERANCE_S, tolerance * (self.guess_s or self.min_s))
             makespan_s = self._solve(len(self.problem.printers), tolerance_s)
             is_hopeless = len(self.rejections) > MAX_REJECTIONS or unposed_count > MAX_UNPOSED_COUNT
             if makespan_s is None or is_hopeless:
@@ -240,8 +240,8 @@ class ExactSearch:
     def _solve(self, printer_count: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
         """Find the least makespan at estimated prices (`find_min_makespan_s`), and record the work."""
         previous_sum_count = self.solver.sum_count
-        least_s = self.solver.find_min_makespan_s(printer_count, self.min_s, tolerance_s, max_s, self.near_s)
-        self.near_s = least_s
+        least_s = self.solver.find_min_makespan_s(printer_count, self.min_s, tolerance_s, max_s, self.guess_s)
+        self.guess_s = least_s
         self.problem.effort.record(Work.SUM, self.solver.sum_count - previous_sum_count)
         return least_s
 

@@ -261,7 +261,7 @@ class Partitioner:
         min_s: float,
         tolerance_s: float = 1.0,
         max_s: float = math.inf,
-        near_s: float | None = None,
+        guess_s: float | None = None,
     ) -> float | None:
         """Find the lowest time limit for which the printers are enough; keep its solution.
 
@@ -273,9 +273,9 @@ class Partitioner:
             Limits between which to search.
         tolerance_s
             Accuracy of the result.
-        near_s
-            Time near which the lowest limit probably is: it is tried first, then others in growing steps from
-            it. None if there is none.
+        guess_s
+            Estimate of the lowest limit: it is tried first, then others in growing steps from it. None if
+            there is none.
 
         Returns
         -------
@@ -284,7 +284,7 @@ class Partitioner:
         """
         low_s, high_s = max(0.0, min_s), min(max_s, self._find_slowest_box_s())
         step_s = tolerance_s
-        limit_s = 0.0 if near_s is None else max(near_s, low_s + step_s)
+        limit_s = 0.0 if guess_s is None else max(guess_s, low_s + step_s)
         is_reached = is_missed = False
         while low_s < limit_s < high_s and not (is_reached and is_missed):
             if self.solve(limit_s) <= printer_count:

@@ -254,7 +254,7 @@ def test_least_makespan_is_found_after_estimates_have_fallen(problem: Problem) -
         search.excess.record(box, 0.0)
     search._estimate_prices()
     low_s = search._solve(len(PRINTERS), 1.0)
-    search.near_s = None
+    search.guess_s = None
     expected_s = search._solve(len(PRINTERS), 1.0)
     assert low_s is not None and expected_s is not None
     assert low_s == pytest.approx(expected_s, abs=2.0) and low_s < 0.96 * high_s

@@ -154,9 +154,9 @@ def test_minimum_makespan_is_independent_of_the_first_limits(
 ) -> None:
     tables, _ = make_tables(shape, seed)
     makespan_s = Partitioner(tables).find_min_makespan_s(printers, 0.0, tolerance_s=1e-3)
-    bound_s, near_s = share * (makespan_s or 1.0), near_ratio * (makespan_s or 1.0)
+    bound_s, guess_s = share * (makespan_s or 1.0), near_ratio * (makespan_s or 1.0)
     partitioner = Partitioner(tables)
-    assert partitioner.find_min_makespan_s(printers, bound_s, 1e-3, near_s=near_s) == (
+    assert partitioner.find_min_makespan_s(printers, bound_s, 1e-3, guess_s=guess_s) == (
         None if makespan_s is None else pytest.approx(makespan_s, abs=2e-3)
     )
     if makespan_s is not None:
