@@ -72,7 +72,7 @@ class BestOptions:
     ----------
     budget_s
         Maximum work, counted in seconds of one core of a typical machine (`problem.Effort`): once it is
-        spent, no engine is started and no search is continued. The proof of the bound is not counted.
+        spent, no engine is started and no search is continued.
     pauses
         Whether the search pauses before a round of several attempts, so that the caller can run them in
         parallel (`decompose.paused_search`).
