@@ -26,9 +26,10 @@ from decompose.engines import ENGINES, apply_paper_settings
 from decompose.errors import GeometryError, ModelNotSolid, NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Interior, Options
+from decompose.pieces import find_faults
 from decompose.print_time import CostModel, find_best_pose, measure_pose
 from decompose.printers import TargetPrinter
-from decompose.problem import Problem, validate_problem
+from decompose.problem import Partition, Problem, validate_problem
 from decompose.results import Decomposition, finish_result
 
 
@@ -79,7 +80,7 @@ def decompose_model(
     result = (
         find_best_result(problem, engine_runner) if options.engine is Engine.BEST else engine_runner(problem)
     )
-    result = _add_bound(problem, result, get_least_work_s)
+    result = _add_bound(problem, result, get_least_work_s, simple_solid)
     compute_s = result.compute_s | {"serial": serial_wall_s, "total": perf_counter() - start_s}
     return replace(result, compute_s=compute_s)
 
@@ -96,7 +97,8 @@ def run_engine(
     get_serial_s
         Function that returns the result of `estimate_serial_s`.
     simple_solid
-        Result of `simplify_solid` for the model in the frame of the input.
+        Result of `simplify_solid` for the model in the frame of the input; it is used only if the model is
+        too detailed for a search.
 
     Raises
     ------
@@ -130,23 +132,43 @@ def _search_simplified_model(
     NoFit
         There is no partition of the copy, or the parts differ but there is a result of an earlier attempt.
     """
-    partition = ENGINES[problem.options.engine](simplify_problem(problem, simple_solid))
-    problem.on_stage("engine")
-    with contextlib.suppress(GeometryError, ModelNotSolid, NoFit):
-        detailed_partition = cut_detailed_pieces(problem, partition)
-        problem.on_stage("details")
-        if detailed_partition is not None:
-            result = finish_result(problem, detailed_partition, get_serial_s())
-            if not result.faults:
-                return result
-    if math.isfinite(problem.best_known_s):
-        raise NoFit("the parts of the model differ from those of its simplified copy")
-    problem.effort.restart()
-    return None
+    result: Decomposition | None = None
+    with contextlib.suppress(GeometryError, ModelNotSolid):
+        partition = ENGINES[problem.options.engine](simplify_problem(problem, simple_solid))
+        problem.on_stage("engine")
+        result = _finish_detailed_parts(problem, partition, get_serial_s)
+    if result is None and math.isfinite(problem.best_known_s):
+        raise NoFit("the parts of the model differ from those of its simplified copy, or break a rule")
+    if result is None:
+        problem.effort.restart()
+    return result
+
+
+def _finish_detailed_parts(
+    problem: Problem, partition: Partition, get_serial_s: Callable[[], tuple[float, float]]
+) -> Decomposition | None:
+    """Cut the parts of a partition of the simplified copy out of the model itself, and finish them.
+
+    The result is None if the parts differ from those of the copy, fit fewer printers, or have faults that the
+    parts of the copy do not have.
+    """
+    detailed_partition = cut_detailed_pieces(problem, partition)
+    problem.on_stage("details")
+    if detailed_partition is None:
+        return None
+    try:
+        result = finish_result(problem, detailed_partition, get_serial_s())
+    except NoFit:
+        return None
+    has_new_faults = result.faults and not find_faults(partition.pieces, problem.options.min_glue_mm2)
+    return None if has_new_faults else result
 
 
 def _add_bound(
-    problem: Problem, result: Decomposition, get_least_work_s: Callable[[], float | None]
+    problem: Problem,
+    result: Decomposition,
+    get_least_work_s: Callable[[], float | None],
+    simple_solid: Solid,
 ) -> Decomposition:
     """Add to a result of the engine `guillotine` the lower bound for partitions into boxes of any kind.
 
@@ -159,13 +181,14 @@ def _add_bound(
         Problem and result.
     get_least_work_s
         Function that returns the result of `_sum_least_work_s` for the model in its own frame.
+    simple_solid
+        Result of `simplify_solid` for the model in its own frame.
     """
     if result.cutting is None:
         return result
     work_s = get_least_work_s()
     if not np.array_equal(result.cutting.frame, np.eye(3)):
-        solid = simplify_solid(problem.model.solid.rotate(result.cutting.frame))
-        vertices, faces = solid.arrays()
+        vertices, faces = simple_solid.rotate(result.cutting.frame).arrays()
         work_s = _sum_least_work_s(problem, vertices[faces])
     if work_s is None:
         return result
@@ -221,9 +244,12 @@ class _StageTimes:
         self._stage_times_s: dict[str, float] = {}
 
     def record_stage(self, stage: str) -> None:
-        """Record a stage that has just ended, with the time since the end of the previous stage."""
+        """Record a stage that has just ended, with the time since the end of the previous stage.
+
+        The times of stages with the same name are added up.
+        """
         now_s = perf_counter()
-        self._stage_times_s[stage] = now_s - self._stage_start_s
+        self._stage_times_s[stage] = self._stage_times_s.get(stage, 0.0) + now_s - self._stage_start_s
         self._stage_start_s = now_s
 
     def list_stage_times(self) -> dict[str, float]:

@@ -12,6 +12,7 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.engines.guillotine import grow_boxes
+from decompose.errors import ModelNotSolid
 from decompose.geometry import Model, Solid
 from decompose.options import Engine
 from decompose.pieces import Piece, copy_printers, cut_box
@@ -37,7 +38,10 @@ def is_too_detailed(model: Model) -> bool:
 
 def simplify_solid(solid: Solid) -> Solid:
     """Simplify a solid if it has very many faces; this hardly changes its price."""
-    simple_solid = solid.simplify(*TOLERANCES_MM, max_faces=MAX_SIMPLIFIED_FACES)
+    try:
+        simple_solid = solid.simplify(*TOLERANCES_MM, max_faces=MAX_SIMPLIFIED_FACES)
+    except ModelNotSolid:
+        return solid
     return solid if simple_solid.is_empty else simple_solid
 
 
@@ -70,8 +74,8 @@ def simplify_problem(problem: Problem, simple_solid: Solid) -> Problem:
 def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | None:
     """Cut the boxes of a partition of the simplified model out of the model itself.
 
-    Faces that touch no other box move outward by `MARGIN_MM`, so that no surface of the model is lost; but no
-    box extends farther than that beyond the model.
+    Faces that touch no other box move outward by `MARGIN_MM`, because the surface of the model may be outside
+    that of the copy; but no box extends farther than that beyond the model.
 
     Parameters
     ----------
@@ -96,7 +100,7 @@ def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | N
     low_mm, high_mm = model.solid.bounds_mm
     grown_mm = np.clip(grow_boxes(boxes_mm, MARGIN_MM), low_mm - MARGIN_MM, high_mm + MARGIN_MM)
     box_pieces = [
-        _cut_same_pieces(model.solid, box_mm, pieces)
+        _cut_matching_pieces(model.solid, box_mm, pieces)
         for box_mm, pieces in zip(grown_mm, simple_pieces.values(), strict=True)
     ]
     if not all(box_pieces):
@@ -104,7 +108,7 @@ def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | N
     return replace(partition, pieces=tuple(chain(*box_pieces)), model=model)
 
 
-def _cut_same_pieces(solid: Solid, box_mm: Floats, simple_pieces: Sequence[Piece]) -> list[Piece]:
+def _cut_matching_pieces(solid: Solid, box_mm: Floats, simple_pieces: Sequence[Piece]) -> list[Piece]:
     """Cut the pieces of a solid in a box (2, 3) in mm for the printers of the nearest pieces of the copy.
 
     The list is empty if there are more or fewer of them.
@@ -113,8 +117,8 @@ def _cut_same_pieces(solid: Solid, box_mm: Floats, simple_pieces: Sequence[Piece
     if len(pieces) != len(simple_pieces):
         return []
     centres_mm, simple_centres_mm = (
-        np.array([piece.solid.bounds_mm.mean(axis=0) for piece in some_pieces])
-        for some_pieces in (pieces, simple_pieces)
+        np.array([piece.solid.bounds_mm.mean(axis=0) for piece in piece_list])
+        for piece_list in (pieces, simple_pieces)
     )
     numbers = linear_sum_assignment(cdist(centres_mm, simple_centres_mm))[1]
     return copy_printers(pieces, [simple_pieces[number] for number in numbers])

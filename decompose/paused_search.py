@@ -127,5 +127,4 @@ class PausedSearch:
     def _run_engine(self) -> Callable[[Problem], Decomposition]:
         """Function that runs the engine of a problem."""
         serial_times_s = (self.best_result.serial_s, self.best_result.serial_as_is_s)
-        simple_solid = simplify_model(self.model).solid
-        return lambda problem: run_engine(problem, lambda: serial_times_s, simple_solid)
+        return lambda problem: run_engine(problem, lambda: serial_times_s, simplify_model(self.model).solid)

@@ -63,8 +63,8 @@ def rebalance_planes(
     -------
     Decomposition | None
         Decomposition into the same number of parts, with the times of the cost model. None if the gain over
-        the best decomposition would be too small to slice the parts again, or if the parts were not cut by
-        the engine `guillotine`.
+        the best decomposition would be too small to slice the parts again, if the parts were not cut by the
+        engine `guillotine`, or if a very detailed model has other pieces in the new boxes than its copy.
 
     Raises
     ------

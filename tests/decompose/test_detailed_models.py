@@ -152,6 +152,7 @@ def test_model_is_searched_itself_with_the_whole_budget(
     result = decompose_model(ring, fleet, options, cost)
     assert min(gridded_face_counts) <= MAX_FACES
     assert result.makespan_s == expected_result.makespan_s
+    assert result.attempts[0].finished == expected_result.attempts[0].finished
 
 
 def test_model_whose_parts_have_faults_is_searched_itself(

@@ -147,14 +147,14 @@ def test_minimum_makespan_equals_an_exhaustive_search(shape: Shape, seed: int, p
     seed=st.integers(0, 10**6),
     printers=st.integers(1, 6),
     share=st.floats(0.0, 1.0),
-    near_ratio=st.floats(0.0, 4.0),
+    guess_ratio=st.floats(0.0, 4.0),
 )
 def test_minimum_makespan_is_independent_of_the_first_limits(
-    shape: Shape, seed: int, printers: int, share: float, near_ratio: float
+    shape: Shape, seed: int, printers: int, share: float, guess_ratio: float
 ) -> None:
     tables, _ = make_tables(shape, seed)
     makespan_s = Partitioner(tables).find_min_makespan_s(printers, 0.0, tolerance_s=1e-3)
-    bound_s, guess_s = share * (makespan_s or 1.0), near_ratio * (makespan_s or 1.0)
+    bound_s, guess_s = share * (makespan_s or 1.0), guess_ratio * (makespan_s or 1.0)
     partitioner = Partitioner(tables)
     assert partitioner.find_min_makespan_s(printers, bound_s, 1e-3, guess_s=guess_s) == (
         None if makespan_s is None else pytest.approx(makespan_s, abs=2e-3)
