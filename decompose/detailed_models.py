@@ -12,7 +12,6 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.engines.guillotine import grow_boxes
-from decompose.errors import ModelNotSolid
 from decompose.geometry import Model, Solid
 from decompose.options import Engine
 from decompose.pieces import Piece, copy_printers, cut_box
@@ -38,11 +37,7 @@ def is_too_detailed(model: Model) -> bool:
 
 def simplify_solid(solid: Solid) -> Solid:
     """Simplify a solid if it has very many faces; this hardly changes its price."""
-    try:
-        simple_solid = solid.simplify(*TOLERANCES_MM, max_faces=MAX_SIMPLIFIED_FACES)
-    except ModelNotSolid:
-        return solid
-    return solid if simple_solid.is_empty else simple_solid
+    return solid.simplify_if_possible(*TOLERANCES_MM, max_faces=MAX_SIMPLIFIED_FACES)
 
 
 def simplify_model(model: Model) -> Model:

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from decompose.errors import ModelNotSolid
-from decompose.geometry import Solid
 from decompose.results import Part
 
 MAX_DRAWN_FACES = 20_000  # parts with more faces are simplified
@@ -37,15 +35,6 @@ def _simplify_part(part: Part, tolerance_mm: float) -> Part:
     drilled_solid = part.drilled_solid
     return replace(
         part,
-        solid=_simplify_solid(part.solid, tolerance_mm),
-        drilled_solid=None if drilled_solid is None else _simplify_solid(drilled_solid, tolerance_mm),
+        solid=part.solid.simplify_if_possible(tolerance_mm),
+        drilled_solid=None if drilled_solid is None else drilled_solid.simplify_if_possible(tolerance_mm),
     )
-
-
-def _simplify_solid(solid: Solid, tolerance_mm: float) -> Solid:
-    """Simplify a solid; return the same solid if nothing would remain of it."""
-    try:
-        simplified_solid = solid.simplify(tolerance_mm)
-    except ModelNotSolid:
-        return solid
-    return simplified_solid if simplified_solid.face_count else solid

@@ -186,6 +186,14 @@ class Solid:
         # Built again, because manifold3d would simplify every part that is cut out of it by this tolerance.
         return self if manifold is self.manifold else Solid.from_arrays(*Solid(manifold).arrays())
 
+    def simplify_if_possible(self, *tolerances_mm: float, max_faces: int = 0) -> Solid:
+        """Simplify the solid like `simplify`; return the same solid if nothing would remain of it."""
+        try:
+            simplified_solid = self.simplify(*tolerances_mm, max_faces=max_faces)
+        except ModelNotSolid:
+            return self
+        return self if simplified_solid.is_empty else simplified_solid
+
     def measure_gap_mm(self, other: Solid, max_gap_mm: float) -> float:
         """Measure the exact distance to another solid in mm; 0 if they meet.
 
