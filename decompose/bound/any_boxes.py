@@ -36,7 +36,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.ndimage import distance_transform_edt
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.grid import Cell, Grid, GridRules, fill_grid, place_planes
@@ -181,21 +181,25 @@ def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
     """Find the cells (nx, ny, nz) with solid that may be further from the surface than the wall thickness.
 
     A cell is not among them if all of it is closer than the wall thickness to every point of one box: the
-    bounding box of the surface in the nearest cell that has surface.
+    bounding box of the surface in the cell with surface whose middle is nearest.
     """
-    has_surface = grid.cells == Cell.BOUNDARY
-    surface = grid.surface_bounds_mm[has_surface]
-    centres_mm, halves_mm = (surface[:, :3] + surface[:, 3:]) / 2.0, (surface[:, 3:] - surface[:, :3]) / 2.0
-    cells = np.argwhere(grid.is_needed)
     low_mm, high_mm = (
-        np.stack([grid.planes[a][cells[:, a] + side] for a in range(3)], axis=1) for side in range(2)
+        np.stack(np.meshgrid(*(p[side : len(p) - 1 + side] for p in grid.planes), indexing="ij"), axis=-1)
+        for side in range(2)
     )
-    _, nearest = cKDTree(centres_mm).query((low_mm + high_mm) / 2.0)
-    reach_mm = (
-        np.abs((low_mm + high_mm) / 2.0 - centres_mm[nearest]) + (high_mm - low_mm) / 2.0 + halves_mm[nearest]
+    nearest = distance_transform_edt(
+        grid.cells != Cell.BOUNDARY,
+        sampling=[np.diff(planes).mean() for planes in grid.planes],
+        return_distances=False,
+        return_indices=True,
     )
-    is_unneeded = np.zeros(grid.is_needed.shape, np.bool_)
-    is_unneeded[tuple(cells.T)] = np.linalg.norm(reach_mm, axis=1) > wall_mm
+    is_needed = grid.is_needed
+    surface = grid.surface_bounds_mm[tuple(nearest[:, is_needed])]
+    centres_mm, halves_mm = (surface[:, :3] + surface[:, 3:]) / 2.0, (surface[:, 3:] - surface[:, :3]) / 2.0
+    low_mm, high_mm = low_mm[is_needed], high_mm[is_needed]
+    reach_mm = np.abs((low_mm + high_mm) / 2.0 - centres_mm) + (high_mm - low_mm) / 2.0 + halves_mm
+    is_unneeded = np.zeros(is_needed.shape, np.bool_)
+    is_unneeded[is_needed] = np.linalg.norm(reach_mm, axis=1) > wall_mm
     return is_unneeded
 
 

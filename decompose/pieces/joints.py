@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -67,6 +68,22 @@ class JointFace:
         """Area of the face."""
         return float(self.outline.area)
 
+    def measure_width_mm(self) -> float:
+        """Measure the diameter of the largest circle inside the face."""
+        return max(map(_measure_width_mm, list_polygons(self.outline)))
+
+    def has_width(self, min_width_mm: float) -> bool:
+        """Check whether a circle of this diameter fits into the face.
+
+        The diameter of the largest circle in a polygon without holes is at least twice the area divided by
+        the perimeter (Bonnesen's inequality), so it is seldom measured.
+        """
+        return any(
+            (not polygon.interiors and 2.0 * polygon.area >= min_width_mm * polygon.length)
+            or _measure_width_mm(polygon) >= min_width_mm
+            for polygon in list_polygons(self.outline)
+        )
+
     def move(self, transform: Floats) -> JointFace:
         """Move the face by a rigid transform (4, 4)."""
         rotation, offset_mm = transform[:3, :3], transform[:3, 3]
@@ -85,9 +102,6 @@ class Joint:
         Numbers of the pieces, a < b.
     area_mm2
         Area of the faces that the pieces share.
-    width_mm
-        Diameter of the largest circle that fits into one of these faces; for a long thin joint, its short
-        side.
     faces
         Faces that the pieces share, in their frame.
     """
@@ -95,8 +109,12 @@ class Joint:
     a: int
     b: int
     area_mm2: float
-    width_mm: float
-    faces: tuple[JointFace, ...] = field(default=(), compare=False, repr=False)
+    faces: tuple[JointFace, ...] = field(compare=False, repr=False)
+
+    @property
+    def width_mm(self) -> float:
+        """Diameter of the largest circle in one of the faces; for a long thin joint, its short side."""
+        return max(face.measure_width_mm() for face in self.faces)
 
     def move(self, transform: Floats) -> Joint:
         """Move the joint by a rigid transform (4, 4)."""
@@ -107,7 +125,9 @@ class Joint:
 
         A narrower joint may act as a hinge, however long it is.
         """
-        return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
+        return self.area_mm2 >= min_glue_mm2 and (
+            min_glue_mm2 <= 0.0 or any(face.has_width(TWO_WALLS_MM) for face in self.faces)
+        )
 
     def describe_weakness(self, min_glue_mm2: float) -> str:
         """Describe why the joint does not hold, as the end of a sentence about a piece."""
@@ -134,7 +154,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
     """
     sides: dict[tuple[float, ...], list[tuple[int, _Side]]] = defaultdict(list)
     for number, piece in enumerate(pieces):
-        for plane, side in _find_cut_sides(piece.solid, piece.planes).items():
+        for plane, side in _inspect_cuts(piece).sides.items():
             sides[plane].append((number, side))
     joint_faces: dict[tuple[int, int], list[JointFace]] = defaultdict(list)
     for plane_key, plane_sides in sides.items():
@@ -151,13 +171,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
                         )
                     )
     return [
-        Joint(
-            a,
-            b,
-            sum(f.area_mm2 for f in faces),
-            max(_measure_width_mm(f.outline) for f in faces),
-            tuple(faces),
-        )
+        Joint(a, b, sum(f.area_mm2 for f in faces), tuple(faces))
         for (a, b), faces in sorted(joint_faces.items())
     ]
 
@@ -180,7 +194,8 @@ def find_faults(
     joints
         Joints from `find_joints`, if they are known already.
     """
-    faults = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _describe_sliver(piece))]
+    slivers = [_inspect_cuts(piece).sliver for piece in pieces]
+    faults = [Fault(i, reason) for i, reason in enumerate(slivers) if reason]
     joints = find_joints(pieces) if joints is None else joints
     return faults + _find_loose_pieces([p.solid.volume_mm3 for p in pieces], joints, min_glue_mm2)
 
@@ -243,6 +258,28 @@ class _Side:
     region: shapely.Geometry
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cuts:
+    """Cuts at the planes (k, 4) of a piece: its sides there (`_find_cut_sides`), and why it is a sliver."""
+
+    planes: Floats
+    sides: dict[tuple[float, ...], _Side]
+    sliver: str
+
+
+# A search checks many partitions that have most of their pieces in common.
+_cuts_by_solid: WeakKeyDictionary[Solid, _Cuts] = WeakKeyDictionary()
+
+
+def _inspect_cuts(piece: CutSolid) -> _Cuts:
+    """Inspect the cuts of a piece; the result is kept as long as its solid exists."""
+    cuts = _cuts_by_solid.get(piece.solid)
+    if cuts is None or not np.array_equal(cuts.planes, piece.planes):
+        sides = _find_cut_sides(piece.solid, piece.planes)
+        cuts = _cuts_by_solid[piece.solid] = _Cuts(piece.planes, sides, _describe_sliver(piece))
+    return cuts
+
+
 def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Side]:
     """Find the faces of a solid on each of its planes (k, 4), in the coordinates of the plane.
 
@@ -283,9 +320,9 @@ def _unite_triangles(triangles: npt.NDArray[np.object_]) -> shapely.Geometry:
     return shapely.union_all(triangles)
 
 
-def _measure_width_mm(face: shapely.Geometry) -> float:
-    """Measure the diameter of the largest circle inside a face."""
-    return max(2.0 * float(shapely.maximum_inscribed_circle(g).length) for g in list_polygons(face))
+def _measure_width_mm(polygon: shapely.Polygon) -> float:
+    """Measure the diameter of the largest circle inside a polygon."""
+    return 2.0 * float(shapely.maximum_inscribed_circle(polygon).length)
 
 
 def list_polygons(geometry: shapely.Geometry) -> list[shapely.Polygon]:

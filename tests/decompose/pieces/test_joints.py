@@ -63,6 +63,25 @@ def test_width_of_a_frame_is_that_of_its_rim() -> None:
     assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)
 
 
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.tuples(*[st.floats(0.0, 20.0)] * 4), min_size=1, max_size=4), st.floats(0.3, 12.0))
+def test_a_face_has_the_widths_up_to_that_of_its_largest_circle(
+    bars: list[tuple[float, ...]], min_width_mm: float
+) -> None:
+    outline = shapely.union_all([shapely.box(x, y, x + 0.5 + w, y + 0.5 + d) for x, y, w, d in bars])
+    face = JointFace(np.array([0.0, 0.0, 1.0]), 0.0, np.eye(3)[:2], outline)
+    width_mm = face.measure_width_mm()
+    if abs(width_mm - min_width_mm) > 0.01 * max(width_mm, *outline.bounds):
+        assert face.has_width(min_width_mm) == (width_mm > min_width_mm)
+
+
+def test_a_piece_with_other_planes_is_inspected_again() -> None:
+    pieces = cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,))
+    assert len(find_joints(pieces)) == 1
+    moved = [replace(piece, planes=piece.planes + np.array([0.0, 0.0, 0.0, 1.0])) for piece in pieces]
+    assert find_joints(moved) == []
+
+
 def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
     pieces = cut_by_planes(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
     assert [(j.a, j.b) for j in find_joints(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
