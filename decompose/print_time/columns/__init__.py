@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from decompose.print_time.columns.columns import Columns, measure_columns
+from decompose.print_time.columns.columns import Columns, estimate_supports, measure_columns
 
-__all__ = ["Columns", "measure_columns"]
+__all__ = ["Columns", "estimate_supports", "measure_columns"]

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.geometry.rays import find_bounds, place_rays
+from decompose.geometry.rays import Rays, find_bounds, place_rays
 from decompose.jit import jit
 from decompose.print_time.columns.brim import count_brim_columns
-from decompose.print_time.columns.sweep import MIN_STEP_MM, sum_steps_mm, sweep_columns
+from decompose.print_time.columns.sweep import MIN_STEP_MM, sum_steps_mm, sweep_columns, sweep_supports
 
 COLUMN_COUNT = 12_000  # approximate number of columns; support volumes have errors of 1 to 2 %
 # Maximum distance between these columns, for which there may be more of them: with 4 mm instead of 2 mm, the
@@ -89,9 +89,7 @@ class Columns:
         return count_brim_columns(is_standing, width_mm, self.step_mm) * self.step_mm**2
 
 
-def measure_columns(
-    triangles: Floats, is_marked: Bools, overhang_cos: float, count: float | None = None
-) -> Columns:
+def measure_columns(triangles: Floats, is_marked: Bools, overhang_cos: float) -> Columns:
     """Cut a closed mesh into upright columns and measure its supports, mass and islands.
 
     Parameters
@@ -102,22 +100,19 @@ def measure_columns(
         (m,) bool, true for faces to which no support should stick.
     overhang_cos
         Downward component of a face's unit normal above which the face gets support.
-    count
-        Approximate number of columns; None for `COLUMN_COUNT`, or more if the mesh is large.
     """
     triangles = np.ascontiguousarray(triangles)
     lo_mm, hi_mm = find_bounds(triangles)
-    width_mm, depth_mm, height_mm = (hi_mm - lo_mm).tolist()
-    base_mm2 = width_mm * depth_mm
-    count = count or min(MAX_COLUMN_COUNT, max(COLUMN_COUNT, base_mm2 / MAX_STEP_MM**2))
-    step_mm = max(MIN_STEP_MM, math.sqrt(base_mm2 / count))
-    rays = place_rays(lo_mm, hi_mm, step_mm)
+    width_mm, depth_mm = (hi_mm - lo_mm)[:2].tolist()
+    count = min(MAX_COLUMN_COUNT, max(COLUMN_COUNT, width_mm * depth_mm / MAX_STEP_MM**2))
+    rays = _place_columns(lo_mm, hi_mm, count)
+    height_mm = float(hi_mm[2] - lo_mm[2])
     sums = sweep_columns(triangles, is_marked.astype(np.float64), rays, height_mm, overhang_cos)
     mass = np.maximum(sums.level_moments[:, 3:], 1e-12)
-    area_mm2 = step_mm**2
+    area_mm2 = rays.step_mm**2
     return Columns(
         support_mm3=float(sums.supports_mm.sum() * area_mm2),
-        support_side_mm2=sum_steps_mm(sums.supports_mm) * step_mm + sums.strip_sides_mm2,
+        support_side_mm2=sum_steps_mm(sums.supports_mm) * rays.step_mm + sums.strip_sides_mm2,
         towers_mm=sums.towers_mm,
         islands_mm=sums.islands_mm,
         bodies_mm=sums.bodies_mm,
@@ -125,13 +120,44 @@ def measure_columns(
         island_paths_mm2=sums.island_paths_mm2,
         hole_paths_mm2=sums.hole_paths_mm2,
         first_layer=sums.is_standing | sums.is_bed_support,
-        step_mm=step_mm,
+        step_mm=rays.step_mm,
         bed_support_mm2=float(sums.is_bed_support.sum() * area_mm2),
-        bed_support_border_mm=rays.origin_mm + step_mm * _find_row_ends(sums.is_bed_support),
+        bed_support_border_mm=rays.origin_mm + rays.step_mm * _find_row_ends(sums.is_bed_support),
         touched_mm2=float(sums.touched_count * area_mm2),
         volumes_mm3=sums.level_moments[:, 3] * area_mm2,
         centres_mm=sums.level_moments[:, :3] / mass,
     )
+
+
+def estimate_supports(triangles: Floats, overhang_cos: float, count: int) -> tuple[float, float, float]:
+    """Estimate the supports of a closed mesh from a few columns.
+
+    Parameters
+    ----------
+    triangles, overhang_cos
+        As in `measure_columns`.
+    count
+        Approximate number of columns.
+
+    Returns
+    -------
+    tuple
+        `support_mm3`, `support_side_mm2` and `towers_mm` of `Columns`.
+    """
+    triangles = np.ascontiguousarray(triangles)
+    rays = _place_columns(*find_bounds(triangles), count)
+    supports = sweep_supports(triangles, np.zeros(len(triangles)), rays, overhang_cos)
+    return (
+        float(supports.supports_mm.sum() * rays.step_mm**2),
+        sum_steps_mm(supports.supports_mm) * rays.step_mm + supports.strip_sides_mm2,
+        supports.towers_mm,
+    )
+
+
+def _place_columns(lo_mm: Floats, hi_mm: Floats, count: float) -> Rays:
+    """Place approximately this number of columns over the bounds (3,) of a mesh."""
+    width_mm, depth_mm = (hi_mm - lo_mm)[:2].tolist()
+    return place_rays(lo_mm, hi_mm, max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count)))
 
 
 @jit

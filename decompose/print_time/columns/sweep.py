@@ -22,6 +22,25 @@ MAX_BED_GAP_MM = 0.15  # a run that begins below this height counts as standing 
 MIN_GAP_MM = 0.3  # minimum height of the air below a face that gets support
 
 
+class Supports(NamedTuple):
+    """Runs of solid in the columns of a mesh, and the supports below them.
+
+    Attributes
+    ----------
+    runs
+        Runs of all columns.
+    touched_count, supports_mm, is_bed_support, towers_mm, strip_sides_mm2
+        As in `Sweep`.
+    """
+
+    runs: Runs
+    touched_count: float
+    supports_mm: Floats
+    is_bed_support: Bools
+    towers_mm: float
+    strip_sides_mm2: float
+
+
 class Sweep(NamedTuple):
     """Sums over the columns of a mesh.
 
@@ -74,40 +93,45 @@ def sweep_columns(
     overhang_cos
         Downward component of a face's unit normal above which the face gets support.
     """
-    origin, step_mm, (nx, ny) = rays.origin_mm, rays.step_mm, rays.shape
+    supports = sweep_supports(triangles, is_marked, rays, overhang_cos)
+    runs = supports.runs
+    island_sums = sum_islands_mm(runs, rays.shape, height_mm, rays.step_mm)
+    return Sweep(
+        supports.touched_count,
+        _sum_level_moments(runs, rays, height_mm),
+        supports.is_bed_support,
+        supports.supports_mm,
+        supports.towers_mm,
+        supports.strip_sides_mm2,
+        *island_sums,
+        _find_standing_columns(runs, rays.shape),
+    )
+
+
+@jit
+def sweep_supports(triangles: Floats, is_marked: Floats, rays: Rays, overhang_cos: float) -> Supports:
+    """Cast vertical rays through a closed mesh, and find the runs of solid and the supports along them.
+
+    Parameters
+    ----------
+    triangles, is_marked, rays, overhang_cos
+        As in `sweep_columns`.
+    """
+    nx, ny = rays.shape
     normals = compute_unit_normals(triangles)
     crossings = find_crossings(triangles, normals, rays)
     runs = Runs(crossings.start, np.zeros(nx * ny, np.int64), np.zeros((len(crossings.z_mm), 5)))
     touched_count = 0.0
     supports_mm = np.zeros((nx, ny))
     is_bed_support = np.zeros((nx, ny), np.bool_)
-    passing_sums = np.zeros((LEVEL_COUNT, 4))  # for each level: sections below it of runs that rise above it
-    ending_sums = np.zeros((LEVEL_COUNT, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny
         ray_sums = _follow_ray(crossings, column, normals, is_marked, overhang_cos, runs.ends)
         runs.counts[column], supports_mm[i, j], column_touched_count, is_bed_support[i, j] = ray_sums
         touched_count += column_touched_count
-        x, y = origin[0] + i * step_mm, origin[1] + j * step_mm
-        for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
-            _add_run(passing_sums, ending_sums, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height_mm)
-    for level in range(LEVEL_COUNT):
-        for upper_level in range(level, LEVEL_COUNT):
-            passing_sums[upper_level] += ending_sums[level]
-    min_carrier_drop_mm = step_mm * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
-    towers_mm, strip_sides_mm2 = _sum_towers_mm(runs, supports_mm, min_carrier_drop_mm, step_mm)
-    island_sums = sum_islands_mm(runs, rays.shape, height_mm, step_mm)
-    is_standing = _find_standing_columns(runs, rays.shape)
-    return Sweep(
-        touched_count,
-        passing_sums,
-        is_bed_support,
-        supports_mm,
-        towers_mm,
-        strip_sides_mm2,
-        *island_sums,
-        is_standing,
-    )
+    min_carrier_drop_mm = rays.step_mm * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
+    towers_mm, strip_sides_mm2 = _sum_towers_mm(runs, supports_mm, min_carrier_drop_mm, rays.step_mm)
+    return Supports(runs, touched_count, supports_mm, is_bed_support, towers_mm, strip_sides_mm2)
 
 
 @jit_inline
@@ -161,57 +185,78 @@ def _follow_ray(
     return count, support_mm, touched_count, is_bed_support
 
 
-@jit_inline
-def _add_run(
-    passing_sums: Floats,
-    ending_sums: Floats,
-    position_mm: tuple[float, float],
-    run_ends_mm: tuple[float, float],
-    height_mm: float,
-) -> None:
-    """Add a run of a column to the moments and the mass of each level.
+@jit
+def _sum_level_moments(runs: Runs, rays: Rays, height_mm: float) -> Floats:
+    """Sum the moments and the mass of the solid below each level.
+
+    Between two levels there is a slab. A run begins in one slab, fills the slabs above it, and ends in
+    another. The runs that fill a slab are counted by differences between slabs, to take the same time for
+    long runs.
 
     Parameters
     ----------
-    passing_sums, ending_sums
-        (LEVEL_COUNT, 4) float64 sums of the runs that continue above a level, and of those that end below it.
-    position_mm
-        x and y of the column.
-    run_ends_mm
-        Bottom and top of the run.
+    runs, rays
+        Runs of all columns, and their rays.
     height_mm
         Height of the mesh in mm.
+
+    Returns
+    -------
+    ndarray
+        (LEVEL_COUNT, 4) float64 `level_moments` of `Sweep`.
     """
-    bottom_mm, top_mm = run_ends_mm
-    level = int(bottom_mm / height_mm * LEVEL_COUNT)
-    while level < LEVEL_COUNT - 1 and height_mm * (level + 1) / LEVEL_COUNT < top_mm:
-        _add_moments(passing_sums, level, position_mm, bottom_mm, height_mm * (level + 1) / LEVEL_COUNT)
-        level += 1
-    _add_moments(ending_sums, min(level, LEVEL_COUNT - 1), position_mm, bottom_mm, top_mm)
+    moments = np.zeros((LEVEL_COUNT, 4))  # of the runs that begin or end in a slab
+    filled = np.zeros((LEVEL_COUNT + 1, 3))  # runs that fill it, and their x and y: differences between slabs
+    slab_mm, ny = height_mm / LEVEL_COUNT, rays.shape[1]
+    for column in range(len(runs.counts)):
+        x = rays.origin_mm[0] + column // ny * rays.step_mm
+        y = rays.origin_mm[1] + column % ny * rays.step_mm
+        for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
+            bottom_mm, top_mm = runs.ends[run, 0], runs.ends[run, 1]
+            first = min(int(bottom_mm / slab_mm), LEVEL_COUNT - 1)
+            last = min(int(top_mm / slab_mm), LEVEL_COUNT - 1)
+            if first == last:
+                _add_moments(moments, first, (x, y), bottom_mm, top_mm)
+                continue
+            _add_moments(moments, first, (x, y), bottom_mm, slab_mm * (first + 1))
+            _add_moments(moments, last, (x, y), slab_mm * last, top_mm)
+            for slab, sign in ((first + 1, 1.0), (last, -1.0)):
+                filled[slab, 0] += sign
+                filled[slab, 1] += sign * x
+                filled[slab, 2] += sign * y
+    for slab in range(LEVEL_COUNT):
+        moments[slab, 0] += filled[slab, 1] * slab_mm
+        moments[slab, 1] += filled[slab, 2] * slab_mm
+        moments[slab, 2] += filled[slab, 0] * slab_mm * slab_mm * (slab + 0.5)
+        moments[slab, 3] += filled[slab, 0] * slab_mm
+        filled[slab + 1] += filled[slab]
+        if slab:
+            moments[slab] += moments[slab - 1]
+    return moments
 
 
 @jit_inline
 def _add_moments(
-    sums: Floats, level: int, position_mm: tuple[float, float], bottom_mm: float, top_mm: float
+    sums: Floats, slab: int, position_mm: tuple[float, float], bottom_mm: float, top_mm: float
 ) -> None:
-    """Add the moments and the mass of a section of a column to the sums of a level.
+    """Add the moments and the mass of a section of a column to the sums of a slab.
 
     Parameters
     ----------
     sums
         (LEVEL_COUNT, 4) float64 moments in x, y, z and mass, updated in place.
-    level
-        Index of the level.
+    slab
+        Index of the slab.
     position_mm
         x and y of the column.
     bottom_mm, top_mm
         Heights between which the section of the column lies.
     """
     x, y = position_mm
-    sums[level, 0] += x * (top_mm - bottom_mm)
-    sums[level, 1] += y * (top_mm - bottom_mm)
-    sums[level, 2] += (top_mm * top_mm - bottom_mm * bottom_mm) / 2.0
-    sums[level, 3] += top_mm - bottom_mm
+    sums[slab, 0] += x * (top_mm - bottom_mm)
+    sums[slab, 1] += y * (top_mm - bottom_mm)
+    sums[slab, 2] += (top_mm * top_mm - bottom_mm * bottom_mm) / 2.0
+    sums[slab, 3] += top_mm - bottom_mm
 
 
 @jit

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.distance import pdist
 
 from decompose.arrays import Floats
 from decompose.geometry import find_convex_outline, find_half_planes
@@ -70,12 +69,7 @@ class Footing:
         """
         contact_mm2, outline_length_mm, points = _measure_first_layer(triangles)
         base_outline = find_convex_outline(points)
-        sides = np.diff(base_outline, axis=0, append=base_outline[:1])
-        sides = sides[np.linalg.norm(sides, axis=1) > MAX_ROUNDING_MM]
-        direction_rad = np.arctan2(sides[:, 1], sides[:, 0])
-        bend_deg = np.degrees(
-            (np.roll(direction_rad, -1) - direction_rad + math.pi) % (2.0 * math.pi) - math.pi
-        )
+        length_mm, sharp_corner_count = _measure_base(base_outline)
         outline = (
             find_convex_outline(np.concatenate([base_outline, bed_support_border_mm]))
             if len(bed_support_border_mm)
@@ -85,17 +79,16 @@ class Footing:
         return cls(
             contact_mm2=contact_mm2,
             hydraulic_diameter_mm=4.0 * contact_mm2 / outline_length_mm if outline_length_mm > 0.0 else 0.0,
-            length_mm=float(pdist(base_outline).max(initial=0.0)),
-            sharp_corner_count=int((bend_deg > 180.0 - MAX_SHARP_DEG).sum()),
-            width_mm=float(np.ptp(outline @ half_planes[:, :2].T, axis=0).min()) if len(outline) else 0.0,
+            length_mm=length_mm,
+            sharp_corner_count=sharp_corner_count,
+            width_mm=_measure_width_mm(outline, half_planes),
             half_planes=half_planes,
         )
 
-    def measure_margin_mm(self, points: Floats) -> float:
-        """Measure how far inside the footing's outline the outermost of points (n, 2) is; below 0 outside."""
-        if not len(self.half_planes):
-            return -math.inf
-        return -float((points @ self.half_planes[:, :2].T + self.half_planes[:, 2]).max())
+    def measure_margins_mm(self, points: Floats) -> list[float]:
+        """Measure how far inside the footing's outline each of points (n, 2) is; below 0 outside."""
+        margins_mm: list[float] = _measure_margins_mm(self.half_planes, points).tolist()
+        return margins_mm
 
     def choose_brim_width_mm(
         self, height_mm: float, margin_mm: float, max_brim_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
@@ -133,6 +126,87 @@ class Footing:
         """
         is_wide = self.hydraulic_diameter_mm >= MIN_HYDRAULIC_DIAMETER_MM
         return -ELEPHANT_FOOT_MM if is_joined and is_wide else 0.0
+
+
+@jit
+def _measure_base(outline: Floats) -> tuple[float, int]:
+    """Measure the greatest extent of a convex outline, and count its sharp corners.
+
+    Parameters
+    ----------
+    outline
+        (k, 2) float64 in mm, from `find_convex_outline`.
+
+    Returns
+    -------
+    tuple
+        Length in mm, and number of corners with an angle below `MAX_SHARP_DEG`; sides up to
+        `MAX_ROUNDING_MM` belong to a corner.
+    """
+    length_mm, side_count = 0.0, 0
+    directions_rad = np.zeros(len(outline))
+    for i in range(len(outline)):
+        for k in range(i):
+            length_mm = max(length_mm, np.hypot(outline[i, 0] - outline[k, 0], outline[i, 1] - outline[k, 1]))
+        end = (i + 1) % len(outline)
+        x, y = outline[end, 0] - outline[i, 0], outline[end, 1] - outline[i, 1]
+        if np.hypot(x, y) > MAX_ROUNDING_MM:
+            directions_rad[side_count] = np.arctan2(y, x)
+            side_count += 1
+    sharp_corner_count = 0
+    for side in range(side_count):
+        bend_rad = directions_rad[(side + 1) % side_count] - directions_rad[side]
+        bend_rad = (bend_rad + np.pi) % (2.0 * np.pi) - np.pi
+        sharp_corner_count += bend_rad > np.radians(180.0 - MAX_SHARP_DEG)
+    return length_mm, sharp_corner_count
+
+
+@jit
+def _measure_width_mm(outline: Floats, half_planes: Floats) -> float:
+    """Measure the least extent of a convex outline.
+
+    Parameters
+    ----------
+    outline, half_planes
+        (k, 2) float64 in mm, and (k, 3) float64 from `find_half_planes`; both may be empty.
+
+    Returns
+    -------
+    float
+        Width in mm; 0 for an empty outline.
+    """
+    width_mm = np.inf if len(half_planes) else 0.0
+    for side in range(len(half_planes)):
+        low_mm, high_mm = np.inf, -np.inf
+        for corner in range(len(outline)):
+            along_mm = outline[corner, 0] * half_planes[side, 0] + outline[corner, 1] * half_planes[side, 1]
+            low_mm, high_mm = min(low_mm, along_mm), max(high_mm, along_mm)
+        width_mm = min(width_mm, high_mm - low_mm)
+    return width_mm
+
+
+@jit
+def _measure_margins_mm(half_planes: Floats, points: Floats) -> Floats:
+    """Measure how far each point is inside half-planes.
+
+    Parameters
+    ----------
+    half_planes
+        (q, 3) float64 from `find_half_planes`; may be empty.
+    points
+        (n, 2) float64 in mm.
+
+    Returns
+    -------
+    ndarray
+        (n,) float64 in mm, below 0 outside; -inf without half-planes.
+    """
+    margins_mm = np.full(len(points), np.inf if len(half_planes) else -np.inf)
+    for i in range(len(points)):
+        for side in range(len(half_planes)):
+            nx, ny, offset_mm = half_planes[side]
+            margins_mm[i] = min(margins_mm[i], -(nx * points[i, 0] + ny * points[i, 1] + offset_mm))
+    return margins_mm
 
 
 @jit

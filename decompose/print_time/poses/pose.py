@@ -189,7 +189,7 @@ def measure_pose_from_features(
     columns = measure_columns(triangles, mesh.is_cut, cost.find_overhang_cos(mesh.surfaces, up))
     thin_walls = _measure_thin_walls(triangles, hidden_faces, cost)
     footing = Footing.from_mesh(triangles, columns.bed_support_border_mm)
-    margins_mm = [footing.measure_margin_mm(centre[None, :2]) for centre in columns.centres_mm]
+    margins_mm = footing.measure_margins_mm(columns.centres_mm[:, :2])
     brim_width_mm: float | None = None
     expansion_mm: float | None = None
     if fit_first_layer:

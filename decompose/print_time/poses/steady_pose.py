@@ -17,8 +17,8 @@ from decompose.print_time.cost import CostModel
 from decompose.print_time.part_mesh import PartMesh
 from decompose.print_time.pose_prices import sum_pose_features
 from decompose.print_time.poses.footing import FIRST_LAYER_MIDDLE_MM
-from decompose.print_time.poses.orientation import find_fitting_rotations
 from decompose.print_time.poses.pose import COLUMN_INDEX, Pose, measure_pose_from_features
+from decompose.print_time.poses.rotations import build_hull, find_fitting_rotations
 from decompose.printers import TargetPrinter
 
 # A part with at most this `Pose.slenderness`, that of a cube, keeps its fastest pose.
@@ -78,7 +78,8 @@ def find_steady_pose(
     """
     if fastest_pose.slenderness <= MAX_STEADY_SLENDERNESS or limit_s < fastest_pose.price_s:
         return fastest_pose
-    rotations = find_fitting_rotations(mesh.vertices, mesh.faces, printers)
+    hull = build_hull(mesh.vertices)
+    rotations = find_fitting_rotations(mesh.vertices, mesh.faces, hull, printers)
     slenderness = np.array([_estimate_slenderness(mesh, rotation) for rotation in rotations])
     max_slenderness = MAX_SLENDERNESS_RATIO * fastest_pose.slenderness
     order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < max_slenderness]

@@ -31,8 +31,8 @@ def test_footing_of_a_block_is_its_base() -> None:
     assert result.hydraulic_diameter_mm == pytest.approx(4 * 600 / 100)
     assert (result.width_mm, result.length_mm) == pytest.approx((20.0, math.hypot(30, 20)))
     assert result.sharp_corner_count == 4
-    assert result.measure_margin_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx(3.0)
-    assert result.measure_margin_mm(np.array([[-2.0, 10.0]])) == pytest.approx(-2.0)
+    assert result.measure_margins_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx([10.0, 3.0])
+    assert result.measure_margins_mm(np.array([[-2.0, 10.0]]))[0] == pytest.approx(-2.0)
 
 
 def test_ball_touches_where_its_first_layer_is_cut() -> None:
@@ -57,7 +57,7 @@ def test_supports_widen_the_base() -> None:
     result = Footing.from_mesh(vertices[faces], np.array([[40.0, 5.0]]))
     assert result.contact_mm2 == pytest.approx(100.0)
     assert result.length_mm == pytest.approx(math.hypot(10, 10))  # a support does not curl up
-    assert result.measure_margin_mm(np.array([[20.0, 5.0]])) > 0.0
+    assert result.measure_margins_mm(np.array([[20.0, 5.0]]))[0] > 0.0
 
 
 def test_footing_of_an_edge_is_empty() -> None:
@@ -67,7 +67,7 @@ def test_footing_of_an_edge_is_empty() -> None:
     result = measure_footing(Solid.from_arrays(mesh.vertices, mesh.faces))
     assert result.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MIDDLE_MM * 10.0)
     assert (
-        Footing.from_mesh(np.zeros((0, 3, 3)), NO_SUPPORTS_MM).measure_margin_mm(np.zeros((1, 2)))
+        Footing.from_mesh(np.zeros((0, 3, 3)), NO_SUPPORTS_MM).measure_margins_mm(np.zeros((1, 2)))[0]
         == -math.inf
     )
 
