@@ -134,9 +134,10 @@ def _search_simplified_model(
     """
     result: Decomposition | None = None
     with contextlib.suppress(GeometryError, ModelNotSolid):
-        partition = ENGINES[problem.options.engine](simplify_problem(problem, simple_solid))
+        simple_problem = simplify_problem(problem, simple_solid)
+        partition = ENGINES[problem.options.engine](simple_problem)
         problem.on_stage("engine")
-        result = _finish_detailed_parts(problem, partition, get_serial_s)
+        result = _finish_detailed_parts(problem, simple_problem, partition, get_serial_s)
     if result is None and math.isfinite(problem.best_known_s):
         raise NoFit("the parts of the model differ from those of its simplified copy, or break a rule")
     if result is None:
@@ -145,14 +146,17 @@ def _search_simplified_model(
 
 
 def _finish_detailed_parts(
-    problem: Problem, partition: Partition, get_serial_s: Callable[[], tuple[float, float]]
+    problem: Problem,
+    simple_problem: Problem,
+    partition: Partition,
+    get_serial_s: Callable[[], tuple[float, float]],
 ) -> Decomposition | None:
     """Cut the parts of a partition of the simplified copy out of the model itself, and finish them.
 
     The result is None if the parts differ from those of the copy, fit fewer printers, or have faults that the
     parts of the copy do not have.
     """
-    detailed_partition = cut_detailed_pieces(problem, partition)
+    detailed_partition = cut_detailed_pieces(problem, simple_problem, partition)
     problem.on_stage("details")
     if detailed_partition is None:
         return None

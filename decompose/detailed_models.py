@@ -15,14 +15,13 @@ from decompose.engines.guillotine import grow_boxes
 from decompose.geometry import Model, Solid
 from decompose.options import Engine
 from decompose.pieces import Piece, copy_printers, cut_box
-from decompose.problem import Partition, Problem, Work
+from decompose.problem import Partition, Problem, Work, keep_similar_poses
 
-# Maximum number of faces of a simplified solid. Twice as many would change its price by 0.5 %.
-MAX_SIMPLIFIED_FACES = 300_000
+# A model with more faces than this is not searched itself, because the same budget would find less, and take
+# more memory. It is simplified until it has at most as many.
+MAX_SEARCHED_FACES = 150_000
 # Tolerances of the simplification, one after the other until there are few enough faces.
 TOLERANCES_MM = (0.02, 0.05, 0.1, 0.2)
-# A model with more faces than this is not searched itself, because that takes minutes and many GB.
-MAX_SEARCHED_FACES = 1_000_000
 # Margin for the distance between the surfaces of a model and of its copy: the tolerances above together, and
 # some rounding. Only details thinner than a tolerance, which the copy may lack, can be farther from the copy.
 MARGIN_MM = 0.5
@@ -37,7 +36,7 @@ def is_too_detailed(model: Model) -> bool:
 
 def simplify_solid(solid: Solid) -> Solid:
     """Simplify a solid if it has very many faces; this hardly changes its price."""
-    return solid.simplify_if_possible(*TOLERANCES_MM, max_faces=MAX_SIMPLIFIED_FACES)
+    return solid.simplify_if_possible(*TOLERANCES_MM, max_faces=MAX_SEARCHED_FACES)
 
 
 def simplify_model(model: Model) -> Model:
@@ -66,18 +65,19 @@ def simplify_problem(problem: Problem, simple_solid: Solid) -> Problem:
     return replace(problem, model=model, options=options)
 
 
-def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | None:
+def cut_detailed_pieces(problem: Problem, simple_problem: Problem, partition: Partition) -> Partition | None:
     """Cut the boxes of a partition of the simplified model out of the model itself.
 
     Faces that touch no other box move outward by `MARGIN_MM`, because the surface of the model may be outside
-    that of the copy; but no box extends farther than that beyond the model.
+    that of the copy; but no box extends farther than that beyond the model. The pieces get the poses of those
+    of the copy where they are as good.
 
     Parameters
     ----------
     problem
         Problem with the model itself.
-    partition
-        Partition of the problem that `simplify_problem` returned.
+    simple_problem, partition
+        Problem that `simplify_problem` returned, and a partition of it.
 
     Returns
     -------
@@ -100,11 +100,16 @@ def cut_detailed_pieces(problem: Problem, partition: Partition) -> Partition | N
     ]
     if not all(box_pieces):
         return None
-    return replace(partition, pieces=tuple(chain(*box_pieces)), model=model)
+    unassigned_pieces, matching_pieces = zip(*chain(*box_pieces), strict=True)
+    pieces = copy_printers(unassigned_pieces, matching_pieces)
+    keep_similar_poses(problem, pieces, simple_problem.find_poses(matching_pieces))
+    return replace(partition, pieces=tuple(pieces), model=model)
 
 
-def _cut_matching_pieces(solid: Solid, box_mm: Floats, simple_pieces: Sequence[Piece]) -> list[Piece]:
-    """Cut the pieces of a solid in a box (2, 3) in mm for the printers of the nearest pieces of the copy.
+def _cut_matching_pieces(
+    solid: Solid, box_mm: Floats, simple_pieces: Sequence[Piece]
+) -> list[tuple[Piece, Piece]]:
+    """Cut the pieces of a solid in a box (2, 3) in mm, and find the nearest piece of the copy for each.
 
     The list is empty if there are more or fewer of them.
     """
@@ -116,4 +121,4 @@ def _cut_matching_pieces(solid: Solid, box_mm: Floats, simple_pieces: Sequence[P
         for piece_list in (pieces, simple_pieces)
     )
     numbers = linear_sum_assignment(cdist(centres_mm, simple_centres_mm))[1]
-    return copy_printers(pieces, [simple_pieces[number] for number in numbers])
+    return [(piece, simple_pieces[number]) for piece, number in zip(pieces, numbers, strict=True)]

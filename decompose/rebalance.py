@@ -86,7 +86,7 @@ def rebalance_planes(
     grid = GridFigures(previous_result.grid_makespan_s, previous_result.lower_bound_s, previous_result.cells)
     partition = Partition(tuple(shifted_pieces), search_problem.model, np.eye(3), grid)
     if search_problem is not problem:
-        detailed_partition = cut_detailed_pieces(problem, partition)
+        detailed_partition = cut_detailed_pieces(problem, search_problem, partition)
         if detailed_partition is None:
             return None
         partition = detailed_partition

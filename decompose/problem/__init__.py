@@ -5,6 +5,7 @@ from __future__ import annotations
 from decompose.problem.effort import WORK_NS, Effort, Work
 from decompose.problem.granularity import MAX_GRANULARITY, choose_granularity
 from decompose.problem.problem import GridFigures, Partition, Problem, validate_problem
+from decompose.problem.similar_poses import keep_similar_poses, measure_similar_pose
 
 __all__ = [
     "MAX_GRANULARITY",
@@ -15,5 +16,7 @@ __all__ = [
     "Problem",
     "Work",
     "choose_granularity",
+    "keep_similar_poses",
+    "measure_similar_pose",
     "validate_problem",
 ]

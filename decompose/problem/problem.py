@@ -284,9 +284,7 @@ class Problem:
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """Find the best pose of each piece, in parallel if there is an executor; poses are cached."""
-        volumes = [
-            tuple(printer.box_sizes_mm for printer in self.list_piece_printers(piece)) for piece in pieces
-        ]
+        volumes = [self._list_build_volumes(piece) for piece in pieces]
         unposed_pieces = {
             (piece.solid, piece_volumes): piece
             for piece, piece_volumes in zip(pieces, volumes, strict=True)
@@ -301,6 +299,16 @@ class Problem:
             self._poses[piece.solid][piece_volumes]
             for piece, piece_volumes in zip(pieces, volumes, strict=True)
         ]
+
+    def keep_poses(self, pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> None:
+        """Keep poses of pieces for `find_poses`; None for a piece whose pose is still sought."""
+        for piece, pose in zip(pieces, poses, strict=True):
+            if pose is not None:
+                self._poses.setdefault(piece.solid, {})[self._list_build_volumes(piece)] = pose
+
+    def _list_build_volumes(self, piece: Piece) -> BuildVolumes:
+        """List the build volumes of the printers that a piece has to fit."""
+        return tuple(printer.box_sizes_mm for printer in self.list_piece_printers(piece))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

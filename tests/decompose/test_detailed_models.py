@@ -44,8 +44,7 @@ def ring() -> Model:
 
 @pytest.fixture
 def gridded_face_counts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Lower the limits, and record the number of faces of each model that is searched."""
-    monkeypatch.setattr("decompose.detailed_models.MAX_SIMPLIFIED_FACES", MAX_FACES)
+    """Lower the limit, and record the number of faces of each model that is searched."""
     monkeypatch.setattr("decompose.detailed_models.MAX_SEARCHED_FACES", MAX_FACES)
     face_counts = []
     build_grid = Problem.build_grid
@@ -69,7 +68,7 @@ def test_price_of_a_simplified_solid_is_similar(
     monkeypatch: pytest.MonkeyPatch, ring: Model, cost: CostModel
 ) -> None:
     assert simplify_solid(ring.solid) is ring.solid
-    monkeypatch.setattr("decompose.detailed_models.MAX_SIMPLIFIED_FACES", MAX_FACES)
+    monkeypatch.setattr("decompose.detailed_models.MAX_SEARCHED_FACES", MAX_FACES)
     simple_solid = simplify_solid(ring.solid)
     assert simple_solid.face_count <= MAX_FACES < ring.solid.face_count
     exact_s = estimate_serial_s(*ring.solid.arrays(), cost, fit_first_layer=True)
@@ -118,7 +117,7 @@ def test_model_whose_pieces_differ_is_searched_itself(
     fleet: list[TargetPrinter],
     cost: CostModel,
 ) -> None:
-    monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda problem, partition: None)
+    monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda *arguments: None)
     check_parts(decompose_model(ring, fleet, COARSE_OPTIONS, cost), ring)
     assert gridded_face_counts[-1] == ring.solid.face_count
 
@@ -130,7 +129,7 @@ def test_later_attempt_whose_pieces_differ_fails(
     fleet: list[TargetPrinter],
     cost: CostModel,
 ) -> None:
-    monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda problem, partition: None)
+    monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda *arguments: None)
     problem = Problem(ring, tuple(fleet), cost, replace(COARSE_OPTIONS, engine=Engine.GUILLOTINE))
     with pytest.raises(NoFit, match="differ from those of its simplified copy"):
         run_engine(replace(problem, best_known_s=1e9), lambda: (1.0, 1.0), simplify_solid(ring.solid))
@@ -148,7 +147,7 @@ def test_model_is_searched_itself_with_the_whole_budget(
     monkeypatch.setattr("decompose.detailed_models.MAX_SEARCHED_FACES", 10**9)
     expected_result = decompose_model(ring, fleet, options, cost)
     monkeypatch.setattr("decompose.detailed_models.MAX_SEARCHED_FACES", MAX_FACES)
-    monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda problem, partition: None)
+    monkeypatch.setattr("decompose.decompose.cut_detailed_pieces", lambda *arguments: None)
     result = decompose_model(ring, fleet, options, cost)
     assert min(gridded_face_counts) <= MAX_FACES
     assert result.makespan_s == expected_result.makespan_s
@@ -249,10 +248,35 @@ def test_pieces_keep_the_printers_of_the_nearest_pieces_of_the_copy(
         replace(piece, printer=fleet[int(piece.solid.bounds_mm[0, 0] > 25.0)])
         for piece in cut_box(copy.solid, *box_mm)
     ]
-    partition = cut_detailed_pieces(problem, Partition(tuple(pieces), copy, np.eye(3)))
+    partition = cut_detailed_pieces(
+        problem, replace(problem, model=copy), Partition(tuple(pieces), copy, np.eye(3))
+    )
     assert partition is not None
     printers = {round(piece.solid.bounds_mm[0, 0]): piece.printer for piece in partition.pieces}
     assert printers == {0: fleet[0], 50: fleet[1]}
+
+
+@pytest.mark.usefixtures("gridded_face_counts")
+def test_pieces_get_the_poses_of_those_of_the_copy(
+    monkeypatch: pytest.MonkeyPatch, ring: Model, fleet: list[TargetPrinter], cost: CostModel
+) -> None:
+    problem = Problem(ring, tuple(fleet), cost, COARSE_OPTIONS)
+    simple_problem = simplify_problem(problem, simplify_solid(ring.solid))
+    pieces = cut_box(simple_problem.model.solid, [-200.0, -20.0, -60.0], [200.0, 20.0, 60.0])
+    simple_poses = simple_problem.find_poses(pieces)
+    monkeypatch.setattr(Problem, "find_pose", lambda *_: pytest.fail("the pose is sought again"))
+    partition = cut_detailed_pieces(
+        problem, simple_problem, Partition(tuple(pieces), simple_problem.model, np.eye(3))
+    )
+    assert partition is not None
+    poses = problem.find_poses(partition.pieces)
+    assert [piece.solid.face_count for piece in partition.pieces] > [p.solid.face_count for p in pieces]
+    for pose, simple_pose in zip(poses, simple_poses, strict=True):
+        assert pose is not None
+        assert simple_pose is not None
+        assert pose.to_model[:3, :3] == pytest.approx(simple_pose.to_model[:3, :3])
+        assert pose.price_s != simple_pose.price_s
+        assert pose.price_s == pytest.approx(simple_pose.price_s, rel=0.02)
 
 
 def test_boxes_grow_only_up_to_the_margin_around_the_model(
@@ -263,7 +287,7 @@ def test_boxes_grow_only_up_to_the_margin_around_the_model(
     low_mm, high_mm = ring.solid.bounds_mm
     partition = Partition(tuple(cut_box(ring.solid, low_mm, high_mm)), ring, np.eye(3))
     for _ in range(3):
-        grown_partition = cut_detailed_pieces(problem, partition)
+        grown_partition = cut_detailed_pieces(problem, problem, partition)
         assert grown_partition is not None
         partition = grown_partition
         (piece,) = partition.pieces
@@ -282,7 +306,9 @@ def test_boxes_with_other_pieces_are_not_cut(
     assert len(pieces) == 2
 
     def cut_detailed(pieces: list[Piece]) -> Partition | None:
-        return cut_detailed_pieces(problem, Partition(tuple(pieces), simple_problem.model, np.eye(3)))
+        return cut_detailed_pieces(
+            problem, simple_problem, Partition(tuple(pieces), simple_problem.model, np.eye(3))
+        )
 
     partition = cut_detailed(pieces)
     assert partition is not None

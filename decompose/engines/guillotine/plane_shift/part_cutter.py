@@ -11,9 +11,9 @@ from decompose.arrays import Bools, Floats
 from decompose.engines.guillotine.plane_shift.box_part import BoxPart
 from decompose.engines.guillotine.plane_shift.plane_moves import find_clear_position_mm
 from decompose.grid import FlatFaces, NeededCells
-from decompose.pieces import Piece, copy_printers, cut_box, find_cut_faces, find_face_planes
-from decompose.print_time import PartMesh, Pose, measure_face_slopes, measure_pose
-from decompose.problem import Problem, Work
+from decompose.pieces import copy_printers, cut_box, find_face_planes
+from decompose.print_time import PartMesh, Pose, measure_face_slopes
+from decompose.problem import Problem, Work, measure_similar_pose
 
 
 class PartCutter:
@@ -123,29 +123,17 @@ class PartCutter:
     def cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
         """Cut a part again, with its pieces in their old poses; return the part and the poses.
 
-        A pose is None if the piece no longer fits in it, is less stable, or gets supports that touch a cut
-        face. The list of poses is empty if the number of pieces changes, or if a piece becomes a sliver.
+        A pose is None if it is no longer good (`measure_similar_pose`). The list of poses is empty if the
+        number of pieces changes, or if a piece becomes a sliver.
         """
         new_part = self.cut_part(i, box_mm)
         if not new_part.has_similar_pieces(part):
             return new_part, []
-        poses: list[Pose | None] = []
-        for piece, old_pose in zip(new_part.pieces, part.poses, strict=True):
-            pose = self._measure_piece(piece, old_pose)
-            fits = all(printer.fits(*pose.size_mm) for printer in self._problem.list_piece_printers(piece))
-            # Supports must not touch a cut face if they did not before, and the part must not be less stable.
-            *stability, touched_mm2, _ = pose.rank
-            *old_stability, old_touched_mm2, _ = old_pose.rank
-            is_good = stability <= old_stability and (touched_mm2 == 0.0 or old_touched_mm2 > 0.0)
-            poses.append(pose if fits and is_good else None)
+        poses = [
+            measure_similar_pose(self._problem, piece, old_pose)
+            for piece, old_pose in zip(new_part.pieces, part.poses, strict=True)
+        ]
         return new_part, poses
-
-    def _measure_piece(self, piece: Piece, pose: Pose) -> Pose:
-        """Price a piece in the rotation of a pose."""
-        vertices, faces = piece.solid.arrays()
-        is_cut = find_cut_faces(vertices, faces, piece.planes)
-        rotation, options = pose.to_model[:3, :3].T, self._problem.options
-        return measure_pose(vertices, faces, is_cut, rotation, self._problem.cost, options.fit_first_layer)
 
     def measure_slopes(self, part: BoxPart, is_fixed: Bools) -> Floats:
         """Measure the change (2, 3) of a part's time, in s for each mm by which one face moves up its axis.
