@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.engines.guillotine.plane_shift import plane_shift
+from decompose.engines.guillotine.plane_shift import part_cutter, plane_shift
 from decompose.engines.guillotine.plane_shift.box_part import BoxPart, find_longest_time_s
 from decompose.engines.guillotine.plane_shift.part_cutter import PartCutter
 from decompose.engines.guillotine.plane_shift.plane_moves import move_groups
@@ -268,16 +268,13 @@ def test_new_pose_is_computed_once_and_recorded(
     tapered_block: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Give every part a new pose after its first move."""
-    measure_piece, find_pose, posed_parts = PartCutter._measure_piece, Problem.find_pose, []
-
-    def make_tall(self: PartCutter, piece: Piece, old_pose: Pose) -> Pose:
-        return replace(measure_piece(self, piece, old_pose), size_mm=(1e4, 1e4, 1e4))
+    find_pose, posed_parts = Problem.find_pose, []
 
     def record_piece(self: Problem, piece: Piece) -> Pose | None:
         posed_parts.append(piece.solid)
         return find_pose(self, piece)
 
-    monkeypatch.setattr(PartCutter, "_measure_piece", make_tall)
+    monkeypatch.setattr(part_cutter, "measure_similar_pose", lambda *_: None)
     monkeypatch.setattr(Problem, "find_pose", record_piece)
     problem = make_problem(tapered_block, cost, 2, cells=2)
     old_pieces, new_pieces = shift_boxes(problem, make_halves(problem))
