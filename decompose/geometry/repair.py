@@ -110,19 +110,23 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
     """Split a surface into its connected bodies."""
     f = surface.faces
     rows, columns = np.concatenate([f[:, 0], f[:, 1]]), np.concatenate([f[:, 1], f[:, 2]])
-    label = label_components(len(surface.vertices), rows, columns)[f[:, 0]]
+    vertex_label = label_components(len(surface.vertices), rows, columns)
     del rows, columns
-    order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order])) + 1
+    face_label = vertex_label[f[:, 0]]
+    face_order, vertex_order = np.argsort(face_label, kind="stable"), np.argsort(vertex_label, kind="stable")
+    starts = np.flatnonzero(np.diff(face_label[face_order])) + 1
     if len(starts) >= MAX_BODIES:
         raise ModelNotSolid(
             f"{name}: {len(starts) + 1} loose surfaces (limit {MAX_BODIES}): loose triangles, or a scan with "
             "noise, are not a solid; delete loose pieces and export a solid"
         )
     number = np.zeros(len(surface.vertices), dtype=np.int64)
+    sorted_labels = vertex_label[vertex_order]
     bodies = []
-    for faces in np.split(f[order], starts) if len(f) else []:
-        vertex_numbers = np.unique(faces)
+    for faces in np.split(f[face_order], starts) if len(f) else []:
+        label = vertex_label[faces[0, 0]]
+        begin, end = np.searchsorted(sorted_labels, [label, label + 1])
+        vertex_numbers = vertex_order[begin:end]
         number[vertex_numbers] = np.arange(len(vertex_numbers))
         bodies.append(trimesh.Trimesh(surface.vertices[vertex_numbers], number[faces], process=False))
     return bodies

@@ -86,23 +86,33 @@ def weld_triangles(triangles: Floats) -> Surface:
 def select_distinct_faces(faces: Ints) -> Ints:
     """Select the faces (m, 3) with three different corners, each once; a reversed face counts as distinct."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    first_slot = f.argmin(axis=1)[:, None]
-    rotated_faces = np.take_along_axis(f, (first_slot + np.arange(3)) % 3, axis=1)
-    distinct_faces: Ints = f[number_rows(rotated_faces, 1.0)[1]]
+    distinct_faces: Ints = f[number_rows(_rotate_corners(f), 1.0)[1]]
     return distinct_faces
+
+
+@jit
+def _rotate_corners(faces: Ints) -> Ints:
+    """Rotate the corners of faces (m, 3) int64, so that the vertex with the lowest number is the first."""
+    rotated_faces = np.empty_like(faces)
+    for i in range(len(faces)):
+        first = 0
+        for k in range(1, 3):
+            if faces[i, k] < faces[i, first]:
+                first = k
+        for k in range(3):
+            rotated_faces[i, k] = faces[i, (first + k) % 3]
+    return rotated_faces
 
 
 def count_edge_uses(faces: Ints) -> EdgeUses:
     """Count the edges of faces (m, 3) by the number of faces that use them."""
     if not len(faces):
         return EdgeUses(0, 0, 0)
-    directed_edges, undirected_edges = (
-        _sort_edges(faces, is_directed=True),
-        _sort_edges(faces, is_directed=False),
-    )
+    directed_edges = _encode_edges(np.ascontiguousarray(faces, np.int64))
+    directed_edges.sort()
     repeated_count = int((directed_edges[1:] == directed_edges[:-1]).sum())
-    del directed_edges
-    is_same = np.concatenate([[False], undirected_edges[1:] == undirected_edges[:-1], [False]])
+    edges = directed_edges >> 1
+    is_same = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
     return EdgeUses(
         single_count=int((~is_same[:-1] & ~is_same[1:]).sum()),
         nonmanifold_count=int((~is_same[:-2] & is_same[1:-1] & is_same[2:]).sum()),
@@ -110,16 +120,26 @@ def count_edge_uses(faces: Ints) -> EdgeUses:
     )
 
 
-def _sort_edges(faces: Ints, is_directed: bool) -> Ints:
-    """Encode each edge of faces (m, 3) as one number, made of its two vertices; return them sorted (3 m,)."""
-    count = int(faces.max()) + 1
-    edges = np.empty(3 * len(faces), dtype=np.int64)
-    for k in range(3):
-        tail, head = faces[:, k], faces[:, (k + 1) % 3]
-        if not is_directed:
-            tail, head = np.minimum(tail, head), np.maximum(tail, head)
-        edges[k * len(faces) : (k + 1) * len(faces)] = tail * count + head
-    edges.sort()
+@jit
+def _encode_edges(faces: Ints) -> Ints:
+    """Encode each edge as one number, made of its two vertices, and of its direction as the last bit.
+
+    Parameters
+    ----------
+    faces
+        (m, 3) int64.
+
+    Returns
+    -------
+    ndarray
+        (3 m,) int64.
+    """
+    count = faces.max() + 1
+    edges = np.empty(3 * len(faces), np.int64)
+    for i in range(len(faces)):
+        for k in range(3):
+            tail, head = faces[i, k], faces[i, (k + 1) % 3]
+            edges[3 * i + k] = 2 * (min(tail, head) * count + max(tail, head)) + (tail > head)
     return edges
 
 
