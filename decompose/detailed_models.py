@@ -25,6 +25,7 @@ TOLERANCES_MM = (0.02, 0.05, 0.1, 0.2)
 # Margin for the distance between the surfaces of a model and of its copy: the tolerances above together, and
 # some rounding. Only details thinner than a tolerance, which the copy may lack, can be farther from the copy.
 MARGIN_MM = 0.5
+MAX_REGION_BOXES = 2  # maximum number of boxes that are cut out of a region without dividing it again
 # Engines whose pieces are each cut out of a single box.
 BOX_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 
@@ -95,8 +96,10 @@ def cut_detailed_pieces(problem: Problem, simple_problem: Problem, partition: Pa
     low_mm, high_mm = model.solid.bounds_mm
     grown_mm = np.clip(grow_boxes(boxes_mm, MARGIN_MM), low_mm - MARGIN_MM, high_mm + MARGIN_MM)
     box_pieces = [
-        _cut_matching_pieces(model.solid, box_mm, pieces)
-        for box_mm, pieces in zip(grown_mm, simple_pieces.values(), strict=True)
+        _cut_matching_pieces(solid, box_mm, pieces)
+        for solid, box_mm, pieces in zip(
+            _clip_around(model.solid, grown_mm), grown_mm, simple_pieces.values(), strict=True
+        )
     ]
     if not all(box_pieces):
         return None
@@ -104,6 +107,25 @@ def cut_detailed_pieces(problem: Problem, simple_problem: Problem, partition: Pa
     pieces = copy_printers(unassigned_pieces, matching_pieces)
     keep_similar_poses(problem, pieces, simple_problem.find_poses(matching_pieces))
     return replace(partition, pieces=tuple(pieces), model=model)
+
+
+def _clip_around(solid: Solid, boxes_mm: Floats) -> list[Solid]:
+    """Clip a solid to a region around each of its boxes (n, 2, 3) in mm.
+
+    The boxes are divided into two halves again and again. So most cuts are made in a small part of the solid,
+    which is faster than to cut each box out of the whole solid.
+    """
+    if len(boxes_mm) <= MAX_REGION_BOXES:
+        return [solid] * len(boxes_mm)
+    centres_mm = boxes_mm.mean(axis=1)
+    order = np.argsort(centres_mm[:, int(np.ptp(centres_mm, axis=0).argmax())], kind="stable")
+    regions = [solid] * len(boxes_mm)
+    for half in np.array_split(order, 2):
+        low_mm, high_mm = boxes_mm[half, 0].min(axis=0), boxes_mm[half, 1].max(axis=0)
+        half_solid = solid.clip(low_mm - MARGIN_MM, high_mm + MARGIN_MM)
+        for box, region in zip(half.tolist(), _clip_around(half_solid, boxes_mm[half]), strict=True):
+            regions[box] = region
+    return regions
 
 
 def _cut_matching_pieces(

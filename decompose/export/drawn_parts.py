@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from decompose.geometry import Solid
 from decompose.results import Part
 
-MAX_DRAWN_FACES = 20_000  # parts with more faces are simplified
-# Tolerance as a share of the diagonal of the assembly: about a sixth of a pixel; curves stay smooth.
-TOLERANCE_SHARE = 1e-4
+MAX_DRAWN_FACES = 10_000  # parts with more faces are simplified
+# Tolerances, one after the other until there are few enough faces, as shares of the diagonal of the assembly:
+# about a sixth and half of a pixel; curves stay smooth.
+TOLERANCE_SHARES = (1e-4, 3e-4)
 
 
 def simplify_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
@@ -24,17 +26,22 @@ def simplify_parts(parts: Sequence[Part]) -> tuple[Part, ...]:
     """
     low_mm = np.min([part.solid.bounds_mm[0] for part in parts], axis=0)
     high_mm = np.max([part.solid.bounds_mm[1] for part in parts], axis=0)
-    tolerance_mm = TOLERANCE_SHARE * float(np.linalg.norm(high_mm - low_mm))
-    return tuple(_simplify_part(part, tolerance_mm) for part in parts)
+    tolerances_mm = [share * float(np.linalg.norm(high_mm - low_mm)) for share in TOLERANCE_SHARES]
+    return tuple(_simplify_part(part, tolerances_mm) for part in parts)
 
 
-def _simplify_part(part: Part, tolerance_mm: float) -> Part:
+def _simplify_part(part: Part, tolerances_mm: Sequence[float]) -> Part:
     """Simplify the solids of a part, without and with its holes and marks, if it has very many faces."""
     if part.solid.face_count <= MAX_DRAWN_FACES:
         return part
     drilled_solid = part.drilled_solid
     return replace(
         part,
-        solid=part.solid.simplify_if_possible(tolerance_mm),
-        drilled_solid=None if drilled_solid is None else drilled_solid.simplify_if_possible(tolerance_mm),
+        solid=_simplify_solid(part.solid, tolerances_mm),
+        drilled_solid=None if drilled_solid is None else _simplify_solid(drilled_solid, tolerances_mm),
     )
+
+
+def _simplify_solid(solid: Solid, tolerances_mm: Sequence[float]) -> Solid:
+    """Simplify a solid until it has few enough faces to be drawn."""
+    return solid.simplify_if_possible(*tolerances_mm, max_faces=MAX_DRAWN_FACES)

@@ -21,6 +21,7 @@ from decompose.geometry.symmetry import (
     sample_mirrors,
 )
 from decompose.geometry.vectors import choose_plane_axes, compute_cross_product
+from decompose.geometry.weld import is_watertight
 
 __all__ = [
     "Mirror",
@@ -35,6 +36,7 @@ __all__ = [
     "find_rotation_to_axis",
     "find_smallest_rectangle_angle_rad",
     "find_smallest_rotation",
+    "is_watertight",
     "label_components",
     "load_model",
     "measure_rectangles",

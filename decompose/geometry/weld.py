@@ -83,6 +83,12 @@ def weld_triangles(triangles: Floats) -> Surface:
     return Surface(vertices, faces, tuple(repairs))
 
 
+def is_watertight(triangles: Floats) -> bool:
+    """Check whether each edge of triangles (m, 3, 3) in mm has two faces when equal corners are joined."""
+    numbers, _ = number_rows(np.ascontiguousarray(triangles.reshape(-1, 3)), 1.0 / SAME_VERTEX_MM)
+    return count_edge_uses(numbers.reshape(-1, 3)).is_closed
+
+
 def select_distinct_faces(faces: Ints) -> Ints:
     """Select the faces (m, 3) with three different corners, each once; a reversed face counts as distinct."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]

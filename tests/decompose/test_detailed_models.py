@@ -16,6 +16,7 @@ from decompose.decompose import decompose_model, estimate_serial_s, run_engine
 from decompose.detailed_models import (
     MARGIN_MM,
     TOLERANCES_MM,
+    _clip_around,
     cut_detailed_pieces,
     simplify_problem,
     simplify_solid,
@@ -329,3 +330,19 @@ def test_planes_of_a_detailed_model_are_moved(
     assert max(gridded_face_counts) <= MAX_FACES
     check_parts(new_result, ring)
     assert new_result.parts[slowest].price_s < result.parts[slowest].price_s
+
+
+def test_boxes_are_cut_out_of_regions_as_out_of_the_whole_model(ring: Model) -> None:
+    edges_mm = [np.linspace(low, high, 4) for low, high in ring.solid.bounds_mm.T]
+    boxes_mm = np.array(
+        [
+            [[e[i] for e, i in zip(edges_mm, c, strict=True)] for c in (k, np.add(k, 1))]
+            for k in np.ndindex(3, 3, 3)
+        ]
+    )
+    regions = _clip_around(ring.solid, boxes_mm)
+    assert max(region.face_count for region in regions) < ring.solid.face_count / 2
+    for box_mm, region in zip(boxes_mm, regions, strict=True):
+        piece, whole_piece = region.clip(*box_mm), ring.solid.clip(*box_mm)
+        assert piece.volume_mm3 == pytest.approx(whole_piece.volume_mm3, rel=1e-9, abs=1e-9)
+        assert piece.area_mm2 == pytest.approx(whole_piece.area_mm2, rel=1e-9, abs=1e-9)

@@ -11,6 +11,7 @@ import trimesh
 
 from decompose.arrays import Floats, Ints
 from decompose.files.triangle_limit import STL_COUNT_BYTES, STL_FACE_BYTES, STL_HEADER_BYTES
+from decompose.geometry.weld import count_edge_uses, number_rows
 
 _FACE_DTYPE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 
@@ -29,14 +30,18 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
         (k, 3, 3) float32; None if the surface would not stay closed, because features that are thinner than
         the precision touch each other.
     """
-    points, index = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True)
-    f = index.reshape(-1)[faces]
+    points = vertices.astype(np.float32)
+    f = _number_points(points)[faces]
     f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
-    edges = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]).astype(np.int64)
-    forward_edges = np.sort(edges[:, 0] * len(points) + edges[:, 1])
-    backward_edges = np.sort(edges[:, 1] * len(points) + edges[:, 0])
-    has_distinct_edges = len(f) > 0 and bool((np.diff(forward_edges) > 0).all())
-    return points[f] if has_distinct_edges and np.array_equal(forward_edges, backward_edges) else None
+    uses = count_edge_uses(f)
+    return points[f] if len(f) and uses.is_closed and not uses.repeated_count else None
+
+
+def _number_points(points: npt.NDArray[np.float32]) -> Ints:
+    """Number points (n, 3); equal points have the number (n,) of the first of them."""
+    bits = (points + np.float32(0.0)).view(np.int32).astype(np.int64)  # the sum makes -0.0 equal to 0.0
+    numbers, first_points = number_rows(bits, 1.0)
+    return first_points[numbers]
 
 
 def separate_touching_surfaces(vertices: Floats, faces: Ints, distance_mm: float) -> Floats:
@@ -57,10 +62,8 @@ def separate_touching_surfaces(vertices: Floats, faces: Ints, distance_mm: float
     ndarray
         (n, 3) vertices in mm, in the same order.
     """
-    _, position, count = np.unique(
-        vertices.astype(np.float32), axis=0, return_inverse=True, return_counts=True
-    )
-    touches = count[position.reshape(-1)] > 1
+    position = _number_points(vertices.astype(np.float32))
+    touches = np.bincount(position, minlength=len(vertices))[position] > 1
     to_middles = vertices[faces].mean(axis=1, keepdims=True) - vertices[faces]  # (m, 3 corners, 3)
     lengths_mm = np.linalg.norm(to_middles, axis=2, keepdims=True)
     directions = np.zeros_like(vertices)
