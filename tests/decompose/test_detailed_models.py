@@ -333,13 +333,9 @@ def test_planes_of_a_detailed_model_are_moved(
 
 
 def test_boxes_are_cut_out_of_regions_as_out_of_the_whole_model(ring: Model) -> None:
-    edges_mm = [np.linspace(low, high, 4) for low, high in ring.solid.bounds_mm.T]
-    boxes_mm = np.array(
-        [
-            [[e[i] for e, i in zip(edges_mm, c, strict=True)] for c in (k, np.add(k, 1))]
-            for k in np.ndindex(3, 3, 3)
-        ]
-    )
+    low_mm, high_mm = ring.solid.bounds_mm
+    corners = np.array(list(np.ndindex(3, 3, 3)))
+    boxes_mm = low_mm + np.stack([corners, corners + 1], axis=1) * (high_mm - low_mm) / 3.0
     regions = _clip_around(ring.solid, boxes_mm)
     assert max(region.face_count for region in regions) < ring.solid.face_count / 2
     for box_mm, region in zip(boxes_mm, regions, strict=True):
