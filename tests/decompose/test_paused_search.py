@@ -107,6 +107,20 @@ def test_failed_attempt_keeps_the_best_result(paused_search: PausedSearch) -> No
     )
 
 
+def test_a_single_attempt_after_the_round_is_made_without_a_pause(paused_search: PausedSearch) -> None:
+    outcomes = [paused_search.make_attempt(number) for number in range(len(paused_search.plan_round()))]
+    quick_outcomes = [
+        replace(outcome, attempt=replace(outcome.attempt, effort_s=0.5)) for outcome in outcomes
+    ]
+    result = paused_search.resume(quick_outcomes)
+    assert not result.open_printers
+    assert len(result.attempts) == 1 + len(outcomes) + 1
+    last_attempt = result.attempts[-1]
+    assert last_attempt.effort_s > 0.0
+    assert last_attempt.yaw_deg not in [attempt.yaw_deg for attempt in result.attempts[:-1]]
+    assert result.makespan_s == min(attempt.makespan_s for attempt in result.attempts if attempt.makespan_s)
+
+
 def test_search_ends_early_with_the_best_result_of_the_round(paused_search: PausedSearch) -> None:
     outcomes = [paused_search.make_attempt(number) for number in range(len(paused_search.plan_round()))]
     ended_search, best_result = (
