@@ -17,6 +17,7 @@ from decompose.detailed_models import (
     MARGIN_MM,
     TOLERANCES_MM,
     _clip_around,
+    _cut_matching_pieces,
     cut_detailed_pieces,
     simplify_problem,
     simplify_solid,
@@ -342,3 +343,13 @@ def test_boxes_are_cut_out_of_regions_as_out_of_the_whole_model(ring: Model) -> 
         piece, whole_piece = region.clip(*box_mm), ring.solid.clip(*box_mm)
         assert piece.volume_mm3 == pytest.approx(whole_piece.volume_mm3, rel=1e-9, abs=1e-9)
         assert piece.area_mm2 == pytest.approx(whole_piece.area_mm2, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(("crumb_mm", "count"), [(0.1, 1), (1.0, 0)])
+def test_crumbs_are_left_out_but_no_other_pieces(crumb_mm: float, count: int) -> None:
+    block = Solid.box((0.0, 0.0, 0.0), (20.0, 20.0, 20.0))
+    crumb = Solid.box((25.0, 5.0, 5.0), np.array([25.0, 5.0, 5.0]) + crumb_mm)
+    box_mm = np.array([[-1.0, -1.0, -1.0], [30.0, 21.0, 10.0]])
+    pairs = _cut_matching_pieces(Solid.union([block, crumb]), box_mm, cut_box(block, *box_mm))
+    assert len(pairs) == count
+    assert all(piece.solid.volume_mm3 == pytest.approx(4000.0) for piece, _ in pairs)
