@@ -25,8 +25,8 @@ TOLERANCES_MM = (0.02, 0.05, 0.1, 0.2)
 # Margin for the distance between the surfaces of a model and of its copy: the tolerances above together, and
 # some rounding. Only details thinner than a tolerance, which the copy may lack, can be farther from the copy.
 MARGIN_MM = 0.5
-# Maximum volume of a crumb: a piece that no printer can print, such as the tip of a bump that reaches through a
-# cut plane. The check of the result limits the volume and the surface of all crumbs together.
+# Maximum volume of a crumb: a piece that no printer can print, such as the tip of a bump that reaches through
+# a cut plane. The check of the result limits the volume and the surface of all crumbs together.
 MAX_CRUMB_MM3 = 0.01
 MAX_REGION_BOXES = 2  # maximum number of boxes that are cut out of a region without dividing it again
 # Engines whose pieces are each cut out of a single box.
