@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -15,7 +14,7 @@ from decompose.engines.guillotine import grow_boxes
 from decompose.geometry import Model, Solid
 from decompose.options import Engine
 from decompose.pieces import Piece, copy_printers, cut_box
-from decompose.problem import Partition, Problem, Work, keep_similar_poses
+from decompose.problem import Effort, Partition, Problem, Work, keep_similar_poses
 
 # A model with more faces than this is not searched itself, because the same budget would find less, and take
 # more memory. It is simplified until it has at most as many.
@@ -95,40 +94,38 @@ def cut_detailed_pieces(problem: Problem, simple_problem: Problem, partition: Pa
         simple_pieces.setdefault(piece.boxes_mm.tobytes(), []).append(piece)
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in simple_pieces.values()])
     model = problem.rotate(partition.rotation).model
-    problem.effort.record(Work.FACE_CUT, model.solid.face_count * len(boxes_mm))
     low_mm, high_mm = model.solid.bounds_mm
     grown_mm = np.clip(grow_boxes(boxes_mm, MARGIN_MM), low_mm - MARGIN_MM, high_mm + MARGIN_MM)
-    box_pieces = [
-        _cut_matching_pieces(solid, box_mm, pieces)
-        for solid, box_mm, pieces in zip(
-            _clip_around(model.solid, grown_mm), grown_mm, simple_pieces.values(), strict=True
-        )
-    ]
-    if not all(box_pieces):
-        return None
-    unassigned_pieces, matching_pieces = zip(*chain(*box_pieces), strict=True)
+    box_pieces: dict[int, list[tuple[Piece, Piece]]] = {}
+    for box, region in _clip_around(model.solid, grown_mm, problem.effort):
+        box_pieces[box] = _cut_matching_pieces(region, grown_mm[box], list(simple_pieces.values())[box])
+        if not box_pieces[box]:
+            return None
+    pairs = [pair for box in range(len(boxes_mm)) for pair in box_pieces[box]]
+    unassigned_pieces, matching_pieces = zip(*pairs, strict=True)
     pieces = copy_printers(unassigned_pieces, matching_pieces)
     keep_similar_poses(problem, pieces, simple_problem.find_poses(matching_pieces))
     return replace(partition, pieces=tuple(pieces), model=model)
 
 
-def _clip_around(solid: Solid, boxes_mm: Floats) -> list[Solid]:
-    """Clip a solid to a region around each of its boxes (n, 2, 3) in mm.
+def _clip_around(solid: Solid, boxes_mm: Floats, effort: Effort) -> Iterator[tuple[int, Solid]]:
+    """Clip a solid to a region around each of its boxes (n, 2, 3) in mm; yield the box's number and region.
 
     The boxes are divided into two halves again and again. So most cuts are made in a small part of the solid,
-    which is faster than to cut each box out of the whole solid.
+    which is faster than to cut each box out of the whole solid. Few regions exist at a time.
     """
     if len(boxes_mm) <= MAX_REGION_BOXES:
-        return [solid] * len(boxes_mm)
+        effort.record(Work.FACE_CUT, solid.face_count * len(boxes_mm))
+        yield from ((box, solid) for box in range(len(boxes_mm)))
+        return
     centres_mm = boxes_mm.mean(axis=1)
     order = np.argsort(centres_mm[:, int(np.ptp(centres_mm, axis=0).argmax())], kind="stable")
-    regions = [solid] * len(boxes_mm)
     for half in np.array_split(order, 2):
         low_mm, high_mm = boxes_mm[half, 0].min(axis=0), boxes_mm[half, 1].max(axis=0)
+        effort.record(Work.FACE_CUT, solid.face_count)
         half_solid = solid.clip(low_mm - MARGIN_MM, high_mm + MARGIN_MM)
-        for box, region in zip(half.tolist(), _clip_around(half_solid, boxes_mm[half]), strict=True):
-            regions[box] = region
-    return regions
+        for box, region in _clip_around(half_solid, boxes_mm[half], effort):
+            yield int(half[box]), region
 
 
 def _cut_matching_pieces(
@@ -136,7 +133,8 @@ def _cut_matching_pieces(
 ) -> list[tuple[Piece, Piece]]:
     """Cut the pieces of a solid in a box (2, 3) in mm, and find the nearest piece of the copy for each.
 
-    The list is empty if there are more or fewer of them. Crumbs do not count and are left out.
+    The list is empty if there are more or fewer of them. Crumbs are left out. Pieces of the copy
+    are no crumbs, because a partition has no slivers.
     """
     pieces = [piece for piece in cut_box(solid, *box_mm) if piece.solid.volume_mm3 > MAX_CRUMB_MM3]
     if len(pieces) != len(simple_pieces):

@@ -181,7 +181,7 @@ def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
     """Find the cells (nx, ny, nz) with solid that may be further from the surface than the wall thickness.
 
     A cell is not among them if all of it is closer than the wall thickness to every point of one box: the
-    bounding box of the surface in the cell with surface whose middle is nearest.
+    bounding box of the surface in a cell with surface. Any such cell is valid; it is about the nearest one.
     """
     low_mm, high_mm = (
         np.stack(np.meshgrid(*(p[side : len(p) - 1 + side] for p in grid.planes), indexing="ij"), axis=-1)

@@ -84,9 +84,9 @@ def weld_triangles(triangles: Floats) -> Surface:
 
 
 def is_watertight(triangles: Floats) -> bool:
-    """Check whether each edge of triangles (m, 3, 3) in mm has two faces when equal corners are joined."""
+    """Check whether each edge of triangles (m, 3, 3) in mm, with equal corners joined, has two of them."""
     numbers, _ = number_rows(np.ascontiguousarray(triangles.reshape(-1, 3)), 1.0 / SAME_VERTEX_MM)
-    return count_edge_uses(numbers.reshape(-1, 3)).is_closed
+    return len(triangles) > 0 and count_edge_uses(numbers.reshape(-1, 3)).is_closed
 
 
 def select_distinct_faces(faces: Ints) -> Ints:

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats
+from decompose.build_volumes import fits_all, list_build_volumes
 from decompose.grid.box_index import Box, Shape, compute_index, index_box
 from decompose.grid.clipping import LATERAL_AREA, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
@@ -57,29 +58,6 @@ class BoxTables:
     def find_longest_time_s(self, boxes: Iterable[Box]) -> float:
         """Find the time in seconds of the slowest of several boxes, each trimmed to its needed cells."""
         return max(float(self.seconds[self.trimmed_box[index_box(box, self.shape)]]) for box in boxes)
-
-
-@jit
-def _fits_all(build_volumes: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-    """Check whether a part fits each build volume, rotated about z if necessary.
-
-    Parameters
-    ----------
-    build_volumes
-        (build volumes, boxes, 3) float64 in mm, from `list_build_volumes`.
-    width_mm, depth_mm, height_mm
-        Size of the part.
-    """
-    for v in range(len(build_volumes)):
-        fits = False
-        for b in range(build_volumes.shape[1]):
-            x, y, z = build_volumes[v, b, 0], build_volumes[v, b, 1], build_volumes[v, b, 2]
-            fits_base = (width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y)
-            if height_mm <= z and fits_base:
-                fits = True
-        if not fits:
-            return False
-    return True
 
 
 @jit
@@ -191,7 +169,7 @@ def _compute_min_price_s(
         width_mm = bounds_mm[(up + 1) % 3 + 3] - bounds_mm[(up + 1) % 3]
         depth_mm = bounds_mm[(up + 2) % 3 + 3] - bounds_mm[(up + 2) % 3]
         height_mm = bounds_mm[up + 3] - bounds_mm[up]
-        if not _fits_all(build_volumes, width_mm, depth_mm, height_mm):
+        if not fits_all(build_volumes, width_mm, depth_mm, height_mm):
             continue
         flat_mm2 = areas_mm2[2 * up] + areas_mm2[2 * up + 1]
         hidden_side_factor = 1.0 - MEAN_SIDE_SHARE * prices["hidden_side_share"]
@@ -346,21 +324,6 @@ def _price_column(
                 tables.seconds[index] = _compute_min_price_s(
                     pricing.prices, pricing.build_volumes, sums, bounds, areas_mm2
                 )
-
-
-def list_build_volumes(printers: Sequence[TargetPrinter]) -> Floats:
-    """List the distinct build volumes of printers; each is a list of boxes, one of which a part has to fit.
-
-    Returns
-    -------
-    ndarray
-        (build volumes, boxes, 3) float64 in mm, padded with boxes that are too small for any part.
-    """
-    distinct_volumes = sorted({p.box_sizes_mm for p in printers})
-    max_box_count = max(len(boxes) for boxes in distinct_volumes)
-    return np.array(
-        [list(boxes) + [(-1.0, -1.0, -1.0)] * (max_box_count - len(boxes)) for boxes in distinct_volumes]
-    )
 
 
 def price_boxes(

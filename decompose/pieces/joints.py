@@ -73,14 +73,9 @@ class JointFace:
         return max(map(_measure_width_mm, list_polygons(self.outline)))
 
     def has_width(self, min_width_mm: float) -> bool:
-        """Check whether a circle of this diameter fits into the face.
-
-        The diameter of the largest circle in a polygon without holes is at least twice the area divided by
-        the perimeter (Bonnesen's inequality), so it is seldom measured.
-        """
+        """Check whether a circle of this diameter fits into the face; measure the width only if necessary."""
         return any(
-            (not polygon.interiors and 2.0 * polygon.area >= min_width_mm * polygon.length)
-            or _measure_width_mm(polygon) >= min_width_mm
+            _bound_width_mm(polygon) >= min_width_mm or _measure_width_mm(polygon) >= min_width_mm
             for polygon in list_polygons(self.outline)
         )
 
@@ -194,7 +189,7 @@ def find_faults(
     joints
         Joints from `find_joints`, if they are known already.
     """
-    slivers = [_inspect_cuts(piece).sliver for piece in pieces]
+    slivers = [_inspect_cuts(piece).sliver_reason for piece in pieces]
     faults = [Fault(i, reason) for i, reason in enumerate(slivers) if reason]
     joints = find_joints(pieces) if joints is None else joints
     return faults + _find_loose_pieces([p.solid.volume_mm3 for p in pieces], joints, min_glue_mm2)
@@ -260,11 +255,11 @@ class _Side:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cuts:
-    """Cuts at the planes (k, 4) of a piece: its sides there (`_find_cut_sides`), and why it is a sliver."""
+    """Cuts at the planes (k, 4) of a piece: its sides there, and why it is a sliver (empty if it is none)."""
 
     planes: Floats
     sides: dict[tuple[float, ...], _Side]
-    sliver: str
+    sliver_reason: str
 
 
 # A search checks many partitions that have most of their pieces in common.
@@ -321,8 +316,16 @@ def _unite_triangles(triangles: npt.NDArray[np.object_]) -> shapely.Geometry:
 
 
 def _measure_width_mm(polygon: shapely.Polygon) -> float:
-    """Measure the diameter of the largest circle inside a polygon."""
-    return 2.0 * float(shapely.maximum_inscribed_circle(polygon).length)
+    """Measure the diameter of the largest circle inside a polygon, to a thousandth of its size."""
+    return max(_bound_width_mm(polygon), 2.0 * float(shapely.maximum_inscribed_circle(polygon).length))
+
+
+def _bound_width_mm(polygon: shapely.Polygon) -> float:
+    """Bound the diameter of the largest circle inside a polygon from below; 0 if it has holes.
+
+    Without holes, the diameter is at least twice the area divided by the perimeter (Bonnesen's inequality).
+    """
+    return 0.0 if polygon.interiors else 2.0 * float(polygon.area) / float(polygon.length)
 
 
 def list_polygons(geometry: shapely.Geometry) -> list[shapely.Polygon]:

@@ -26,8 +26,8 @@ def measure_similar_pose(problem: Problem, piece: Piece, known_pose: Pose | None
     Returns
     -------
     Pose or None
-        None if the piece does not fit in this pose, or if it is less stable or gets supports that touch a cut
-        face, unlike the similar piece.
+        None without a known pose, if the piece does not fit in it, or if it is less stable or gets supports
+        that touch a cut face, unlike the similar piece. The caller records the effort.
     """
     if known_pose is None:
         return None

@@ -219,5 +219,6 @@ def check_stl(path: Path, part: Part) -> None:
 
 def _compute_volume_mm3(triangles: Floats) -> float:
     """Compute the volume inside triangles (m, 3, 3) in mm that face outward."""
-    corners = triangles - triangles[0, 0]  # near the origin, where rounding errors are small
+    # Not by the code that reads models, which this checks; near the origin, where rounding errors are small.
+    corners = triangles - triangles[0, 0]
     return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0)

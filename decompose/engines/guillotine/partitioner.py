@@ -296,7 +296,7 @@ class Partitioner:
             step_s *= LIMIT_STEP_RATIO
         if high_s < 0.0 or (not is_reached and self.solve(high_s) > printer_count):
             return None
-        while high_s - low_s > (1.0 + 1e-9) * tolerance_s:  # not once more because of rounding
+        while high_s - low_s > (1.0 + 1e-9) * tolerance_s:  # steps often leave the tolerance, up to rounding
             # In a range over several orders of magnitude, the result is more likely to be near the lower end.
             middle_s = (
                 math.sqrt(low_s * high_s) if high_s > WIDE_RATIO * low_s > 0.0 else (low_s + high_s) / 2.0

@@ -108,22 +108,22 @@ def measure_columns(triangles: Floats, is_marked: Bools, overhang_cos: float) ->
     rays = _place_columns(lo_mm, hi_mm, count)
     height_mm = float(hi_mm[2] - lo_mm[2])
     sums = sweep_columns(triangles, is_marked.astype(np.float64), rays, height_mm, overhang_cos)
-    mass = np.maximum(sums.level_moments[:, 3:], 1e-12)
+    supports, mass = sums.supports, np.maximum(sums.level_moments[:, 3:], 1e-12)
     area_mm2 = rays.step_mm**2
     return Columns(
-        support_mm3=float(sums.supports_mm.sum() * area_mm2),
-        support_side_mm2=sum_steps_mm(sums.supports_mm) * rays.step_mm + sums.strip_sides_mm2,
-        towers_mm=sums.towers_mm,
+        support_mm3=float(supports.supports_mm.sum() * area_mm2),
+        support_side_mm2=sum_steps_mm(supports.supports_mm) * rays.step_mm + supports.strip_sides_mm2,
+        towers_mm=supports.towers_mm,
         islands_mm=sums.islands_mm,
         bodies_mm=sums.bodies_mm,
         holes_mm=sums.holes_mm,
         island_paths_mm2=sums.island_paths_mm2,
         hole_paths_mm2=sums.hole_paths_mm2,
-        first_layer=sums.is_standing | sums.is_bed_support,
+        first_layer=sums.is_standing | supports.is_bed_support,
         step_mm=rays.step_mm,
-        bed_support_mm2=float(sums.is_bed_support.sum() * area_mm2),
-        bed_support_border_mm=rays.origin_mm + rays.step_mm * _find_row_ends(sums.is_bed_support),
-        touched_mm2=float(sums.touched_count * area_mm2),
+        bed_support_mm2=float(supports.is_bed_support.sum() * area_mm2),
+        bed_support_border_mm=rays.origin_mm + rays.step_mm * _find_row_ends(supports.is_bed_support),
+        touched_mm2=float(supports.touched_count * area_mm2),
         volumes_mm3=sums.level_moments[:, 3] * area_mm2,
         centres_mm=sums.level_moments[:, :3] / mass,
     )

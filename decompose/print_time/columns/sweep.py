@@ -29,8 +29,15 @@ class Supports(NamedTuple):
     ----------
     runs
         Runs of all columns.
-    touched_count, supports_mm, is_bed_support, towers_mm, strip_sides_mm2
-        As in `Sweep`.
+    touched_count
+        Number of faces in `is_marked` (to which no support should stick) that columns of support touch, with
+        their upper or their lower end.
+    supports_mm
+        (nx, ny) float64 height of support in each column.
+    is_bed_support
+        (nx, ny) bool, true where support stands on the bed.
+    towers_mm, strip_sides_mm2
+        See `_sum_towers_mm`.
     """
 
     runs: Runs
@@ -46,32 +53,25 @@ class Sweep(NamedTuple):
 
     Attributes
     ----------
-    touched_count
-        Number of faces in `is_marked` (to which no support should stick) that columns of support touch, with
-        their upper or their lower end.
+    supports
+        Runs of solid, and the supports below them.
     level_moments
         (LEVEL_COUNT, 4) float64 of the solid below each level: first moments in x, y and z, and volume; all
         are divided by the area of a column.
-    is_bed_support, is_standing
-        (nx, ny) bool, true where support stands on the bed, and where the part itself stands on the bed.
-    supports_mm
-        (nx, ny) float64 height of support in each column.
-    towers_mm, strip_sides_mm2, islands_mm, bodies_mm, holes_mm, island_paths_mm2, hole_paths_mm2
-        See `_sum_towers_mm` and `sum_islands_mm`.
+    is_standing
+        (nx, ny) bool, true where the part itself stands on the bed.
+    islands_mm, bodies_mm, holes_mm, island_paths_mm2, hole_paths_mm2
+        See `sum_islands_mm`.
     """
 
-    touched_count: float
+    supports: Supports
     level_moments: Floats
-    is_bed_support: Bools
-    supports_mm: Floats
-    towers_mm: float
-    strip_sides_mm2: float
+    is_standing: Bools
     islands_mm: float
     bodies_mm: float
     holes_mm: float
     island_paths_mm2: float
     hole_paths_mm2: float
-    is_standing: Bools
 
 
 @jit
@@ -97,14 +97,10 @@ def sweep_columns(
     runs = supports.runs
     island_sums = sum_islands_mm(runs, rays.shape, height_mm, rays.step_mm)
     return Sweep(
-        supports.touched_count,
+        supports,
         _sum_level_moments(runs, rays, height_mm),
-        supports.is_bed_support,
-        supports.supports_mm,
-        supports.towers_mm,
-        supports.strip_sides_mm2,
-        *island_sums,
         _find_standing_columns(runs, rays.shape),
+        *island_sums,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from decompose.arrays import Floats, Ints
+from decompose.build_volumes import fits_all, list_build_volumes
 from decompose.geometry import find_convex_outline, find_smallest_rectangle_angle_rad, measure_rectangles
 from decompose.jit import jit
 from decompose.print_time.pose_prices import POSE_ROTATIONS
@@ -157,14 +158,12 @@ def find_fitting_rotations(
     ndarray
         (k, 3, 3) rotations, whose rows are the bed's x, y and z in the model's frame.
     """
-    boxes_mm = np.array([box for printer in printers for box in printer.box_sizes_mm]).reshape(-1, 3)
-    box_ends = np.cumsum([len(printer.box_sizes_mm) for printer in printers], dtype=np.int64)
     directions = list_directions(vertices, faces, hull)
-    return _find_rotations(directions, np.ascontiguousarray(hull.points), boxes_mm, box_ends)
+    return _find_rotations(directions, np.ascontiguousarray(hull.points), list_build_volumes(printers))
 
 
 @jit
-def _find_rotations(directions: Floats, hull: Floats, boxes_mm: Floats, box_ends: Ints) -> Floats:
+def _find_rotations(directions: Floats, hull: Floats, build_volumes: Floats) -> Floats:
     """Find the rotations that turn each direction up, and in which the part fits every printer.
 
     Axis-aligned poses keep their yaw if it fits. Any other pose is rotated so that the smallest rectangle
@@ -176,9 +175,8 @@ def _find_rotations(directions: Floats, hull: Floats, boxes_mm: Floats, box_ends
         (k, 3) float64 unit vectors.
     hull
         (h, 3) float64 vertices of the convex hull in mm.
-    boxes_mm, box_ends
-        (b, 3) float64 sizes of the boxes of all printers' build volumes, and (p,) int64 index after the last
-        box of each printer.
+    build_volumes
+        (build volumes, boxes, 3) float64 in mm, from `list_build_volumes`.
 
     Returns
     -------
@@ -197,15 +195,15 @@ def _find_rotations(directions: Floats, hull: Floats, boxes_mm: Floats, box_ends
         low_z, high_z = np.inf, -np.inf
         for i in range(len(hull)):
             for k in range(2):
-                points[i, k] = _multiply(hull[i], bed_axes[k])
-            z = _multiply(hull[i], up)
+                points[i, k] = _compute_dot_product(hull[i], bed_axes[k])
+            z = _compute_dot_product(hull[i], up)
             low_z, high_z = min(low_z, z), max(high_z, z)
         outline = find_convex_outline(points)
         angle_rad = find_smallest_rectangle_angle_rad(outline)
         for yaw in range(-1 if pose >= 0 else 0, len(YAWS_RAD)):
             yaw_rad[0] = angle_rad + YAWS_RAD[yaw] if yaw >= 0 else 0.0
             sides_mm = measure_rectangles(outline, yaw_rad)
-            if _fits_all(sides_mm[0, 0], sides_mm[0, 1], high_z - low_z, boxes_mm, box_ends):
+            if fits_all(build_volumes, sides_mm[0, 0], sides_mm[0, 1], high_z - low_z):
                 cos, sin = np.cos(yaw_rad[0]), np.sin(yaw_rad[0])
                 rotations[count, 0] = cos * bed_axes[0] + sin * bed_axes[1]
                 rotations[count, 1] = cos * bed_axes[1] - sin * bed_axes[0]
@@ -228,35 +226,10 @@ def _find_axis_pose(up: Floats) -> int:
 
 
 @jit
-def _multiply(vector: Floats, other: Floats) -> float:
-    """Multiply two vectors (3,) float64: their dot product."""
+def _compute_dot_product(vector: Floats, other: Floats) -> float:
+    """Compute the dot product of two vectors (3,) float64."""
     product: float = vector[0] * other[0] + vector[1] * other[1] + vector[2] * other[2]
     return product
-
-
-@jit
-def _fits_all(width_mm: float, depth_mm: float, height_mm: float, boxes_mm: Floats, box_ends: Ints) -> bool:
-    """Check whether a part of this size fits every printer, as `TargetPrinter.fits` does.
-
-    Parameters
-    ----------
-    width_mm, depth_mm, height_mm
-        Size of the part.
-    boxes_mm, box_ends
-        As in `_find_rotations`.
-    """
-    first = 0
-    for end in box_ends:
-        fits = False
-        for box in range(first, end):
-            x, y, z = boxes_mm[box]
-            fits = fits or (
-                height_mm <= z and ((width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y))
-            )
-        if not fits:
-            return False
-        first = end
-    return True
 
 
 @jit

@@ -215,6 +215,9 @@ def test_damaged_stl_is_refused(valid_result: Decomposition, tmp_path: Path) -> 
     path.write_bytes(data[:80] + triangle_count.to_bytes(4, "little") + data[84:-50])
     with pytest.raises(GeometryError, match="not watertight"):
         check_stl(path, files.parts[0])
+    path.write_bytes(bytes(84))  # no triangles
+    with pytest.raises(GeometryError, match="not watertight"):
+        check_stl(path, files.parts[0])
     with pytest.raises(GeometryError, match="mm3 instead of"):
         check_stl(
             tmp_path / files.parts[1].file, replace(files.parts[0], solid=Solid.box((0, 0, 0), SIZE_MM))

@@ -8,7 +8,7 @@ import trimesh
 
 from decompose.geometry import Solid
 from decompose.print_time import measure_columns
-from decompose.print_time.columns import Columns
+from decompose.print_time.columns import Columns, estimate_supports
 from decompose.print_time.columns.sweep import LEVEL_COUNT
 
 OVERHANG_COS = np.sin(np.radians(45.0))
@@ -177,3 +177,28 @@ def test_edge_in_mid_air_needs_a_strip() -> None:
     result = measure_solid(Solid.union([Solid.from_arrays(hull.vertices, hull.faces), wall]))
     assert result.support_side_mm2 == pytest.approx(2 * 60 * 30, rel=0.1)
     assert result.towers_mm == 0.0
+
+
+def test_moments_of_a_staircase_are_those_of_its_steps() -> None:
+    """Use steps whose tops are inside a slab, on a level, and several slabs apart."""
+    heights_mm = (3.0, 10.0, 24.0, 80.0)
+    steps = [Solid.box((20.0 * i, 0, 0), (20.0 * i + 20.0, 20, z)) for i, z in enumerate(heights_mm)]
+    result = measure_solid(Solid.union(steps))
+    for level in range(LEVEL_COUNT):
+        level_mm = 80.0 * (level + 1) / LEVEL_COUNT
+        volumes_mm3 = np.array([400.0 * min(z, level_mm) for z in heights_mm])
+        centres_mm = np.array(
+            [(20.0 * i + 10.0, 10.0, min(z, level_mm) / 2.0) for i, z in enumerate(heights_mm)]
+        )
+        assert result.volumes_mm3[level] == pytest.approx(volumes_mm3.sum(), rel=0.02)
+        centre_mm = (volumes_mm3[:, None] * centres_mm).sum(axis=0) / volumes_mm3.sum()
+        assert result.centres_mm[level] == pytest.approx(centre_mm, abs=0.5)
+
+
+def test_supports_are_estimated_from_few_columns(bench: Solid) -> None:
+    vertices, faces = bench.arrays()
+    result = measure_solid(bench)
+    support_mm3, side_mm2, towers_mm = estimate_supports(vertices[faces], float(OVERHANG_COS), 400)
+    assert support_mm3 == pytest.approx(result.support_mm3, rel=0.1)
+    assert side_mm2 == pytest.approx(result.support_side_mm2, rel=0.15)
+    assert towers_mm == result.towers_mm == 0.0
