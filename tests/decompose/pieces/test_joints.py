@@ -63,8 +63,12 @@ def test_width_of_a_frame_is_that_of_its_rim() -> None:
     assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)
 
 
+# Coordinates are rounded because shapely divides by them, and the inverse of a denormal is infinite.
+lengths_mm = st.floats(0.0, 20.0).map(lambda v: round(v, 3))
+
+
 @settings(max_examples=30, deadline=None)
-@given(st.lists(st.tuples(*[st.floats(0.0, 20.0)] * 4), min_size=1, max_size=4), st.floats(0.3, 12.0))
+@given(st.lists(st.tuples(*[lengths_mm] * 4), min_size=1, max_size=4), st.floats(0.3, 12.0))
 def test_a_face_has_the_widths_up_to_that_of_its_largest_circle(
     bars: list[tuple[float, ...]], min_width_mm: float
 ) -> None:
