@@ -1,6 +1,7 @@
-"""Faster walls along the hidden sides of a part: the same lines with the same filament at a higher feedrate.
+"""Faster walls along the hidden sides of a part, and around its hidden recesses.
 
-CuraEngine has one speed for outer walls and one for inner walls.
+The lines and their filament stay, at a higher feedrate. CuraEngine has one speed for outer walls and one for
+inner walls.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ import numpy as np
 
 from slicing.checks import MotionLimits, Toolpath, change_times
 from slicing.checks.section import Floats
+from slicing.glued_parts.loops import list_loops
+from slicing.glued_parts.recess_skins import HiddenRecess
 from slicing.glued_parts.rewriting import MOVE_LINE
 from slicing.glued_parts.sides import (
     TRANSITION_MM,
+    Bools,
     HiddenSide,
     Indices,
     find_bed_points,
@@ -29,12 +33,18 @@ from slicing.settings import EngineSettings
 MIN_SPEED_SHARE = 0.02
 """Minimum share of the time that all walls of a layer would save at the highest speed. For less, no lines are
 divided."""
+_RING_TOLERANCE_MM = 0.1
+"""Maximum distance by which a ring around a recess exceeds its distance from the recess's box."""
 
 
 def speed_up_hidden_walls(
-    gcode: bytes, path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings
+    gcode: bytes,
+    path: Toolpath,
+    sides: Sequence[HiddenSide],
+    recesses: Sequence[HiddenRecess],
+    settings: EngineSettings,
 ) -> bytes:
-    """Raise the speed of walls along hidden sides to `EngineSettings.compute_hidden_wall_speed_mm_s`.
+    """Raise the speed of hidden walls to `EngineSettings.compute_hidden_wall_speed_mm_s`.
 
     Walls in layers that the slicer slows down, and in the slow first layers, keep their speed. In a layer
     that would become shorter than the minimum layer time, the speed is raised by less.
@@ -45,8 +55,8 @@ def speed_up_hidden_walls(
         CuraEngine's output.
     path
         Moves and comments of the same file.
-    sides
-        Hidden sides of the part, in its place on the bed.
+    sides, recesses
+        Hidden sides of the part, and hidden recesses in its level faces, in its place on the bed.
     settings
         Settings with which it was sliced.
 
@@ -55,7 +65,7 @@ def speed_up_hidden_walls(
     bytes
         The same lines with higher feedrates; the end of each fast line becomes a separate line.
     """
-    fast_moves = find_fast_walls(path, sides, settings)
+    fast_moves = find_fast_walls(path, sides, recesses, settings)
     if not fast_moves.share.any():
         return gcode
     faster_gcode = _change_feedrates(gcode, path, fast_moves)
@@ -70,12 +80,17 @@ class FastMoves:
     feed_mm_min: Floats
 
 
-def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: EngineSettings) -> FastMoves:
-    """Find the moves along hidden sides, and in their notches, that are printed faster.
+def find_fast_walls(
+    path: Toolpath,
+    sides: Sequence[HiddenSide],
+    recesses: Sequence[HiddenRecess],
+    settings: EngineSettings,
+) -> FastMoves:
+    """Find the moves along hidden sides, in their notches and around hidden recesses that are faster.
 
     Parameters
     ----------
-    path, sides, settings
+    path, sides, recesses, settings
         As in `speed_up_hidden_walls`.
     """
     points_mm = find_bed_points(path, settings)
@@ -92,6 +107,10 @@ def find_fast_walls(path: Toolpath, sides: Sequence[HiddenSide], settings: Engin
         for side in sides:
             share = _find_fast_share(wall_moves, end_points_mm, side, wall.depth_mm)
             fast_moves.share[wall_moves] = np.maximum(fast_moves.share[wall_moves], share)
+        is_around = _mark_recess_rings(
+                path, wall_moves, points_mm, recesses, (wall.depth_mm, settings.layer_height_mm)
+            )
+        fast_moves.share[wall_moves[is_around]] = 1.0
         fast_moves.feed_mm_min[wall_moves] = 60.0 * fast_mm_s
     return _limit_speed(path, fast_moves, measure_spare_times_s(path, settings))
 
@@ -145,6 +164,47 @@ def _find_fast_share(
             share[run] = np.clip((to_end_mm - transition_mm) / lengths_mm[run], 0.0, 1.0)
     share[seams.notch_moves] = 1.0
     return share
+
+
+def _mark_recess_rings(
+    path: Toolpath,
+    wall_moves: Indices,
+    points_mm: tuple[Floats, Floats],
+    recesses: Sequence[HiddenRecess],
+    wall_size_mm: tuple[float, float],
+) -> Bools:
+    """Mark the moves (k,) of closed rings around hidden recesses.
+
+    A ring is fast up to its end: as after infill, the head travels before a visible wall begins.
+
+    Parameters
+    ----------
+    path
+        Moves of the file.
+    wall_moves
+        (k,) numbers of the moves of a wall.
+    points_mm
+        (n, 2) bed-centred starts and ends of all moves.
+    recesses
+        Hidden recesses of the part.
+    wall_size_mm
+        Distance of the wall from a recess, and height of its layers.
+    """
+    wall_depth_mm, layer_mm = wall_size_mm
+    is_around = np.zeros(len(wall_moves), np.bool_)
+    starts_mm, ends_mm = (points[wall_moves] for points in points_mm)
+    z_mm = path.end[wall_moves, 2]
+    for recess in recesses:
+        low_x, low_y, high_x, high_y = recess.build_area(wall_depth_mm + _RING_TOLERANCE_MM).bounds
+        low_z, high_z = sorted((recess.face_z_mm, recess.bottom_z_mm))
+        is_inside = (z_mm > low_z) & (z_mm < high_z + layer_mm)
+        for points in (starts_mm, ends_mm):
+            is_inside &= ((points >= (low_x, low_y)) & (points <= (high_x, high_y))).all(axis=1)
+        inside_moves = wall_moves[is_inside]
+        for loop in list_loops(path, inside_moves, points_mm) if len(inside_moves) else ():
+            if loop.is_closed:
+                is_around |= np.isin(wall_moves, loop.moves)
+    return is_around
 
 
 def _change_feedrates(gcode: bytes, path: Toolpath, fast_moves: FastMoves) -> bytes:

@@ -33,7 +33,7 @@ from decompose.connectors.tools import (
 from decompose.geometry import compute_cross_product
 from decompose.pieces import list_polygons
 
-SHORT_KEY_MM = 5.0  # length of the shorter key of a pair, and of additional keys
+SHORT_KEY_MM = 4.0  # length of the shorter key of a pair, and of additional keys
 # Minimum length of the long key beyond the short key and its diameter, so that the long key does not fit into
 # the groove of the short one.
 EXCESS_MM = 1.0
