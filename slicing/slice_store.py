@@ -17,7 +17,7 @@ from slicing.engine import read_engine_version
 from slicing.glued_parts import HiddenRecess, HiddenSide
 from slicing.settings import EngineSettings
 
-_FORMAT = "farm-slice-17"
+_FORMAT = "farm-slice-18"
 """Version in the cache's key; increase it with each change to the stored record or the checks."""
 
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from slicing.checks import read_toolpath
-from slicing.glued_parts import TRANSITION_MM, HiddenSide
+from slicing.glued_parts import TRANSITION_MM, HiddenRecess, HiddenSide
 from slicing.plate import slice_plate
 
 SIDE = HiddenSide((1.0, 0.0), 30.0)
@@ -212,6 +212,29 @@ def test_speed_is_limited_by_the_ratio_and_by_infill(make_request, make_settings
     plain_settings = replace(settings, hidden_wall_ratio=1.0)
     _, path = slice_toolpath(make_request, [SIDE], settings=plain_settings)
     assert set(path.feed_mm_min[find_lines(path, "WALL-OUTER", OUTER_DEPTH_MM)]) == {1200.0}
+
+
+@pytest.mark.parametrize("opens_upwards", [False, True], ids=["bed", "top"])
+def test_rings_around_a_hidden_recess_are_fast(make_request, opens_upwards):
+    """Check a groove for a key beside a hole of the same shape, which is visible; the outline stays slow."""
+    face_z_mm, bottom_z_mm = (8.0, 5.8) if opens_upwards else (0.0, 2.2)
+    groove = trimesh.creation.box((4.0, 10.0, 2.0 * 2.2)).apply_translation((-12.0, 0.0, face_z_mm))
+    mesh = BLOCK.difference([groove, groove.copy().apply_translation((24.0, 0.0, 0.0))])
+    recess = HiddenRecess(-14.0, -5.0, -10.0, 5.0, face_z_mm, bottom_z_mm)
+    plain_result, _ = slice_toolpath(make_request, mesh=mesh)
+    result, path = slice_toolpath(make_request, mesh=mesh, hidden_recesses=(recess,))
+    is_wall = (path.is_feature("WALL-OUTER") | path.is_feature("WALL-INNER")) & (path.extruded_mm > 0.0)
+    is_fast = is_wall & (path.feed_mm_min > FAST_MM_MIN - 1.0)
+    points_mm = np.concatenate([path.start[is_fast, :2], path.end[is_fast, :2]]) - CENTRE_MM
+    assert is_fast.any()
+    low_mm, high_mm = points_mm.min(axis=0), points_mm.max(axis=0)
+    assert np.abs(low_mm - (-14.0 - INNER_DEPTH_MM, -5.0 - INNER_DEPTH_MM)).max() < 0.1
+    assert np.abs(high_mm - (-10.0 + INNER_DEPTH_MM, 5.0 + INNER_DEPTH_MM)).max() < 0.1
+    layer_mm = make_request(mesh).settings.layer_height_mm
+    z_mm = path.end[is_fast, 2]
+    assert z_mm.min() > min(face_z_mm, bottom_z_mm)
+    assert z_mm.max() < max(face_z_mm, bottom_z_mm) + layer_mm
+    assert result.sliced_s < plain_result.sliced_s
 
 
 def test_cache_distinguishes_hidden_sides(make_request, tmp_path):
