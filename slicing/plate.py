@@ -273,9 +273,7 @@ def _change_hidden_walls(gcode: bytes, toolpath: Toolpath, request: PlateRequest
         partial(reorder_inner_walls, settings=settings),
         partial(reorder_outlines, settings=settings),
         partial(reorder_infill, settings=settings),
-        partial(
-            speed_up_hidden_walls, sides=sides, recesses=request.hidden_recesses, settings=settings
-        ),
+        partial(speed_up_hidden_walls, sides=sides, recesses=request.hidden_recesses, settings=settings),
     )
     for change in changes if sides or request.hidden_recesses else ():
         new_gcode = change(gcode, toolpath)

@@ -108,8 +108,8 @@ def find_fast_walls(
             share = _find_fast_share(wall_moves, end_points_mm, side, wall.depth_mm)
             fast_moves.share[wall_moves] = np.maximum(fast_moves.share[wall_moves], share)
         is_around = _mark_recess_rings(
-                path, wall_moves, points_mm, recesses, (wall.depth_mm, settings.layer_height_mm)
-            )
+            path, wall_moves, points_mm, recesses, (wall.depth_mm, settings.layer_height_mm)
+        )
         fast_moves.share[wall_moves[is_around]] = 1.0
         fast_moves.feed_mm_min[wall_moves] = 60.0 * fast_mm_s
     return _limit_speed(path, fast_moves, measure_spare_times_s(path, settings))

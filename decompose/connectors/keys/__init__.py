@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from decompose.connectors.keys.placer import KeyPlacer
 from decompose.connectors.keys.places import (
-    SHORT_KEY_MM,
     KeyMaker,
     choose_key_lengths_mm,
     compute_bottom_length_mm,
@@ -12,7 +11,6 @@ from decompose.connectors.keys.places import (
 )
 
 __all__ = [
-    "SHORT_KEY_MM",
     "KeyMaker",
     "KeyPlacer",
     "choose_key_lengths_mm",

@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.connectors.coverage import Site, find_unreached_glue, sort_places_by_gain
-from decompose.connectors.keys.places import SHORT_KEY_MM, KeyMaker, KeyPlace
+from decompose.connectors.keys.places import KeyMaker, KeyPlace
 from decompose.connectors.pair_shapes import PairShapes, find_free_pairs
 from decompose.connectors.records import Pin
 from decompose.options import PairShape
@@ -118,7 +118,7 @@ class KeyPlacer:
 
     def place_second_key(self) -> None:
         """Place a short key as far as possible from the only pin, or anywhere if there is no pin."""
-        places = self._list_places(SHORT_KEY_MM)
+        places = self._list_places(self.maker.short_mm)
         if not places:
             return
         if not self.pins:
@@ -129,7 +129,7 @@ class KeyPlacer:
             self.maker.direction,
             (pin.position_mm[None], _list_middles(places)),
             (None if pin.key_direction is None else pin.key_direction[None], _list_directions(places)),
-            (pin.length_mm, SHORT_KEY_MM),
+            (pin.length_mm, self.maker.short_mm),
         )
         is_free = find_free_pairs(shapes, self.used_shapes, self.min_difference_mm)[0]
         order = np.argsort(-shapes.distances_mm[0] * self._weigh_places(places), kind="stable")
@@ -141,7 +141,7 @@ class KeyPlacer:
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
             unreached_points_mm = find_unreached_glue(self.glue_points_mm, self.pins)
-            places = self._list_places(SHORT_KEY_MM) if len(unreached_points_mm) else []
+            places = self._list_places(self.maker.short_mm) if len(unreached_points_mm) else []
             if places:
                 self._place_key(
                     sort_places_by_gain(
@@ -156,7 +156,7 @@ class KeyPlacer:
             count = len(self.pins)
             unreached_points_mm = find_unreached_glue(self.glue_points_mm, self.pins)
             places = (
-                self.maker.find_sliding_places(sites, self.sites, SHORT_KEY_MM)
+                self.maker.find_sliding_places(sites, self.sites, self.maker.short_mm)
                 if len(unreached_points_mm)
                 else []
             )
@@ -177,13 +177,13 @@ class KeyPlacer:
 
     def _place_key(self, indices: Sequence[int]) -> None:
         """Place a short key at the first printable place with one of these indices."""
-        places = self._list_places(SHORT_KEY_MM)
+        places = self._list_places(self.maker.short_mm)
         self._add_printable_key([places[index] for index in indices[:MAX_TRIED_PLACES]])
 
     def _add_printable_key(self, places: Sequence[KeyPlace]) -> None:
         """Place a short key at the first of these places at which its grooves print without support."""
         for place in places[:MAX_TRIED_PLACES]:
-            key = self.maker.make_key(place, SHORT_KEY_MM)
+            key = self.maker.make_key(place, self.maker.short_mm)
             if key is not None:
                 self._add_keys(key)
                 return

@@ -33,9 +33,9 @@ from decompose.connectors.tools import (
 from decompose.geometry import compute_cross_product
 from decompose.pieces import list_polygons
 
-SHORT_KEY_MM = 4.0  # length of the shorter key of a pair, and of additional keys
-# Minimum length of the long key beyond the short key and its diameter, so that the long key does not fit into
-# the groove of the short one.
+MIN_KEY_MM = 4.0  # minimum length of a key
+# Minimum length of a key beyond its diameter. The long key exceeds the short one by this length and its
+# diameter, so that it does not fit into the groove of the short one.
 EXCESS_MM = 1.0
 END_GAP_MM = 0.25  # gap at each end of a key
 DEPTH_SAMPLES = 6  # number of depths at which the wall around a groove is examined
@@ -48,8 +48,13 @@ MAX_EXIT_DISTANCE_MM = 80.0  # maximum distance that a key slides through its gr
 
 
 def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
-    """Choose the lengths of the long and the short key of a pair, in steps of 0.5 mm."""
-    return math.ceil(2.0 * (SHORT_KEY_MM + key_mm + EXCESS_MM)) / 2.0, SHORT_KEY_MM
+    """Choose the lengths of the long and the short key of a pair, in steps of 0.5 mm.
+
+    Additional keys are short as well. Both are as short as possible, because the print time of a groove in a
+    level face grows with its length.
+    """
+    short_mm = max(MIN_KEY_MM, math.ceil(2.0 * (key_mm + EXCESS_MM)) / 2.0)
+    return math.ceil(2.0 * (short_mm + key_mm + EXCESS_MM)) / 2.0, short_mm
 
 
 def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
@@ -130,6 +135,11 @@ class KeyMaker:
     def lengths_mm(self) -> tuple[float, float]:
         """Lengths of the long and the short key of a pair."""
         return choose_key_lengths_mm(self.key_mm)
+
+    @property
+    def short_mm(self) -> float:
+        """Length of the short key of a pair, and of additional keys."""
+        return self.lengths_mm[1]
 
     def find_places(self, sites: Sequence[Site], length_mm: float) -> list[KeyPlace]:
         """Find the places on the sites where the grooves of a key leave enough wall in both parts.

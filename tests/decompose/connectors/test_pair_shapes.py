@@ -16,12 +16,12 @@ from decompose.assembly import plan_assembly
 from decompose.connectors import Blank, Connectors, Pin, drill_parts
 from decompose.connectors.coverage import Site
 from decompose.connectors.faces import Workpieces, find_sides
-from decompose.connectors.keys import SHORT_KEY_MM, KeyMaker
+from decompose.connectors.keys import KeyMaker, choose_key_lengths_mm
 from decompose.connectors.keys.places import KeyPlace
 from decompose.connectors.pair_shapes import PairShapes, find_free_pairs, measure_shape
 from decompose.connectors.pins.placer import MIN_DISTANCE_DIFFERENCE_MM
 from decompose.geometry import Solid
-from decompose.options import PairShape
+from decompose.options import FILAMENT_MM, PairShape
 from decompose.pieces import Piece, find_joints
 from decompose.results.connector_rules import find_wrong_fits
 
@@ -127,7 +127,7 @@ def build_rods(pins: list[Pin]) -> Solid:
 def test_body_whose_pair_differs_only_by_the_angle_of_a_key_does_not_close(fit_mm: float) -> None:
     """Put the upper half on keys in the grooves of another pair, raised by the minimum opening of a rule."""
     min_difference_mm = 2.0 * fit_mm + MIN_DISTANCE_DIFFERENCE_MM
-    turn_rad = math.asin(min_difference_mm / (SHORT_KEY_MM / 2.0))
+    turn_rad = math.asin(min_difference_mm / (choose_key_lengths_mm(FILAMENT_MM)[1] / 2.0))
     pins, solids = drill_halves(0.0, fit_mm)
     turned_pins, turned_solids = drill_halves(turn_rad, fit_mm)
     upper = max(solids, key=lambda solid: solid.bounds_mm[1][2])

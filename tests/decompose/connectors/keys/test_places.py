@@ -126,7 +126,7 @@ def test_cut_list_names_pieces_of_each_diameter() -> None:
     thin_keys, thick_keys = drill_wall(5.5, 0.4).connectors.pins, drill_wall(7.0, 0.4).connectors.pins
     sheet = make_pin_sheet([*thin_keys, *thick_keys])
     assert sheet is not None
-    assert [row[:2] for row in sheet.rows] == [("2.85", "9"), ("2.85", "5"), ("1.75", "8"), ("1.75", "5")]
+    assert [row[:2] for row in sheet.rows] == [("2.85", "8"), ("2.85", "4"), ("1.75", "7"), ("1.75", "4")]
     assert [(diameter, count) for diameter, count, _ in sheet.stocks] == [("2.85", 2), ("1.75", 2)]
 
 
@@ -134,7 +134,7 @@ def test_thick_and_thin_key_of_equal_length_are_not_a_pair() -> None:
     """Use a thin key that fits both grooves, so that the keys do not show the orientation of a body."""
     thick_key, thin_key = drill_wall(7.0, 0.4).connectors.pins[1], drill_wall(5.5, 0.4).connectors.pins[1]
     assert (thick_key.length_mm, thin_key.length_mm) == (
-        5.0,
-        5.0,
+        4.0,
+        4.0,
     ) and thick_key.diameter_mm > thin_key.diameter_mm
     assert find_pairs([thick_key, thin_key]) == {} and find_wrong_fits([thick_key, thin_key]) == []
