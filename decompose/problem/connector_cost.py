@@ -20,8 +20,8 @@ class AreaPrices(NamedTuple):
     level_s_per_mm2: float
 
 
-PIN_AREA_PRICES = AreaPrices(0.0038, 0.0073)
-MARK_AREA_PRICES = AreaPrices(0.0001, 0.006)  # with gutters
+PIN_AREA_PRICES = AreaPrices(0.0011, 0.0062)
+MARK_AREA_PRICES = AreaPrices(0.0028, 0.0028)  # with gutters
 
 
 def set_connector_prices(cost: CostModel, options: ConnectorOptions) -> CostModel:

@@ -15,18 +15,18 @@ from decompose.connectors import LEVEL_SIN, Connectors
 from decompose.options import THIN_FILAMENT_MM
 
 PRICES_S = {
-    "groove upright": 4.4,
-    "groove top": 12.5,
-    "groove bed": 12.0,
-    "groove upright thin": 2.4,  # for thin filament; estimated from the others, because few were sliced
+    "groove upright": 2.6,
+    "groove top": 10.9,
+    "groove bed": 8.4,
+    "groove upright thin": 1.5,  # for thin filament; estimated from the others, because few were sliced
     "groove top thin": 5.0,
-    "groove bed thin": 10.0,
+    "groove bed thin": 5.0,
     "hole upright": 35.0,
     "hole top": 35.0,
     "hole bed": 35.0,
     "mark upright": 4.0,
-    "mark top": 5.5,
-    "mark bed": 3.0,
+    "mark top": 5.3,
+    "mark bed": 2.4,
     "gutter mm": 0.0,  # they move the seams, which changes the time by -80 to +104 s, but not in the mean
     "sliding mm": 0.6,  # length by which the groove of a sliding key exceeds the key
 }
