@@ -49,7 +49,7 @@ from decompose.geometry import load_model
 from decompose.options import BUDGET_S, BestOptions, Engine, Options
 from decompose.print_time import CostModel, find_best_pose, measure_pose
 from decompose.printers import TargetPrinter
-from decompose.rebalance import rebalance_planes
+from decompose.rebalance import SlicedCuts, rebalance_planes
 from decompose.results import Decomposition
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.compute import DeferredFunction, TaskFiles
@@ -96,6 +96,19 @@ class Run:
         return SettingsRequest(build_slicing_printer(SLICING_PROFILES[PRINTER_MODEL]), quality=self.quality)
 
 
+@dataclass(frozen=True, slots=True)
+class SlicedRound:
+    """Partition of a run in a file, with the sliced time of each part and the sliced makespan."""
+
+    cut_file: Path
+    times_s: list[float]
+    makespan_s: float
+
+    def read_cuts(self) -> SlicedCuts:
+        """Read the partition for `rebalance_planes`."""
+        return SlicedCuts(pickle.loads(self.cut_file.read_bytes()), self.times_s, self.makespan_s)
+
+
 def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     """Decompose a model in its own process; return the report, with wall time and peak memory."""
     time_settings = make_print_time_settings(run.quality)
@@ -127,17 +140,14 @@ def cut_model(run: Run, folder: Path) -> dict[str, Any]:
     return _write_parts(result, folder, wall_s)
 
 
-def rebalance(
-    run: Run, cut_file: Path, folder: Path, sliced_s: list[float], best_ratio: float
-) -> dict[str, Any] | None:
-    """Balance a partition from a file by its sliced times; None if no gain over the best one is expected."""
-    previous_result = pickle.loads(cut_file.read_bytes())
+def rebalance(run: Run, rounds: list[SlicedRound], folder: Path) -> dict[str, Any] | None:
+    """Balance a partition by the sliced times of all rounds so far; None if no gain is expected."""
     start_s = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
     cost = CostModel.from_settings(make_print_time_settings(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            result = rebalance_planes(model, previous_result, sliced_s, cost, executor, best_ratio)
+            result = rebalance_planes(model, [r.read_cuts() for r in rounds], cost, executor)
     except DecomposeError as error:
         print(f"{run.name}, balanced again: {error}", file=sys.stderr)
         return None
@@ -149,9 +159,9 @@ def list_cut_files(run: Run, folder: Path) -> TaskFiles:
     return TaskFiles(input_files=(run.path,), output_folders=(folder,))
 
 
-def list_rebalance_files(run: Run, cut_file: Path, folder: Path, *_: Any) -> TaskFiles:
-    """List the files of `rebalance`: the model, its partition, and the folder of the parts."""
-    return TaskFiles(input_files=(run.path, cut_file), output_folders=(folder,))
+def list_rebalance_files(run: Run, rounds: list[SlicedRound], folder: Path) -> TaskFiles:
+    """List the files of `rebalance`: the model, its partitions, and the folder of the parts."""
+    return TaskFiles(input_files=(run.path, *(r.cut_file for r in rounds)), output_folders=(folder,))
 
 
 deferred_cut = DeferredFunction("bench.decompose:cut_model", list_cut_files)
@@ -276,22 +286,23 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     if not args.no_slices and "refused" not in report:
         sliced_s = slice_parts(report, run, folder, args)
     row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
-    last_s = row.get("parallel_s")
+    rounds: list[SlicedRound] = []
     for number in range(1, MAX_PLANE_MOVES + 1):
         if not (row.get("sliced") and (folder / CUT_FILE).is_file()):
             break
-        cut_file, folder = folder / CUT_FILE, folder / "plane_moves"
-        best_ratio = row["parallel_s"] / last_s
-        report = args.call(deferred_rebalance, run, cut_file, folder, sliced_s, best_ratio)
+        if not rounds:
+            rounds = [SlicedRound(folder / CUT_FILE, sliced_s, row["parallel_s"])]
+        move_folder = folder / f"plane_moves{number}"
+        report = args.call(deferred_rebalance, run, rounds, move_folder)
         if report is None:
             break
-        sliced_s = slice_parts(report, run, folder, args)
+        sliced_s = slice_parts(report, run, move_folder, args)
         moved_row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
         if not moved_row["sliced"]:
             break
-        last_s = moved_row["parallel_s"]
-        print(f"{run.name}: moved planes {number}: {last_s:.0f} s", file=sys.stderr)
-        if last_s >= row["parallel_s"]:
+        rounds.append(SlicedRound(move_folder / CUT_FILE, sliced_s, moved_row["parallel_s"]))
+        print(f"{run.name}: moved planes {number}: {moved_row['parallel_s']:.0f} s", file=sys.stderr)
+        if moved_row["parallel_s"] >= row["parallel_s"]:
             continue
         changes = {"plane_moves": number, "plane_moves_wall_s": moved_row["wall_s"]}
         first_s = row.get("first_s", row["parallel_s"])

@@ -8,15 +8,16 @@ sliced time to price, and the planes are moved again, with each price multiplied
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 
+from decompose.arrays import Floats
 from decompose.detailed_models import cut_detailed_pieces, simplify_model, simplify_problem
-from decompose.engines.guillotine import shift_box_planes
+from decompose.engines.guillotine import FaceStop, shift_box_planes
 from decompose.geometry import Model
 from decompose.options import Engine
 from decompose.pieces import Piece, assign_printers, cut_box, sort_pieces
@@ -25,39 +26,48 @@ from decompose.problem import Effort, GridFigures, Partition, Problem
 from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
 
 MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which all parts are sliced again
+STOP_SHARE = 0.5  # share of a move after which the faces of a part are stopped that was too slow after it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlicedCuts:
+    """Cuts of a decomposition whose parts were sliced.
+
+    Attributes
+    ----------
+    decomposition
+        Decomposition; its parts, joints and faults may be left out (`Decomposition.without_parts`).
+    times_s
+        Sliced time of each part in seconds.
+    makespan_s
+        Sliced makespan in seconds; it may include other times, such as that of heating up.
+    """
+
+    decomposition: Decomposition
+    times_s: Sequence[float]
+    makespan_s: float
 
 
 def rebalance_planes(
-    model: Model,
-    previous_result: Decomposition,
-    sliced_times_s: Sequence[float],
-    cost: CostModel,
-    executor: Executor | None = None,
-    best_ratio: float = 1.0,
+    model: Model, rounds: Sequence[SlicedCuts], cost: CostModel, executor: Executor | None = None
 ) -> Decomposition | None:
     """Move the cut planes so that the part with the longest sliced time ends sooner.
 
     Where the time of a part jumps as one of its faces moves, the sliced times after the move may differ from
-    the expected ones, and may even be longer. The next move, which starts from these sliced times, takes the
-    jump into account.
+    the expected ones, and may even be longer. After such a move, the planes first move on from there, so that
+    the other parts relieve this one. If this gains nothing, they move again from where they were best, and
+    the faces of all parts that were too slow since then stop half-way.
 
     Parameters
     ----------
     model
         Model that was decomposed.
-    previous_result
-        Decomposition of the model; its parts, joints and faults may be left out
-        (`Decomposition.without_parts`).
-    sliced_times_s
-        Sliced time of each part in seconds.
+    rounds
+        Decomposition of the model, and the results of this function for it so far.
     cost
         Cost model of that decomposition.
     executor
         Threads for work that may run in parallel; None to run it serially.
-    best_ratio
-        Least sliced makespan of any decomposition so far, divided by the sliced makespan of
-        `previous_result`. Only the ratio is used, because the caller's makespans may include other times,
-        such as that of heating up.
 
     Returns
     -------
@@ -71,16 +81,52 @@ def rebalance_planes(
     NoFit, GeometryError
         The new parts do not fit the printers, or the result breaks a geometry rule.
     """
-    if (cutting := previous_result.cutting) is None:
+    best = min(range(len(rounds)), key=lambda number: rounds[number].makespan_s)
+    failed_rounds = rounds[best + 1 :]
+    starts = [(rounds[best], failed_rounds)]
+    if len(failed_rounds) == 1:
+        starts.insert(0, (failed_rounds[0], ()))
+    for start, failed_moves in starts:
+        best_ratio = rounds[best].makespan_s / start.makespan_s
+        result = _move_planes(model, start, cost, executor, best_ratio, failed_moves)
+        if result is not None:
+            return result
+    return None
+
+
+def _move_planes(
+    model: Model,
+    start: SlicedCuts,
+    cost: CostModel,
+    executor: Executor | None,
+    best_ratio: float,
+    failed_moves: Sequence[SlicedCuts],
+) -> Decomposition | None:
+    """Move the planes of a decomposition; None if the gain would be too small.
+
+    Parameters
+    ----------
+    model, cost, executor
+        As in `rebalance_planes`.
+    start
+        Decomposition from which the planes move.
+    best_ratio
+        Least sliced makespan so far, divided by that of `start`.
+    failed_moves
+        Decompositions after other moves from there, which did not end sooner.
+    """
+    if (cutting := start.decomposition.cutting) is None:
         return None
-    start_s = perf_counter()
+    previous_result, start_s = start.decomposition, perf_counter()
     options = replace(previous_result.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
     effort = Effort(previous_result.options.best.budget_s)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, is_thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
     search_problem = simplify_problem(problem, simplify_model(model).solid)
-    box_pieces = _cut_previous_boxes(search_problem, cutting, sliced_times_s)
-    shifted_pieces = None if box_pieces is None else _shift_planes(search_problem, box_pieces, best_ratio)
+    box_pieces = _cut_previous_boxes(search_problem, cutting, start.times_s)
+    shifted_pieces = (
+        None if box_pieces is None else _shift_planes(search_problem, box_pieces, best_ratio, failed_moves)
+    )
     if shifted_pieces is None:
         return None
     grid = GridFigures(previous_result.grid_makespan_s, previous_result.lower_bound_s, previous_result.cells)
@@ -94,13 +140,49 @@ def rebalance_planes(
     return _copy_history(previous_result, result, perf_counter() - start_s)
 
 
-def _shift_planes(problem: Problem, box_pieces: list[list[Piece]], best_ratio: float) -> list[Piece] | None:
+def _shift_planes(
+    problem: Problem, box_pieces: list[list[Piece]], best_ratio: float, failed_moves: Sequence[SlicedCuts]
+) -> list[Piece] | None:
     """Move the planes of boxes, given the pieces in each box; None if the gain is too small."""
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in box_pieces])
-    shifted_pieces = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, box_pieces)
     old_s = _compute_makespan_s(problem, [piece for pieces in box_pieces for piece in pieces])
     max_s = (1.0 - MIN_GAIN) * best_ratio * old_s
+    stops = list(_list_stops(boxes_mm, failed_moves, max_s))
+    grid = problem.build_grid(problem.model)
+    shifted_pieces = shift_box_planes(problem, grid, boxes_mm, box_pieces, stops=stops)
     return shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= max_s else None
+
+
+def _list_stops(boxes_mm: Floats, failed_moves: Sequence[SlicedCuts], max_s: float) -> Iterator[FaceStop]:
+    """Yield the stops of faces half-way to where a part took longer than `max_s`.
+
+    Which face of the part made its time jump is not known, so all of its faces that moved are stopped.
+
+    Parameters
+    ----------
+    boxes_mm
+        (n, 2, 3) corners of the boxes before the moves.
+    failed_moves
+        Cuts after moves of these boxes.
+    max_s
+        Sliced time in seconds.
+    """
+    for moved_cuts in failed_moves:
+        cutting = moved_cuts.decomposition.cutting
+        if cutting is None:
+            continue
+        times_s = [
+            part_s * (1.0 if printer is None else printer.time_factor)
+            for part_s, printer in zip(moved_cuts.times_s, cutting.cut_for, strict=True)
+        ]
+        distances_mm = np.abs(boxes_mm[:, None] - cutting.boxes_mm[None]).sum(axis=(2, 3))
+        nearest_boxes = distances_mm.argmin(axis=0)  # planes move by less than the boxes are apart
+        for part in np.flatnonzero(np.array(times_s) > max_s).tolist():
+            box = int(nearest_boxes[part])
+            moves_mm = cutting.boxes_mm[part] - boxes_mm[box]
+            for face in zip(*np.nonzero(moves_mm), strict=True):
+                limit_mm = float(boxes_mm[box][face] + STOP_SHARE * moves_mm[face])
+                yield FaceStop(box, face, limit_mm, bool(moves_mm[face] > 0.0))
 
 
 def _copy_history(previous_result: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:

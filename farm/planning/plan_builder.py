@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -129,21 +129,20 @@ class PlanBuilder:
 
         If a part takes longer after a move than estimated, the next move takes that into account.
         """
-        job_id, best_job = sliced_job.task.job, sliced_job
-        for _ in range(_MAX_REBALANCES):
-            if not sliced_job.should_rebalance():
-                break
+        job_id, best_job, rounds = sliced_job.task.job, sliced_job, [sliced_job]
+        while len(rounds) <= _MAX_REBALANCES and best_job.should_rebalance():
             self._on_progress(PlanProgress(step=PlanStep.REBALANCING))
-            folder = sliced_job.task.folder / "rebalanced"
+            folder = sliced_job.task.folder / f"rebalanced-{len(rounds)}"
             try:
-                decomposed_job = await self._move_cuts(sliced_job, best_job, folder)
+                decomposed_job = await self._move_cuts(rounds, best_job, folder)
                 if decomposed_job is None:
                     break
-                sliced_job = await self._slice_parts(replace(sliced_job.task, folder=folder), decomposed_job)
-                if sliced_job.compute_makespan_s() >= best_job.compute_makespan_s():
+                moved_job = await self._slice_parts(replace(sliced_job.task, folder=folder), decomposed_job)
+                rounds.append(moved_job)
+                if moved_job.compute_makespan_s() >= best_job.compute_makespan_s():
                     await self._drawings.stop(folder)
                     continue
-                await self._drawings.finish(sliced_job.task, decomposed_job)
+                await self._drawings.finish(moved_job.task, decomposed_job)
             except FarmError as error:
                 log.warning("job %d: its cuts are not moved: %s", job_id, error, extra={"job": job_id})
                 break
@@ -151,16 +150,15 @@ class PlanBuilder:
                 log.exception("job %d: its cuts are not moved", job_id, extra={"job": job_id})
                 break
             await self._drawings.stop(best_job.task.folder)
-            best_job = sliced_job
+            best_job = moved_job
         return best_job
 
     async def _move_cuts(
-        self, sliced_job: SlicedJob, best_job: SlicedJob, folder: Path
+        self, rounds: Sequence[SlicedJob], best_job: SlicedJob, folder: Path
     ) -> DecomposedJob | None:
         """Move the cuts; meanwhile, idle workers draw the best parts so far, which may be the final ones."""
-        best_ratio = best_job.compute_makespan_s() / sliced_job.compute_makespan_s()
         move_future = asyncio.ensure_future(
-            self._workers.run(rebalance_parts, sliced_job, folder, best_ratio, limit=DECOMPOSING_LIMIT)
+            self._workers.run(rebalance_parts, tuple(rounds), folder, limit=DECOMPOSING_LIMIT)
         )
         try:
             await asyncio.sleep(0)  # lets the move take a worker before the drawings do

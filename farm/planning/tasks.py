@@ -67,10 +67,10 @@ def list_draw_files(
     return TaskFiles(input_files=(drawing_record, *pictures), output_folders=(task.folder,))
 
 
-def list_rebalance_files(sliced_job: SlicedJob, folder: Path, *_: float) -> TaskFiles:
+def list_rebalance_files(rounds: Sequence[SlicedJob], folder: Path) -> TaskFiles:
     """List the files of `rebalance_parts`: the model, the cuts, and the folder of the new parts."""
-    record = sliced_job.decomposed_job.cut_record
-    input_files = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)
+    records = [sliced_job.decomposed_job.cut_record for sliced_job in rounds]
+    input_files = (rounds[0].task.model, *(record for record in records if record is not None))
     return TaskFiles(input_files=input_files, output_folders=(folder,))
 
 

@@ -31,7 +31,7 @@ from decompose.pieces import Fault, Piece, cut_box
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.problem import Effort, Partition, Problem, Work
-from decompose.rebalance import rebalance_planes
+from decompose.rebalance import SlicedCuts, rebalance_planes
 from decompose.results import Decomposition
 
 COARSE_OPTIONS = Options(granularity="vcoarse")
@@ -327,7 +327,7 @@ def test_planes_of_a_detailed_model_are_moved(
     slices_s = [part.price_s for part in result.parts]
     slowest = int(np.argmax(slices_s))
     slices_s[slowest] *= 1.2
-    new_result = rebalance_planes(ring, result.without_parts(), slices_s, cost)
+    new_result = rebalance_planes(ring, [SlicedCuts(result.without_parts(), slices_s, max(slices_s))], cost)
     assert new_result is not None
     assert max(gridded_face_counts) <= MAX_FACES
     check_parts(new_result, ring)

@@ -19,7 +19,7 @@ from decompose.pieces import cut_box, sort_pieces
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem
-from decompose.rebalance import _cut_previous_boxes, rebalance_planes
+from decompose.rebalance import SlicedCuts, _cut_previous_boxes, rebalance_planes
 from decompose.results import Attempt, Cutting, Decomposition, Part
 
 PRINTERS = tuple(TargetPrinter(name, ((220.0, 220.0, 200.0),)) for name in "abcd")
@@ -58,10 +58,21 @@ def find_part_number(new_result: Decomposition, decomposition: Decomposition, sl
     )
 
 
+def make_cuts(decomposition: Decomposition, times_s: np.ndarray | None = None) -> SlicedCuts:
+    """Return a decomposition with sliced times of its parts; by default, these are their prices."""
+    times_s = make_times_s(decomposition, 0, 1.0) if times_s is None else times_s
+    return SlicedCuts(pickle_and_unpickle(decomposition), times_s.tolist(), float(times_s.max()))
+
+
+def rebalance(decomposition: Decomposition, times_s: np.ndarray, cost: CostModel) -> Decomposition | None:
+    """Move the planes of a decomposition once."""
+    return rebalance_planes(MODEL, [make_cuts(decomposition, times_s)], cost)
+
+
 @pytest.mark.parametrize("slow_part", range(4))
 def test_slow_part_gets_smaller(slow_part: int, decomposition: Decomposition, cost: CostModel) -> None:
     old_times_s = make_times_s(decomposition, slow_part)
-    new_result = rebalance_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
+    new_result = rebalance(decomposition, old_times_s, cost)
     assert new_result is not None
     number = find_part_number(new_result, decomposition, slow_part)
     assert make_times_s(new_result, number).max() < 0.97 * old_times_s.max()
@@ -73,16 +84,13 @@ def test_slow_part_gets_smaller(slow_part: int, decomposition: Decomposition, co
 def test_planes_are_not_moved_for_a_gain_over_the_previous_result_alone(
     decomposition: Decomposition, cost: CostModel
 ) -> None:
-    times_s, old = make_times_s(decomposition, 1), pickle_and_unpickle(decomposition)
-    assert rebalance_planes(MODEL, old, times_s, cost, None, 1.0) is not None
-    assert rebalance_planes(MODEL, old, times_s, cost, None, 0.8) is None
+    cuts, best_cuts = make_cuts(decomposition, make_times_s(decomposition, 1)), make_cuts(decomposition)
+    assert rebalance_planes(MODEL, [cuts], cost) is not None
+    assert rebalance_planes(MODEL, [replace(best_cuts, makespan_s=0.8 * cuts.makespan_s), cuts], cost) is None
 
 
 def test_rebalance_with_true_prices_changes_nothing(decomposition: Decomposition, cost: CostModel) -> None:
-    assert (
-        rebalance_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0, 1.0), cost)
-        is None
-    )
+    assert rebalance(decomposition, make_times_s(decomposition, 0, 1.0), cost) is None
 
 
 def test_attempts_options_and_figures_are_kept(decomposition: Decomposition, cost: CostModel) -> None:
@@ -93,7 +101,7 @@ def test_attempts_options_and_figures_are_kept(decomposition: Decomposition, cos
         attempts=attempts,
         options=replace(OPTIONS, engine=Engine.BEST),
     )
-    new_result = rebalance_planes(MODEL, old_result, make_times_s(decomposition, 1), cost)
+    new_result = rebalance(old_result, make_times_s(decomposition, 1), cost)
     assert new_result is not None
     assert (new_result.yaw_deg, new_result.attempts, new_result.options) == (
         15.0,
@@ -109,21 +117,12 @@ def test_attempts_options_and_figures_are_kept(decomposition: Decomposition, cos
 
 
 def test_second_rebalance_continues_from_the_first(decomposition: Decomposition, cost: CostModel) -> None:
-    first_rebalance = rebalance_planes(
-        MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
-    )
+    first_rebalance = rebalance(decomposition, make_times_s(decomposition, 1), cost)
     assert first_rebalance is not None
     slow_part = find_part_number(first_rebalance, decomposition, 1)
     # The parts are already balanced.
-    assert (
-        rebalance_planes(
-            MODEL, pickle_and_unpickle(first_rebalance), make_times_s(first_rebalance, slow_part), cost
-        )
-        is None
-    )
-    second_rebalance = rebalance_planes(
-        MODEL, pickle_and_unpickle(first_rebalance), make_times_s(first_rebalance, 2, 1.3), cost
-    )
+    assert rebalance(first_rebalance, make_times_s(first_rebalance, slow_part), cost) is None
+    second_rebalance = rebalance(first_rebalance, make_times_s(first_rebalance, 2, 1.3), cost)
     assert second_rebalance is not None
     assert (
         make_times_s(second_rebalance, find_part_number(second_rebalance, first_rebalance, 2), 1.3).max()
@@ -131,14 +130,38 @@ def test_second_rebalance_continues_from_the_first(decomposition: Decomposition,
     )
 
 
+def test_planes_move_on_after_a_move_that_failed_and_then_back(
+    decomposition: Decomposition, cost: CostModel
+) -> None:
+    """Use a part that takes longer than before as soon as it becomes larger."""
+    first = make_cuts(decomposition, make_times_s(decomposition, 1))
+    moved = rebalance_planes(MODEL, [first], cost)
+    assert moved is not None and moved.cutting is not None and decomposition.cutting is not None
+    neighbour = find_part_number(moved, decomposition, 2)
+    failed = make_cuts(moved, make_times_s(moved, neighbour, 1.25))
+    assert failed.makespan_s > first.makespan_s
+    second = rebalance_planes(MODEL, [first, failed], cost)
+    assert second is not None and second.cutting is not None
+    relieved = find_part_number(second, moved, neighbour)
+    assert second.parts[relieved].price_s < moved.parts[neighbour].price_s
+    failed_again = make_cuts(second, make_times_s(second, relieved, 1.4))
+    third = rebalance_planes(MODEL, [first, failed, failed_again], cost)
+    assert third is not None and third.cutting is not None
+    number = find_part_number(third, decomposition, 2)
+    old_mm, failed_mm, new_mm = (
+        np.ptp(result.parts[part].solid.bounds_mm, axis=0).max()
+        for result, part in ((decomposition, 2), (moved, neighbour), (third, number))
+    )
+    assert old_mm < failed_mm
+    assert new_mm <= old_mm + 0.5 * (failed_mm - old_mm) + 1e-6
+
+
 def test_rotated_model_is_rebalanced_in_its_own_frame(cost: CostModel) -> None:
     from decompose.decompose import run_engine
 
     problem = rotate_about_z(Problem(MODEL, PRINTERS, cost, OPTIONS), -20.0)
     decomposition = run_engine(problem, lambda: (1.0, 1.0), MODEL.solid)
-    new_result = rebalance_planes(
-        MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 1), cost
-    )
+    new_result = rebalance(decomposition, make_times_s(decomposition, 1), cost)
     assert new_result is not None
     assert sum(p.solid.volume_mm3 for p in new_result.parts) == pytest.approx(MODEL.solid.volume_mm3)
     lo, hi = MODEL.solid.bounds_mm
@@ -153,7 +176,7 @@ def test_slow_part_ends_sooner_on_unequal_printers(speed_step: float, cost: Cost
     factors = {printer.name: printer.time_factor for printer in printers}
     decomposition = decompose_model(MODEL, printers, OPTIONS, cost)
     old_times_s = make_times_s(decomposition, 0, 1.1)
-    new_result = rebalance_planes(MODEL, pickle_and_unpickle(decomposition), old_times_s, cost)
+    new_result = rebalance(decomposition, old_times_s, cost)
     assert new_result is not None and new_result.cutting is not None
     new_times_s = make_times_s(new_result, find_part_number(new_result, decomposition, 0), 1.1)
 
@@ -193,18 +216,10 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
 
 def test_unrelated_parts_are_unchanged(decomposition: Decomposition, cost: CostModel) -> None:
     assert decomposition.cutting is not None
-    assert (
-        rebalance_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0)[:-1], cost)
-        is None
-    )
+    assert rebalance(decomposition, make_times_s(decomposition, 0)[:-1], cost) is None
     repeated_cutting = replace(decomposition.cutting, boxes_mm=decomposition.cutting.boxes_mm[[0, 0, 1, 2]])
     assert (
-        rebalance_planes(
-            MODEL,
-            replace(pickle_and_unpickle(decomposition), cutting=repeated_cutting),
-            make_times_s(decomposition, 0),
-            cost,
-        )
+        rebalance(replace(decomposition, cutting=repeated_cutting), make_times_s(decomposition, 0), cost)
         is None
     )
 
@@ -212,7 +227,4 @@ def test_unrelated_parts_are_unchanged(decomposition: Decomposition, cost: CostM
 def test_parts_without_a_grid_are_unchanged(cost: CostModel) -> None:
     decomposition = decompose_model(MODEL, PRINTERS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
     assert decomposition.cutting is None
-    assert (
-        rebalance_planes(MODEL, pickle_and_unpickle(decomposition), make_times_s(decomposition, 0), cost)
-        is None
-    )
+    assert rebalance(decomposition, make_times_s(decomposition, 0), cost) is None

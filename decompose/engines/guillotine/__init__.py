@@ -12,13 +12,14 @@ from decompose.engines.guillotine.curve import (
     find_least_total_time,
 )
 from decompose.engines.guillotine.partitioner import Partitioner
-from decompose.engines.guillotine.plane_shift import grow_boxes, shift_box_planes
+from decompose.engines.guillotine.plane_shift import FaceStop, grow_boxes, shift_box_planes
 from decompose.engines.guillotine.printer_classes import classify_printers
 
 __all__ = [
     "ASSEMBLY_S",
     "CLEARING_S",
     "CurvePoint",
+    "FaceStop",
     "Partitioner",
     "classify_printers",
     "compute_makespan_curve",

@@ -15,7 +15,7 @@ from decompose.export import write_decomposition
 from decompose.files.names import REPORT
 from decompose.geometry import Model
 from decompose.print_time import CostModel
-from decompose.rebalance import rebalance_planes
+from decompose.rebalance import SlicedCuts, rebalance_planes
 from decompose.results import Decomposition
 from drivers.printers import UsableVolume
 from farm.planning.error_translation import translate_errors
@@ -39,6 +39,16 @@ class SlicedParts:
     def times_s(self) -> tuple[float, ...]:
         """Sliced time of each part."""
         return tuple(result.sliced_s for result in self.slices)
+
+    @property
+    def makespan_s(self) -> float:
+        """Longest sliced time of a part."""
+        return max(self.times_s)
+
+    @property
+    def cuts(self) -> SlicedCuts:
+        """Cuts and sliced times, without the solids of the parts."""
+        return SlicedCuts(self.decomposition.without_parts(), self.times_s, self.makespan_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,21 +124,16 @@ def rebalance_by_slices(
     FarmError
         If a part cannot be sliced (`PartSlicer.slice_parts`).
     """
-    best = last = slicer.slice_parts(decomposition, folder / "0")
+    rounds = [slicer.slice_parts(decomposition, folder / "0")]
     for number in range(1, MAX_REBALANCES + 1):
         try:
-            best_ratio = max(best.times_s) / max(last.times_s)
-            moved_decomposition = rebalance_planes(
-                model, last.decomposition, last.times_s, cost, executor, best_ratio
-            )
+            moved_decomposition = rebalance_planes(model, [r.cuts for r in rounds], cost, executor)
         except DecomposeError:  # the parts are valid without moved cuts
             break
         if moved_decomposition is None or moved_decomposition.faults:
             break
-        last = slicer.slice_parts(moved_decomposition, folder / str(number))
-        if max(last.times_s) < max(best.times_s):
-            best = last
-    return best
+        rounds.append(slicer.slice_parts(moved_decomposition, folder / str(number)))
+    return min(rounds, key=lambda sliced_parts: sliced_parts.makespan_s)
 
 
 def write_sliced_parts(sliced_parts: SlicedParts, out: Path) -> dict[str, Any]:
@@ -148,6 +153,6 @@ def write_sliced_parts(sliced_parts: SlicedParts, out: Path) -> dict[str, Any]:
         part["sliced_s"] = result.sliced_s
         part["grams"], part["filament_mm"] = result.grams, result.filament_mm
         shutil.copyfile(result.gcode, out / part["gcode"])
-    report["sliced_makespan_s"] = max(sliced_parts.times_s)
+    report["sliced_makespan_s"] = sliced_parts.makespan_s
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     return report

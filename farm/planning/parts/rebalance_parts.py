@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple
 from pathlib import Path
 
-from decompose.rebalance import rebalance_planes
+from decompose.print_time import CostModel
+from decompose.rebalance import SlicedCuts, rebalance_planes
 from farm.model import FeatureSeconds, TimeFactors
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected_model
@@ -19,17 +21,15 @@ from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
 
-def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0) -> DecomposedJob | None:
+def rebalance_parts(rounds: Sequence[SlicedJob], folder: Path) -> DecomposedJob | None:
     """Move the cuts of a job so that the part with the longest sliced time finishes sooner.
 
     Parameters
     ----------
-    sliced_job
-        A job with a cut record (`SlicedJob.should_rebalance`).
+    rounds
+        A job with a cut record (`SlicedJob.should_rebalance`), and the same job after each move so far.
     folder
         Folder for the new parts.
-    best_ratio
-        Shortest makespan that slicing has given for the job so far, divided by the makespan of `sliced_job`.
 
     Returns
     -------
@@ -41,10 +41,7 @@ def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0
     FarmError
         With code `geometry`, `no_fit` or `settings`, and the reason.
     """
-    task, cut_record = sliced_job.task, sliced_job.decomposed_job.cut_record
-    if cut_record is None:
-        return None
-    decomposition = read_cut_record(cut_record)
+    task = rounds[0].task
     with translate_errors():
         resources = find_resources()
     costs = {
@@ -53,17 +50,34 @@ def rebalance_parts(sliced_job: SlicedJob, folder: Path, best_ratio: float = 1.0
         )
         for section in task.printers
     }
-    cost = costs[task.printers[0].name]  # one cost model prices all parts, as in `build_target_printers`
-    part_times_s = [
-        part_s / compute_time_ratio(costs[part.printer.name], cost)
-        for part, part_s in zip(sliced_job.parts, _compute_times_s(sliced_job), strict=True)
-    ]
+    cuts = [_read_cuts(sliced_job, costs) for sliced_job in rounds]
     model = read_inspected_model(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        new_decomposition = rebalance_planes(model, decomposition, part_times_s, cost, threads, best_ratio)
+        # One cost model prices all parts, as in `build_target_printers`.
+        new_decomposition = rebalance_planes(model, cuts, costs[task.printers[0].name], threads)
         if new_decomposition is None:
             return None
         return write_decomposed_job(new_decomposition, model, folder)
+
+
+def _read_cuts(sliced_job: SlicedJob, costs: Mapping[str, CostModel]) -> SlicedCuts:
+    """Read the cuts of a job, with times relative to the cost model of the first printer.
+
+    Parameters
+    ----------
+    sliced_job
+        Sliced job with a cut record.
+    costs
+        Cost model of each printer.
+    """
+    assert sliced_job.decomposed_job.cut_record is not None  # cuts without a record are not moved
+    cost = costs[sliced_job.task.printers[0].name]
+    times_s = [
+        part_s / compute_time_ratio(costs[part.printer.name], cost)
+        for part, part_s in zip(sliced_job.parts, _compute_times_s(sliced_job), strict=True)
+    ]
+    decomposition = read_cut_record(sliced_job.decomposed_job.cut_record)
+    return SlicedCuts(decomposition, times_s, sliced_job.compute_makespan_s())
 
 
 def _compute_times_s(sliced_job: SlicedJob) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decompose.engines.guillotine.plane_shift.face_limits import FaceStop
 from decompose.engines.guillotine.plane_shift.plane_moves import grow_boxes, refine_needed_cells
 from decompose.engines.guillotine.plane_shift.plane_shift import (
     estimate_shift_s,
@@ -9,4 +10,11 @@ from decompose.engines.guillotine.plane_shift.plane_shift import (
     shift_planes,
 )
 
-__all__ = ["estimate_shift_s", "grow_boxes", "refine_needed_cells", "shift_box_planes", "shift_planes"]
+__all__ = [
+    "FaceStop",
+    "estimate_shift_s",
+    "grow_boxes",
+    "refine_needed_cells",
+    "shift_box_planes",
+    "shift_planes",
+]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,15 @@ from decompose.problem import Problem
 Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
 
 SAFE_SHARES = (0.5, 0.25, 0.1)  # shares of a move that are tried if a face cannot make all of it
+
+
+class FaceStop(NamedTuple):
+    """Stop of a face of a box: its coordinate may not be less (`is_upper` false) or greater than a limit."""
+
+    box: int
+    face: Face
+    limit_mm: float
+    is_upper: bool
 
 
 class FaceLimits:
@@ -75,9 +85,15 @@ class FaceLimits:
             safe_shares = self._find_safe_shares(i, parts[i], faces, move_mm, max_s)
             for face, share in (safe_shares or dict.fromkeys(faces, common_share)).items():
                 limit_mm, is_up = parts[i].box_mm[face] + share * move_mm[face], move_mm[face] > 0.0
-                group_limits_mm = self.limits_mm[self._groups[(i, *face)]]
-                group_limits_mm[int(is_up)] = (min if is_up else max)(group_limits_mm[int(is_up)], limit_mm)
+                self.stop_face(FaceStop(i, face, limit_mm, is_up))
         return bool((self.limits_mm != old_limits_mm).any())
+
+    def stop_face(self, stop: FaceStop) -> None:
+        """Limit the position of the group of a face; a face that belongs to no group cannot move anyway."""
+        group = self._groups[(stop.box, *stop.face)]
+        if group >= 0:
+            limits_mm, side = self.limits_mm[group], int(stop.is_upper)
+            limits_mm[side] = (min if stop.is_upper else max)(limits_mm[side], stop.limit_mm)
 
     def _find_safe_shares(
         self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats, max_s: float

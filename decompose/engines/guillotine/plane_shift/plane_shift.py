@@ -30,7 +30,7 @@ from decompose.engines.guillotine.plane_shift.box_part import (
     find_spare_length_mm,
     sort_times_s,
 )
-from decompose.engines.guillotine.plane_shift.face_limits import SAFE_SHARES, FaceLimits
+from decompose.engines.guillotine.plane_shift.face_limits import SAFE_SHARES, FaceLimits, FaceStop
 from decompose.engines.guillotine.plane_shift.linear_programme import (
     ShiftLimits,
     solve_plane_shifts,
@@ -127,6 +127,7 @@ def shift_box_planes(
     pieces: Sequence[Sequence[Piece]],
     cells: NeededCells | None = None,
     best_known_s: float = math.inf,
+    stops: Sequence[FaceStop] = (),
 ) -> list[Piece]:
     """Move the planes of boxes, on a grid or not, to reduce the makespan.
 
@@ -144,6 +145,8 @@ def shift_box_planes(
         Pieces in each box.
     cells, best_known_s
         As in `shift_planes`.
+    stops
+        Positions that faces of the boxes may not pass.
 
     Returns
     -------
@@ -154,7 +157,7 @@ def shift_box_planes(
     cells = refine_needed_cells(problem, grid) if cells is None else cells
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
-        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
+        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces, stops)
         start_parts = search.pose_start_parts()
         parts = search.improve_parts(start_parts, best_known_s)
         has_gain = math.isfinite(find_longest_time_s(parts)) and (
@@ -176,6 +179,7 @@ class _PlaneShift:
         cell_mm: Floats,
         boxes_mm: Floats,
         pieces: Sequence[Sequence[Piece]],
+        stops: Sequence[FaceStop] = (),
     ) -> None:
         self.problem = problem
         self.cells = cells
@@ -193,6 +197,10 @@ class _PlaneShift:
         self.flat_faces = [find_flat_faces(vertices[faces], axis) for axis in range(3)]
         self.cutter = PartCutter(problem, self.start_parts, cell_mm, cells, self.flat_faces)
         self.face_limits = FaceLimits(problem, self.cutter, self.groups)
+        for stop in stops:
+            # A part that ends inside its extended box does not change as the face of the box moves.
+            if self.start_boxes_mm[(stop.box, *stop.face)] == boxes_mm[(stop.box, *stop.face)]:
+                self.face_limits.stop_face(stop)
 
     def pose_start_parts(self) -> list[BoxPart]:
         """Find the best poses for the parts of the first partition."""

@@ -95,14 +95,13 @@ def test_cuts_are_moved_while_the_slowest_slice_may_end_sooner(
 ):
     slicer, pending_moves = Slicer(*rounds_s), list(moves)
 
-    def rebalance_planes(model, previous_decomposition, times_s, cost, executor, best_ratio):
-        assert times_s == rounds_s[len(slicer.folders) - 1]
-        best_s = min(max(times_s) for times_s in rounds_s[: len(slicer.folders)])
-        assert best_ratio == best_s / max(times_s)
+    def rebalance_planes(model, rounds, cost, executor):
+        assert [cuts.times_s for cuts in rounds] == rounds_s[: len(slicer.folders)]
+        assert [cuts.makespan_s for cuts in rounds] == [max(cuts.times_s) for cuts in rounds]
         move = pending_moves.pop(0)
         if isinstance(move, Exception):
             raise move
-        return move and replace(previous_decomposition, faults=("is a sliver",) if move == "faulty" else ())
+        return move and replace(decomposition, faults=("is a sliver",) if move == "faulty" else ())
 
     monkeypatch.setattr(sliced_parts, "rebalance_planes", rebalance_planes)
     best_slices = rebalance_by_slices(None, decomposition, slicer, None, None, tmp_path)

@@ -25,7 +25,7 @@ def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
         == slow_job.compute_printer_times_s()[decomposition.parts[1].printer]
     )
     assert slow_job.should_rebalance()
-    new_result = rebalance_parts(slow_job, tmp_path / "rebalanced")
+    new_result = rebalance_parts([slow_job], tmp_path / "rebalanced")
     assert new_result.parts[1].geometry.volume_mm3 < decomposition.parts[1].geometry.volume_mm3
     assert sum(part.geometry.volume_mm3 for part in new_result.parts) == pytest.approx(260 * 14 * 12)
     assert {part.printer for part in new_result.parts} == {"p0", "p1"}
@@ -45,7 +45,7 @@ def test_balanced_parts_are_not_rebalanced(bar, files, tmp_path):
         slice_with_slow_part(task, decomposition, 1e4), decomposed_job=replace(decomposition, cut_record=None)
     ).should_rebalance()
     level_job = slice_with_slow_part(task, decomposition, extra_s=0.0)
-    assert rebalance_parts(level_job, tmp_path / "rebalanced") is None
+    assert rebalance_parts([level_job], tmp_path / "rebalanced") is None
 
 
 def test_part_whose_features_its_printer_prints_slowly_is_rebalanced(bar, files, tmp_path):
@@ -64,7 +64,7 @@ def test_part_whose_features_its_printer_prints_slowly_is_rebalanced(bar, files,
     assert level_job.compute_printer_times_s()[first_part.printer.name] == pytest.approx(
         first_part.compute_expected_s(TimeFactors(1.3))
     )
-    assert rebalance_parts(level_job, tmp_path / "rebalanced") is not None
+    assert rebalance_parts([level_job], tmp_path / "rebalanced") is not None
 
 
 def test_slow_printer_is_busy_longer(bar, files, tmp_path):
