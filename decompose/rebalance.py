@@ -17,7 +17,7 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.detailed_models import cut_detailed_pieces, simplify_model, simplify_problem
-from decompose.engines.guillotine import FaceStop, shift_box_planes
+from decompose.engines.guillotine import FaceStop, MoveRules, shift_box_planes
 from decompose.geometry import Model
 from decompose.options import Engine
 from decompose.pieces import Piece, assign_printers, cut_box, sort_pieces
@@ -26,6 +26,9 @@ from decompose.problem import Effort, GridFigures, Partition, Problem
 from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
 
 MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which all parts are sliced again
+# Minimum gain for each mm by which planes move, as a share of the makespan. With each move, the sliced time
+# of a part may jump, so planes that contribute little stay.
+MIN_GAIN_PER_MM = 0.0003
 STOP_SHARE = 0.5  # share of a move after which the faces of a part are stopped that was too slow after it
 
 
@@ -147,9 +150,9 @@ def _shift_planes(
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in box_pieces])
     old_s = _compute_makespan_s(problem, [piece for pieces in box_pieces for piece in pieces])
     max_s = (1.0 - MIN_GAIN) * best_ratio * old_s
-    stops = list(_list_stops(boxes_mm, failed_moves, max_s))
+    rules = MoveRules(MIN_GAIN_PER_MM * old_s, tuple(_list_stops(boxes_mm, failed_moves, max_s)))
     grid = problem.build_grid(problem.model)
-    shifted_pieces = shift_box_planes(problem, grid, boxes_mm, box_pieces, stops=stops)
+    shifted_pieces = shift_box_planes(problem, grid, boxes_mm, box_pieces, rules=rules)
     return shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= max_s else None
 
 

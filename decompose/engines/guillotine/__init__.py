@@ -12,7 +12,7 @@ from decompose.engines.guillotine.curve import (
     find_least_total_time,
 )
 from decompose.engines.guillotine.partitioner import Partitioner
-from decompose.engines.guillotine.plane_shift import FaceStop, grow_boxes, shift_box_planes
+from decompose.engines.guillotine.plane_shift import FaceStop, MoveRules, grow_boxes, shift_box_planes
 from decompose.engines.guillotine.printer_classes import classify_printers
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "CLEARING_S",
     "CurvePoint",
     "FaceStop",
+    "MoveRules",
     "Partitioner",
     "classify_printers",
     "compute_makespan_curve",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decompose.engines.guillotine.plane_shift.face_limits import FaceStop
+from decompose.engines.guillotine.plane_shift.face_limits import FaceStop, MoveRules
 from decompose.engines.guillotine.plane_shift.plane_moves import grow_boxes, refine_needed_cells
 from decompose.engines.guillotine.plane_shift.plane_shift import (
     estimate_shift_s,
@@ -12,6 +12,7 @@ from decompose.engines.guillotine.plane_shift.plane_shift import (
 
 __all__ = [
     "FaceStop",
+    "MoveRules",
     "estimate_shift_s",
     "grow_boxes",
     "refine_needed_cells",

@@ -27,6 +27,24 @@ class FaceStop(NamedTuple):
     is_upper: bool
 
 
+class MoveRules(NamedTuple):
+    """Rules for the moves of planes.
+
+    Attributes
+    ----------
+    min_gain_s_per_mm
+        Minimum gain of makespan for each mm by which a plane moves.
+    stops
+        Positions that faces of the boxes may not pass.
+    """
+
+    min_gain_s_per_mm: float = 0.05  # so that no plane moves without a gain
+    stops: Sequence[FaceStop] = ()
+
+
+ANY_MOVES = MoveRules()
+
+
 class FaceLimits:
     """Limits on the positions of groups of faces, found by moving single faces of parts.
 

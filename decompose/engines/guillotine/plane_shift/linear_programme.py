@@ -14,7 +14,6 @@ from scipy.optimize import linprog
 
 from decompose.arrays import Floats, Ints
 
-MIN_GAIN_S_PER_MM = 0.05  # minimum gain for each mm of a move, so that no face moves without a gain
 # Moves much shorter than this barely change the slopes: support volume, and so print time, changes in steps.
 NOISE_MM = 2.0
 
@@ -38,7 +37,11 @@ class ShiftLimits:
 
 
 def solve_plane_shifts(
-    seconds: Floats, slopes_s_per_mm: Floats, groups: Ints, limits: ShiftLimits
+    seconds: Floats,
+    slopes_s_per_mm: Floats,
+    groups: Ints,
+    limits: ShiftLimits,
+    min_gain_s_per_mm: float,
 ) -> tuple[Floats, float]:
     """Compute the shifts of groups with the least makespan, assuming that times are linear in the shifts.
 
@@ -53,6 +56,8 @@ def solve_plane_shifts(
         (n, 2, 3) from `group_faces`.
     limits
         Limits on the shifts.
+    min_gain_s_per_mm
+        Minimum gain of makespan for each mm of a shift.
 
     Returns
     -------
@@ -65,7 +70,7 @@ def solve_plane_shifts(
     right_sides = np.concatenate([-seconds, *length_limits_mm, np.zeros(2 * count)])
     is_limited = np.isfinite(right_sides)
     solution = linprog(
-        np.array([*np.zeros(count), *np.full(count, MIN_GAIN_S_PER_MM), 1.0]),
+        np.array([*np.zeros(count), *np.full(count, min_gain_s_per_mm), 1.0]),
         rows[is_limited],
         right_sides[is_limited],
         bounds=[

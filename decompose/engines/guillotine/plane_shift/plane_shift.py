@@ -30,7 +30,7 @@ from decompose.engines.guillotine.plane_shift.box_part import (
     find_spare_length_mm,
     sort_times_s,
 )
-from decompose.engines.guillotine.plane_shift.face_limits import SAFE_SHARES, FaceLimits, FaceStop
+from decompose.engines.guillotine.plane_shift.face_limits import ANY_MOVES, SAFE_SHARES, FaceLimits, MoveRules
 from decompose.engines.guillotine.plane_shift.linear_programme import (
     ShiftLimits,
     solve_plane_shifts,
@@ -127,7 +127,7 @@ def shift_box_planes(
     pieces: Sequence[Sequence[Piece]],
     cells: NeededCells | None = None,
     best_known_s: float = math.inf,
-    stops: Sequence[FaceStop] = (),
+    rules: MoveRules = ANY_MOVES,
 ) -> list[Piece]:
     """Move the planes of boxes, on a grid or not, to reduce the makespan.
 
@@ -145,8 +145,8 @@ def shift_box_planes(
         Pieces in each box.
     cells, best_known_s
         As in `shift_planes`.
-    stops
-        Positions that faces of the boxes may not pass.
+    rules
+        Rules for the moves.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def shift_box_planes(
     cells = refine_needed_cells(problem, grid) if cells is None else cells
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
-        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces, stops)
+        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces, rules)
         start_parts = search.pose_start_parts()
         parts = search.improve_parts(start_parts, best_known_s)
         has_gain = math.isfinite(find_longest_time_s(parts)) and (
@@ -179,10 +179,11 @@ class _PlaneShift:
         cell_mm: Floats,
         boxes_mm: Floats,
         pieces: Sequence[Sequence[Piece]],
-        stops: Sequence[FaceStop] = (),
+        rules: MoveRules = ANY_MOVES,
     ) -> None:
         self.problem = problem
         self.cells = cells
+        self.min_gain_s_per_mm = rules.min_gain_s_per_mm
         self.start_boxes_mm = extend_boxes(boxes_mm)
         self.start_parts = [
             BoxPart(box, tuple(box_pieces), (), math.inf)
@@ -197,7 +198,7 @@ class _PlaneShift:
         self.flat_faces = [find_flat_faces(vertices[faces], axis) for axis in range(3)]
         self.cutter = PartCutter(problem, self.start_parts, cell_mm, cells, self.flat_faces)
         self.face_limits = FaceLimits(problem, self.cutter, self.groups)
-        for stop in stops:
+        for stop in rules.stops:
             # A part that ends inside its extended box does not change as the face of the box moves.
             if self.start_boxes_mm[(stop.box, *stop.face)] == boxes_mm[(stop.box, *stop.face)]:
                 self.face_limits.stop_face(stop)
@@ -329,7 +330,9 @@ class _PlaneShift:
         boxes_mm, expected_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):
             limits = ShiftLimits(max_growth_mm, max_shrinkage_mm, min_shift_mm, max_shift_mm)
-            shifts_mm, min_s = solve_plane_shifts(seconds, slopes_s_per_mm, self.groups, limits)
+            shifts_mm, min_s = solve_plane_shifts(
+                seconds, slopes_s_per_mm, self.groups, limits, self.min_gain_s_per_mm
+            )
             if not math.isfinite(min_s):  # no solution with the stopped planes: keep the previous one
                 break
             expected_s = min_s

@@ -15,6 +15,7 @@ ROW[1, 1, 0] = ROW[2, 0, 0] = 1
 SLOPES = np.where(ROW >= 0, np.array([-1.0, 1.0])[None, :, None], 0.0)  # 1 s for each mm
 NO_LIMIT = np.full((3, 3), math.inf)
 MAX_SHIFTS_MM = np.full(2, 100.0)
+MIN_GAIN_S_PER_MM = 0.05
 
 
 def test_load_is_balanced_across_a_box_in_between() -> None:
@@ -23,6 +24,7 @@ def test_load_is_balanced_across_a_box_in_between() -> None:
         SLOPES,
         ROW,
         ShiftLimits(NO_LIMIT, NO_LIMIT, -MAX_SHIFTS_MM, MAX_SHIFTS_MM),
+        MIN_GAIN_S_PER_MM,
     )
     assert seconds == pytest.approx(14.0)
     assert moves_mm == pytest.approx([-6.0, -6.0])
@@ -34,6 +36,7 @@ def test_only_useful_planes_are_moved() -> None:
         SLOPES,
         ROW,
         ShiftLimits(NO_LIMIT, NO_LIMIT, np.array([0.0, -1.0]), MAX_SHIFTS_MM),
+        MIN_GAIN_S_PER_MM,
     )
     assert seconds == pytest.approx(20.0)  # the first box cannot get shorter
     assert moves_mm == pytest.approx([0.0, 0.0])
@@ -49,10 +52,19 @@ def test_planes_move_up_to_their_limit(direction: str) -> None:
     else:
         max_shift_mm = np.array([3.0, 100.0])
     limits = ShiftLimits(max_growth_mm, max_shrinkage_mm, -max_shift_mm, max_shift_mm)
-    moves_mm, seconds = solve_plane_shifts(np.array([20.0, 0.0, 8.0]), SLOPES, ROW, limits)
+    moves_mm, seconds = solve_plane_shifts(np.array([20.0, 0.0, 8.0]), SLOPES, ROW, limits, MIN_GAIN_S_PER_MM)
     if direction == "longer":
         assert moves_mm[1] == pytest.approx(-1.0)
         assert seconds == pytest.approx(9.5)
     else:
         assert moves_mm[0] == pytest.approx(-3.0)
         assert seconds == pytest.approx(17.0)
+
+
+def test_planes_stay_that_gain_too_little_for_their_moves() -> None:
+    """Move only the first plane: the second one would gain 6 s, and both would move by 6 mm more in total."""
+    limits = ShiftLimits(NO_LIMIT, NO_LIMIT, -MAX_SHIFTS_MM, MAX_SHIFTS_MM)
+    times_s = np.array([40.0, 14.0, 8.0])
+    moves_mm, seconds = solve_plane_shifts(times_s, SLOPES, ROW, limits, 0.45)
+    assert moves_mm == pytest.approx([-13.0, 0.0])
+    assert seconds == pytest.approx(27.0)
