@@ -70,7 +70,6 @@ class CostModel:
     island_s_per_mm: float = 0.0
     island_path_s_per_mm2: float = 0.0
     hole_s_per_mm: float = 0.0
-    hole_path_s_per_mm2: float = 0.0
     rim_s_per_mm: float = 0.0
     rim_end_s_per_mm: float = 0.0
     ring_s_per_mm2: float = 0.0
@@ -163,7 +162,6 @@ class CostModel:
             island_s_per_mm=seconds["islands_mm"],
             island_path_s_per_mm2=seconds["island_paths_mm2"],
             hole_s_per_mm=seconds["holes_mm"],
-            hole_path_s_per_mm2=seconds["hole_paths_mm2"],
             rim_s_per_mm=max(0.0, -seconds["rim_mm"]),
             rim_end_s_per_mm=seconds["rim_ends_mm"],
             ring_s_per_mm2=seconds["ring_mm2"],
@@ -213,16 +211,15 @@ class CostModel:
         support_s = self.support_s_per_mm3 * support_mm3 + self.support_side_s_per_mm2 * side_mm2
         return support_s + self.tower_s_per_mm * towers_mm + self.island_s_per_mm * islands_mm
 
-    def price_paths_s(self, island_paths_mm2: float, holes_mm: float, hole_paths_mm2: float) -> float:
-        """Price the travel to islands and holes.
+    def price_paths_s(self, island_paths_mm2: float, holes_mm: float) -> float:
+        """Price the travel from island to island, and that to holes.
 
         Parameters
         ----------
-        island_paths_mm2, holes_mm, hole_paths_mm2
+        island_paths_mm2, holes_mm
             Values of `Columns`.
         """
-        holes_s = self.hole_s_per_mm * holes_mm + self.hole_path_s_per_mm2 * hole_paths_mm2
-        return self.island_path_s_per_mm2 * island_paths_mm2 + holes_s
+        return self.island_path_s_per_mm2 * island_paths_mm2 + self.hole_s_per_mm * holes_mm
 
     def price_brim_s(self, brim_mm2: float, extents_mm: Floats) -> float:
         """Compute the extra price of a brim, compared with the rectangular one in `compute_price_s`.

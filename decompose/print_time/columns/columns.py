@@ -22,6 +22,10 @@ COLUMN_COUNT = 12_000  # approximate number of columns; support volumes have err
 # narrow supports of a model that is larger than a bed have a quarter less area on their sides.
 MAX_STEP_MM = 2.0
 MAX_COLUMN_COUNT = 60_000  # maximum number of columns, approximately: those of a bed of 490 x 490 mm
+# The closer the columns, the more of the uneven sides of supports they show. With 0.5 mm instead of 2 mm, the
+# area of these sides in five large models is 0 to 75 % larger, on average 36 %.
+SIDE_STEP_MM = 0.7  # sides are priced as if columns were at this distance, which is usual for parts
+SIDE_EXPONENT = 0.25  # the area grows with the inverse of the distance, raised to this power
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +52,8 @@ class Columns:
         Integral of the number of bodies minus one. In each body, inner walls are shorter than the outline.
     holes_mm
         Integral of the number of holes of the part.
-    island_paths_mm2, hole_paths_mm2
-        Integrals of the estimated lengths of the travel to islands and to holes in a layer.
+    island_paths_mm2
+        Integral of the length of the way from island to island in a layer.
     first_layer
         (nx, ny) bool, true where the part or its support stands on the bed.
     step_mm
@@ -72,7 +76,6 @@ class Columns:
     bodies_mm: float
     holes_mm: float
     island_paths_mm2: float
-    hole_paths_mm2: float
     first_layer: Bools
     step_mm: float
     bed_support_mm2: float
@@ -80,6 +83,12 @@ class Columns:
     touched_mm2: float
     volumes_mm3: Floats
     centres_mm: Floats
+
+    @property
+    def fine_support_side_mm2(self) -> float:
+        """Area of the sides of the support that columns at a distance of `SIDE_STEP_MM` would show."""
+        ratio: float = (self.step_mm / SIDE_STEP_MM) ** SIDE_EXPONENT
+        return ratio * self.support_side_mm2
 
     def measure_brim_mm2(self, width_mm: float) -> float:
         """Measure the area of a brim around everything that stands on the bed; holes get no brim."""
@@ -118,7 +127,6 @@ def measure_columns(triangles: Floats, is_marked: Bools, overhang_cos: float) ->
         bodies_mm=sums.bodies_mm,
         holes_mm=sums.holes_mm,
         island_paths_mm2=sums.island_paths_mm2,
-        hole_paths_mm2=sums.hole_paths_mm2,
         first_layer=sums.is_standing | supports.is_bed_support,
         step_mm=rays.step_mm,
         bed_support_mm2=float(supports.is_bed_support.sum() * area_mm2),

@@ -60,7 +60,7 @@ class Sweep(NamedTuple):
         are divided by the area of a column.
     is_standing
         (nx, ny) bool, true where the part itself stands on the bed.
-    islands_mm, bodies_mm, holes_mm, island_paths_mm2, hole_paths_mm2
+    islands_mm, bodies_mm, holes_mm, island_paths_mm2
         See `sum_islands_mm`.
     """
 
@@ -71,7 +71,6 @@ class Sweep(NamedTuple):
     bodies_mm: float
     holes_mm: float
     island_paths_mm2: float
-    hole_paths_mm2: float
 
 
 @jit

@@ -264,10 +264,10 @@ def _price_pose_s(features: Floats, extents_mm: Floats, columns: Columns, cost: 
     return (
         cost.price_part_s([*features[:COLUMN_INDEX], 0.0], extents_mm)
         - cost.price_insets_s(float(features[LATERAL_INDEX]), float(extents_mm[2]), bodies_mm)
-        + cost.price_paths_s(columns.island_paths_mm2, columns.holes_mm, columns.hole_paths_mm2)
+        + cost.price_paths_s(columns.island_paths_mm2, columns.holes_mm)
         + cost.price_brim_s(columns.measure_brim_mm2(cost.brim_mm), extents_mm)
         + cost.price_support_s(
-            columns.support_mm3, columns.support_side_mm2, columns.towers_mm, columns.islands_mm
+            columns.support_mm3, columns.fine_support_side_mm2, columns.towers_mm, columns.islands_mm
         )
     )
 

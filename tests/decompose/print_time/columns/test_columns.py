@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,6 +11,7 @@ import trimesh
 from decompose.geometry import Solid
 from decompose.print_time import measure_columns
 from decompose.print_time.columns import Columns, estimate_supports
+from decompose.print_time.columns.columns import SIDE_STEP_MM
 from decompose.print_time.columns.sweep import LEVEL_COUNT
 
 OVERHANG_COS = np.sin(np.radians(45.0))
@@ -118,13 +121,26 @@ def test_islands_are_separate_areas_of_a_layer() -> None:
     assert measure_solid(legs[0]).bodies_mm == 0.0
 
 
-def test_paths_between_many_islands_are_short() -> None:
+def test_paths_lead_from_island_to_nearest_island() -> None:
     posts = [Solid.box((x, y, 0), (x + 6, y + 6, 30)) for x in range(0, 60, 12) for y in (0, 12, 24, 36)]
     result = measure_solid(Solid.union(posts))
     assert result.islands_mm == pytest.approx(19 * 30.0)
     assert result.bodies_mm == pytest.approx(19 * 30.0)
-    spacing_mm = np.sqrt(54.0 * 42.0 / 20.0)
-    assert result.island_paths_mm2 == pytest.approx(19 * 30.0 * spacing_mm, rel=0.03)
+    assert result.island_paths_mm2 == pytest.approx(19 * 30.0 * 12.0, rel=0.03)
+    # In a large rectangle, islands in two groups are as close to each other as before.
+    pairs = [Solid.box((x, y, 0), (x + 6, y + 6, 30)) for x in (0, 100) for y in (0, 12)]
+    assert measure_solid(Solid.union(pairs)).island_paths_mm2 == pytest.approx(
+        (12 + 100 + 12) * 30.0, rel=0.03
+    )
+
+
+def test_sides_are_priced_as_if_columns_were_close() -> None:
+    table = Solid.union([Solid.box((0, 0, 0), (8, 40, 30)), Solid.box((0, 0, 30), (40, 40, 40))])
+    result = measure_solid(table)
+    coarse_result = replace(result, step_mm=16.0 * result.step_mm)
+    assert coarse_result.fine_support_side_mm2 == pytest.approx(2.0 * result.fine_support_side_mm2)
+    usual_result = replace(result, step_mm=SIDE_STEP_MM)
+    assert usual_result.fine_support_side_mm2 == result.support_side_mm2 > 0.0
 
 
 def test_holes_of_a_layer_are_counted() -> None:
@@ -135,8 +151,6 @@ def test_holes_of_a_layer_are_counted() -> None:
     plate = Solid.box((0, 0, 0), (60, 60, 10)).subtract(holes)
     result = measure_solid(plate)
     assert result.holes_mm == pytest.approx(4 * 5.0, abs=4 * 10.0 / 16)  # they end at half the height
-    spacing_mm = np.sqrt((60.0**2 - 4 * np.pi * 4.0**2) / 5.0)
-    assert result.hole_paths_mm2 == pytest.approx(result.holes_mm * spacing_mm, rel=0.05)
     assert measure_solid(Solid.box((0, 0, 0), (60, 60, 10))).holes_mm == 0.0
 
 

@@ -1,4 +1,6 @@
-"""Counts of islands, bodies and holes in the raster of a level."""
+"""Counts of islands, bodies and holes in the raster of a level, and the way from island to island."""
+
+import math
 
 import numpy as np
 import pytest
@@ -6,14 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import label
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 from decompose.print_time.columns.islands import (
     ISLAND_LEVEL_COUNT,
     ISLAND_STRIDE,
     Runs,
-    count_islands,
     sum_islands_mm,
 )
+from decompose.print_time.columns.rasters import MAX_TOUR_COUNT, count_islands
 
 EIGHT_NEIGHBOURS = np.ones((3, 3))
 rasters = st.tuples(st.integers(1, 9), st.integers(1, 9)).flatmap(
@@ -30,10 +33,48 @@ def test_counts_are_those_of_connected_regions(kinds):
     counts = count_islands(kinds)
     assert counts.islands == body_count + label(is_support, EIGHT_NEIGHBOURS)[1]
     assert (counts.bodies, counts.holes) == (body_count, hole_count)
-    assert counts.solid_cells == is_solid.sum()
-    filled = np.argwhere(kinds > 0)
-    sides = np.ptp(filled, axis=0) + 1 if len(filled) else np.zeros(2)
-    assert counts.rectangle_cells == sides.prod()
+
+
+@given(rasters)
+def test_tour_is_as_long_as_a_way_to_all_islands(kinds):
+    centres = [
+        np.argwhere(labels == k).mean(axis=0)
+        for labels, count in (label(kinds == kind, EIGHT_NEIGHBOURS) for kind in (1, 2))
+        for k in range(1, count + 1)
+    ]
+    tour_cells = count_islands(kinds).tour_cells
+    if len(centres) < 2:
+        assert tour_cells == 0.0
+        return
+    distances_cells = np.linalg.norm(np.array(centres)[:, None] - np.array(centres), axis=2)
+    # Any way to all islands is at least as long as the shortest tree that connects them. A tiny length is
+    # added because a distance of 0 would count as no connection.
+    tree_cells = minimum_spanning_tree(distances_cells + 1e-9).sum()
+    assert tree_cells - 1e-6 < tour_cells < (len(centres) - 1) * distances_cells.max() + 1e-6
+
+
+def test_tour_visits_supports_first_and_then_the_nearest_bodies():
+    kinds = np.zeros((3, 40), np.int8)
+    kinds[0, [0, 10]] = 1
+    kinds[0, [4, 30]] = 2
+    # From the support at 4 to that at 30, then to the bodies at 10 and 0.
+    assert count_islands(kinds).tour_cells == 26 + 20 + 10
+
+
+def test_tour_is_measured_between_centres():
+    kinds = np.zeros((9, 20), np.int8)
+    kinds[0:5, 0:5] = 1  # centre at (2, 2)
+    kinds[4:7, 9:12] = 1  # centre at (5, 10)
+    assert count_islands(kinds).tour_cells == pytest.approx(np.hypot(3, 8))
+
+
+def test_tour_of_many_islands_is_estimated():
+    side = 2 * math.isqrt(MAX_TOUR_COUNT) + 1
+    kinds = np.zeros((side, side), np.int8)
+    kinds[::2, ::2] = 1
+    counts = count_islands(kinds)
+    assert counts.islands > MAX_TOUR_COUNT
+    assert counts.tour_cells == pytest.approx(2 * (counts.islands - 1), rel=0.1)
 
 
 @given(
