@@ -71,7 +71,7 @@ PRINTER_MODEL = "ultimaker2_plus"
 FAITHFUL_SUFFIX = "-faithful"  # suffix of an engine's name
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"
-MAX_PLANE_MOVES = 4  # maximum number of times that the planes are moved by sliced times
+MAX_PLANE_MOVES = 6  # maximum number of times that the planes are moved by sliced times
 
 
 @dataclass(frozen=True, slots=True)

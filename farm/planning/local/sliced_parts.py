@@ -24,8 +24,8 @@ from farm.planning.parts.slice_part import slice_part
 from slicing.plate import PlateResult
 from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
 
-MAX_REBALANCES = 4
-"""Maximum number of times that the cuts are moved. After one move, the estimates are usually accurate."""
+MAX_REBALANCES = 6
+"""Maximum number of times that the cuts are moved; two or three usually suffice."""
 
 
 @dataclass(frozen=True, slots=True)
