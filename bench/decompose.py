@@ -101,12 +101,13 @@ class SlicedRound:
     """Partition of a run in a file, with the sliced time of each part and the sliced makespan."""
 
     cut_file: Path
-    times_s: list[float]
+    times_s: list[float | None]
     makespan_s: float
 
     def read_cuts(self) -> SlicedCuts:
         """Read the partition for `rebalance_planes`."""
-        return SlicedCuts(pickle.loads(self.cut_file.read_bytes()), self.times_s, self.makespan_s)
+        times_s = [part_s for part_s in self.times_s if part_s is not None]
+        return SlicedCuts(pickle.loads(self.cut_file.read_bytes()), times_s, self.makespan_s)
 
 
 def cut_model(run: Run, folder: Path) -> dict[str, Any]:
@@ -288,7 +289,7 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
     rounds: list[SlicedRound] = []
     for number in range(1, MAX_PLANE_MOVES + 1):
-        if not (row.get("sliced") and (folder / CUT_FILE).is_file()):
+        if sliced_s is None or not (row.get("sliced") and (folder / CUT_FILE).is_file()):
             break
         if not rounds:
             rounds = [SlicedRound(folder / CUT_FILE, sliced_s, row["parallel_s"])]

@@ -33,7 +33,7 @@ from decompose.geometry import Model, load_model
 from decompose.options import FILAMENT_MM, ConnectorOptions, Engine, Options
 from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
-from decompose.rebalance import rebalance_planes
+from decompose.rebalance import SlicedCuts, rebalance_planes
 from decompose.results import Decomposition, connect_parts
 
 USABLE_VOLUMES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
@@ -126,7 +126,9 @@ def find_longest_price_s(result: Decomposition) -> float:
 def level_planes(model: Model, drilled_result: Decomposition) -> Decomposition:
     """Move the planes of a drilled result once by the prices of its parts, as a job does by their slices."""
     prices_s = [part.price_s for part in drilled_result.parts]
-    levelled_result = rebalance_planes(model, drilled_result, prices_s, make_cost())
+    levelled_result = rebalance_planes(
+        model, [SlicedCuts(drilled_result, prices_s, max(prices_s))], make_cost()
+    )
     if levelled_result is None:
         return drilled_result
     return min((drilled_result, connect_parts(levelled_result.with_assembly())), key=find_longest_price_s)
