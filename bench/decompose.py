@@ -49,7 +49,7 @@ from decompose.geometry import load_model
 from decompose.options import BUDGET_S, BestOptions, Engine, Options
 from decompose.print_time import CostModel, find_best_pose, measure_pose
 from decompose.printers import TargetPrinter
-from decompose.rebalance import SlicedCuts, rebalance_planes
+from decompose.rebalance import MAX_ROUNDS, SlicedCuts, rebalance_planes
 from decompose.results import Decomposition
 from drivers.printers import PROFILES, SLICING_PROFILES, list_usable_volumes
 from farm.compute import DeferredFunction, TaskFiles
@@ -71,7 +71,6 @@ PRINTER_MODEL = "ultimaker2_plus"
 FAITHFUL_SUFFIX = "-faithful"  # suffix of an engine's name
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"
-MAX_PLANE_MOVES = 6  # maximum number of times that the planes are moved by sliced times
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,13 +100,12 @@ class SlicedRound:
     """Partition of a run in a file, with the sliced time of each part and the sliced makespan."""
 
     cut_file: Path
-    times_s: list[float | None]
+    times_s: list[float]
     makespan_s: float
 
     def read_cuts(self) -> SlicedCuts:
         """Read the partition for `rebalance_planes`."""
-        times_s = [part_s for part_s in self.times_s if part_s is not None]
-        return SlicedCuts(pickle.loads(self.cut_file.read_bytes()), times_s, self.makespan_s)
+        return SlicedCuts(pickle.loads(self.cut_file.read_bytes()), self.times_s, self.makespan_s)
 
 
 def cut_model(run: Run, folder: Path) -> dict[str, Any]:
@@ -287,13 +285,20 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     if not args.no_slices and "refused" not in report:
         sliced_s = slice_parts(report, run, folder, args)
     row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
-    rounds: list[SlicedRound] = []
-    for number in range(1, MAX_PLANE_MOVES + 1):
-        if sliced_s is None or not (row.get("sliced") and (folder / CUT_FILE).is_file()):
-            break
-        if not rounds:
-            rounds = [SlicedRound(folder / CUT_FILE, sliced_s, row["parallel_s"])]
-        move_folder = folder / f"plane_moves{number}"
+    times_s = [part_s for part_s in sliced_s or () if part_s is not None]
+    if row.get("sliced") and (folder / CUT_FILE).is_file():
+        row = move_planes(row, SlicedRound(folder / CUT_FILE, times_s, row["parallel_s"]), run, folder, args)
+    record_path.write_text(json.dumps(row, indent=1))
+    return row
+
+
+def move_planes(
+    row: dict[str, Any], first_round: SlicedRound, run: Run, folder: Path, args: argparse.Namespace
+) -> dict[str, Any]:
+    """Move the planes of a run by its slices, as a job does; return the row of the fastest round."""
+    rounds, first_s, first_row = [first_round], row["parallel_s"], row
+    while len(rounds) <= MAX_ROUNDS:
+        move_folder = folder / f"plane_moves{len(rounds)}"
         report = args.call(deferred_rebalance, run, rounds, move_folder)
         if report is None:
             break
@@ -301,14 +306,13 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         moved_row = compute_row(run.path.stem, run.printers, run.engine, report, sliced_s)
         if not moved_row["sliced"]:
             break
-        rounds.append(SlicedRound(move_folder / CUT_FILE, sliced_s, moved_row["parallel_s"]))
-        print(f"{run.name}: moved planes {number}: {moved_row['parallel_s']:.0f} s", file=sys.stderr)
-        if moved_row["parallel_s"] >= row["parallel_s"]:
-            continue
-        changes = {"plane_moves": number, "plane_moves_wall_s": moved_row["wall_s"]}
-        first_s = row.get("first_s", row["parallel_s"])
-        row = moved_row | changes | {"first_s": first_s, "wall_s": row["wall_s"], "peak_mb": row["peak_mb"]}
-    record_path.write_text(json.dumps(row, indent=1))
+        print(f"{run.name}: moved planes {len(rounds)}: {moved_row['parallel_s']:.0f} s", file=sys.stderr)
+        if moved_row["parallel_s"] < row["parallel_s"]:
+            changes = {"plane_moves": len(rounds), "plane_moves_wall_s": moved_row["wall_s"]}
+            first = {"first_s": first_s, "wall_s": first_row["wall_s"], "peak_mb": first_row["peak_mb"]}
+            row = moved_row | changes | first
+        times_s = [part_s for part_s in sliced_s if part_s is not None]
+        rounds.append(SlicedRound(move_folder / CUT_FILE, times_s, moved_row["parallel_s"]))
     return row
 
 

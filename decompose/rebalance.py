@@ -11,13 +11,16 @@ import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from itertools import product
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
 from decompose.arrays import Floats
 from decompose.detailed_models import cut_detailed_pieces, simplify_model, simplify_problem
 from decompose.engines.guillotine import FaceStop, MoveRules, shift_box_planes
+from decompose.errors import DecomposeError
 from decompose.geometry import Model
 from decompose.options import Engine
 from decompose.pieces import Piece, assign_printers, cut_box, sort_pieces
@@ -25,10 +28,12 @@ from decompose.print_time import CostModel
 from decompose.problem import Effort, GridFigures, Partition, Problem
 from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
 
+MAX_ROUNDS = 6  # maximum number of times that callers move the planes of a decomposition
 MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which all parts are sliced again
-# Minimum gain for each mm by which planes move, as a share of the makespan. With each move, the sliced time
-# of a part may jump, so planes that contribute little stay.
-MIN_GAIN_PER_MM = 0.0003
+# Minimum gains for each mm by which planes move, as shares of the makespan; the next one is used if no move
+# gains as much. With each move, the sliced time of a part may jump, so planes that contribute little stay as
+# long as others gain more.
+MIN_GAINS_PER_MM = (3e-4, 5e-6)
 STOP_SHARE = 0.5  # share of a move after which the faces of a part are stopped that was too slow after it
 
 
@@ -82,28 +87,49 @@ def rebalance_planes(
     Raises
     ------
     NoFit, GeometryError
-        The new parts do not fit the printers, or the result breaks a geometry rule.
+        The new parts do not fit the printers, or the result breaks a geometry rule, and no other move gains
+        enough.
     """
-    best = min(range(len(rounds)), key=lambda number: rounds[number].makespan_s)
-    failed_rounds = rounds[best + 1 :]
-    starts = [(rounds[best], failed_rounds)]
+    best_number = min(range(len(rounds)), key=lambda number: rounds[number].makespan_s)
+    best, failed_rounds = rounds[best_number], rounds[best_number + 1 :]
+    starts = [(best, failed_rounds)]
     if len(failed_rounds) == 1:
         starts.insert(0, (failed_rounds[0], ()))
-    for start, failed_moves in starts:
-        best_ratio = rounds[best].makespan_s / start.makespan_s
-        result = _move_planes(model, start, cost, executor, best_ratio, failed_moves)
+    last_error: DecomposeError | None = None
+    for min_gain_per_mm, (start, failed_moves) in product(MIN_GAINS_PER_MM, starts):
+        goal = _Goal(best.makespan_s / start.makespan_s, min_gain_per_mm, failed_moves)
+        try:
+            result = _move_planes(model, start, cost, executor, goal)
+        except DecomposeError as error:
+            last_error = error
+            continue
         if result is not None:
             return result
+    if last_error is not None:
+        raise last_error
     return None
 
 
+class _Goal(NamedTuple):
+    """Goal of a move of the planes, and its limits.
+
+    Attributes
+    ----------
+    best_ratio
+        Least sliced makespan so far, divided by that of the decomposition from which the planes move.
+    min_gain_per_mm
+        Minimum gain for each mm by which planes move, as a share of the makespan.
+    failed_moves
+        Decompositions after other moves from there, which did not end sooner.
+    """
+
+    best_ratio: float
+    min_gain_per_mm: float
+    failed_moves: Sequence[SlicedCuts]
+
+
 def _move_planes(
-    model: Model,
-    start: SlicedCuts,
-    cost: CostModel,
-    executor: Executor | None,
-    best_ratio: float,
-    failed_moves: Sequence[SlicedCuts],
+    model: Model, start: SlicedCuts, cost: CostModel, executor: Executor | None, goal: _Goal
 ) -> Decomposition | None:
     """Move the planes of a decomposition; None if the gain would be too small.
 
@@ -113,10 +139,8 @@ def _move_planes(
         As in `rebalance_planes`.
     start
         Decomposition from which the planes move.
-    best_ratio
-        Least sliced makespan so far, divided by that of `start`.
-    failed_moves
-        Decompositions after other moves from there, which did not end sooner.
+    goal
+        Goal of the move.
     """
     if (cutting := start.decomposition.cutting) is None:
         return None
@@ -127,9 +151,7 @@ def _move_planes(
     problem = aligned_problem.rotate(cutting.frame)
     search_problem = simplify_problem(problem, simplify_model(model).solid)
     box_pieces = _cut_previous_boxes(search_problem, cutting, start.times_s)
-    shifted_pieces = (
-        None if box_pieces is None else _shift_planes(search_problem, box_pieces, best_ratio, failed_moves)
-    )
+    shifted_pieces = None if box_pieces is None else _shift_planes(search_problem, box_pieces, start, goal)
     if shifted_pieces is None:
         return None
     grid = GridFigures(previous_result.grid_makespan_s, previous_result.lower_bound_s, previous_result.cells)
@@ -144,20 +166,25 @@ def _move_planes(
 
 
 def _shift_planes(
-    problem: Problem, box_pieces: list[list[Piece]], best_ratio: float, failed_moves: Sequence[SlicedCuts]
+    problem: Problem, box_pieces: list[list[Piece]], start: SlicedCuts, goal: _Goal
 ) -> list[Piece] | None:
     """Move the planes of boxes, given the pieces in each box; None if the gain is too small."""
-    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in box_pieces])
     old_s = _compute_makespan_s(problem, [piece for pieces in box_pieces for piece in pieces])
-    max_s = (1.0 - MIN_GAIN) * best_ratio * old_s
-    rules = MoveRules(MIN_GAIN_PER_MM * old_s, tuple(_list_stops(boxes_mm, failed_moves, max_s)))
+    if not math.isfinite(old_s):
+        return None
+    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in box_pieces])
+    max_s = (1.0 - MIN_GAIN) * goal.best_ratio * old_s
+    stops = tuple(_list_stops(boxes_mm, start, goal.failed_moves, max_s))
+    rules = MoveRules(goal.min_gain_per_mm * old_s, stops)
     grid = problem.build_grid(problem.model)
     shifted_pieces = shift_box_planes(problem, grid, boxes_mm, box_pieces, rules=rules)
     return shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= max_s else None
 
 
-def _list_stops(boxes_mm: Floats, failed_moves: Sequence[SlicedCuts], max_s: float) -> Iterator[FaceStop]:
-    """Yield the stops of faces half-way to where a part took longer than `max_s`.
+def _list_stops(
+    boxes_mm: Floats, start: SlicedCuts, failed_moves: Sequence[SlicedCuts], max_s: float
+) -> Iterator[FaceStop]:
+    """Yield the stops of faces half-way to where a part took longer than before, and than `max_s`.
 
     Which face of the part made its time jump is not known, so all of its faces that moved are stopped.
 
@@ -165,27 +192,34 @@ def _list_stops(boxes_mm: Floats, failed_moves: Sequence[SlicedCuts], max_s: flo
     ----------
     boxes_mm
         (n, 2, 3) corners of the boxes before the moves.
-    failed_moves
-        Cuts after moves of these boxes.
+    start, failed_moves
+        Cuts before and after the moves.
     max_s
         Sliced time in seconds.
     """
+    old_times_s = _find_box_times_s(boxes_mm, start)
     for moved_cuts in failed_moves:
-        cutting = moved_cuts.decomposition.cutting
-        if cutting is None:
-            continue
-        times_s = [
-            part_s * (1.0 if printer is None else printer.time_factor)
-            for part_s, printer in zip(moved_cuts.times_s, cutting.cut_for, strict=True)
-        ]
-        distances_mm = np.abs(boxes_mm[:, None] - cutting.boxes_mm[None]).sum(axis=(2, 3))
-        nearest_boxes = distances_mm.argmin(axis=0)  # planes move by less than the boxes are apart
-        for part in np.flatnonzero(np.array(times_s) > max_s).tolist():
-            box = int(nearest_boxes[part])
-            moves_mm = cutting.boxes_mm[part] - boxes_mm[box]
+        assert moved_cuts.decomposition.cutting is not None  # it comes from `_move_planes`
+        moved_boxes_mm = moved_cuts.decomposition.cutting.boxes_mm
+        distances_mm = np.abs(boxes_mm[:, None] - moved_boxes_mm[None]).sum(axis=(2, 3))
+        moved_boxes_mm = moved_boxes_mm[distances_mm.argmin(axis=1)]
+        times_s = _find_box_times_s(moved_boxes_mm, moved_cuts)
+        for box in np.flatnonzero((times_s > old_times_s) & (times_s > max_s)).tolist():
+            moves_mm = moved_boxes_mm[box] - boxes_mm[box]
             for face in zip(*np.nonzero(moves_mm), strict=True):
                 limit_mm = float(boxes_mm[box][face] + STOP_SHARE * moves_mm[face])
                 yield FaceStop(box, face, limit_mm, bool(moves_mm[face] > 0.0))
+
+
+def _find_box_times_s(boxes_mm: Floats, cuts: SlicedCuts) -> Floats:
+    """Find the time (n,) in seconds of the slowest part in each box (n, 2, 3), on its printer."""
+    cutting = cuts.decomposition.cutting
+    assert cutting is not None  # planes are moved only with a cutting
+    # Printers that are alike are assigned at the end.
+    factors = [(printer or cutting.printers[0]).time_factor for printer in cutting.cut_for]
+    times_s = np.array(cuts.times_s) * factors
+    is_inside = (boxes_mm[:, None] == cutting.boxes_mm[None]).all(axis=(2, 3))
+    return np.asarray(np.where(is_inside, times_s, 0.0).max(axis=1))
 
 
 def _copy_history(previous_result: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:

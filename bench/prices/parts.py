@@ -282,7 +282,7 @@ def measure(posed_part: PosedPart, settings_name: str, folder: Path, cache: Path
     figures = [*map(float, features), *map(float, extents)]
     figures += [
         support.support_mm3,
-        support.fine_support_side_mm2,
+        support.support_side_mm2,  # not the fine ones, as in all rows of print_time.csv
         support.towers_mm,
         support.islands_mm,
         sliced_s,

@@ -77,10 +77,14 @@ class _Layout:
         return tuple(sorted(pins_mm | {*choose_key_lengths_mm(self.pin_mm)}, reverse=True))
 
     @property
+    def short_key_mm(self) -> float:
+        """Length of a short key."""
+        return choose_key_lengths_mm(self.pin_mm)[1]
+
+    @property
     def mouth_mm(self) -> float:
         """Length of the mouth of the longest groove, slightly overestimated."""
-        short_mm = min(choose_key_lengths_mm(self.pin_mm))
-        return short_mm + 2.0 * compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
+        return self.short_key_mm + 2.0 * compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
 
     @property
     def height_mm(self) -> float:
@@ -175,9 +179,7 @@ def _make_holes(layout: _Layout) -> tuple[list[Tool], list[Mark]]:
 def _make_key_groove(layout: _Layout, n: int, y_mm: float, inward_normal: Floats) -> Tool:
     """Make the upright groove of a short key in a column, in the back of the block or in the plate."""
     depth_mm = compute_groove_depth_mm(layout.pin_mm, FITS_MM[n])
-    half_mm = (
-        compute_bottom_length_mm(layout.pin_mm, depth_mm, min(choose_key_lengths_mm(layout.pin_mm))) / 2.0
-    )
+    half_mm = compute_bottom_length_mm(layout.pin_mm, depth_mm, layout.short_key_mm) / 2.0
     middle_mm = np.array([layout.compute_column_x_mm(n), y_mm, GAP_MM + layout.mouth_mm / 2.0])
     return make_groove(0, middle_mm + np.outer([-half_mm, half_mm], UP_DIRECTION), inward_normal, depth_mm)
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_MAX_REBALANCES = 6  # two or three suffice, but the sliced time of a part may jump when a face moves
+_MAX_REBALANCES = 6  # maximum number of times that the cuts of a job are moved
 _POLL_INTERVAL_S = 0.5  # wall seconds between two readings of the progress of a decomposition
 
 

@@ -130,10 +130,11 @@ def test_second_rebalance_continues_from_the_first(decomposition: Decomposition,
     )
 
 
-def test_planes_move_on_after_a_move_that_failed_and_then_back(
-    decomposition: Decomposition, cost: CostModel
-) -> None:
+@pytest.mark.parametrize("time_factor", [1.0, 0.9, 1.1])
+def test_planes_move_on_after_a_move_that_failed_and_then_back(time_factor: float, cost: CostModel) -> None:
     """Use a part that takes longer than before as soon as it becomes larger."""
+    printers = tuple(replace(printer, time_factor=time_factor) for printer in PRINTERS)
+    decomposition = decompose_model(MODEL, printers, OPTIONS, cost)
     first = make_cuts(decomposition, make_times_s(decomposition, 1))
     moved = rebalance_planes(MODEL, [first], cost)
     assert moved is not None and moved.cutting is not None and decomposition.cutting is not None
@@ -154,6 +155,22 @@ def test_planes_move_on_after_a_move_that_failed_and_then_back(
     )
     assert old_mm < failed_mm
     assert new_mm <= old_mm + 0.5 * (failed_mm - old_mm) + 1e-6
+
+
+def test_planes_move_again_from_where_they_were_best_if_they_cannot_move_on(
+    decomposition: Decomposition, cost: CostModel
+) -> None:
+    """Use a round whose cuts leave out one part of the model, so that the result would break a rule."""
+    first = make_cuts(decomposition, make_times_s(decomposition, 1))
+    moved = rebalance_planes(MODEL, [first], cost)
+    assert moved is not None and moved.cutting is not None
+    broken_cutting = replace(moved.cutting, boxes_mm=moved.cutting.boxes_mm[[0, 0, 1, 2]])
+    failed = replace(
+        make_cuts(replace(moved, cutting=broken_cutting), make_times_s(moved, 0)),
+        makespan_s=1.01 * first.makespan_s,
+    )
+    assert rebalance_planes(MODEL, [failed], cost) is None
+    assert rebalance_planes(MODEL, [first, failed], cost) is not None
 
 
 def test_rotated_model_is_rebalanced_in_its_own_frame(cost: CostModel) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.geometry.rays import Rays, find_bounds, place_rays
+from decompose.geometry.rays import find_bounds, place_rays
 from decompose.jit import jit
 from decompose.print_time.columns.brim import count_brim_columns
 from decompose.print_time.columns.sweep import MIN_STEP_MM, sum_steps_mm, sweep_columns, sweep_supports
@@ -87,8 +87,7 @@ class Columns:
     @property
     def fine_support_side_mm2(self) -> float:
         """Area of the sides of the support that columns at a distance of `SIDE_STEP_MM` would show."""
-        ratio: float = (self.step_mm / SIDE_STEP_MM) ** SIDE_EXPONENT
-        return ratio * self.support_side_mm2
+        return _compute_fine_side_ratio(self.step_mm) * self.support_side_mm2
 
     def measure_brim_mm2(self, width_mm: float) -> float:
         """Measure the area of a brim around everything that stands on the bed; holes get no brim."""
@@ -112,9 +111,7 @@ def measure_columns(triangles: Floats, is_marked: Bools, overhang_cos: float) ->
     """
     triangles = np.ascontiguousarray(triangles)
     lo_mm, hi_mm = find_bounds(triangles)
-    width_mm, depth_mm = (hi_mm - lo_mm)[:2].tolist()
-    count = min(MAX_COLUMN_COUNT, max(COLUMN_COUNT, width_mm * depth_mm / MAX_STEP_MM**2))
-    rays = _place_columns(lo_mm, hi_mm, count)
+    rays = place_rays(lo_mm, hi_mm, _choose_step_mm(lo_mm, hi_mm))
     height_mm = float(hi_mm[2] - lo_mm[2])
     sums = sweep_columns(triangles, is_marked.astype(np.float64), rays, height_mm, overhang_cos)
     supports, mass = sums.supports, np.maximum(sums.level_moments[:, 3:], 1e-12)
@@ -150,22 +147,38 @@ def estimate_supports(triangles: Floats, overhang_cos: float, count: int) -> tup
     Returns
     -------
     tuple
-        `support_mm3`, `support_side_mm2` and `towers_mm` of `Columns`.
+        `support_mm3`, `fine_support_side_mm2` and `towers_mm` of `Columns`.
     """
     triangles = np.ascontiguousarray(triangles)
-    rays = _place_columns(*find_bounds(triangles), count)
+    lo_mm, hi_mm = find_bounds(triangles)
+    rays = place_rays(lo_mm, hi_mm, _compute_step_mm(lo_mm, hi_mm, count))
     supports = sweep_supports(triangles, np.zeros(len(triangles)), rays, overhang_cos)
+    side_mm2 = sum_steps_mm(supports.supports_mm) * rays.step_mm + supports.strip_sides_mm2
+    # With the ratio of all columns, as that of a few would overestimate the sides of large even supports.
     return (
         float(supports.supports_mm.sum() * rays.step_mm**2),
-        sum_steps_mm(supports.supports_mm) * rays.step_mm + supports.strip_sides_mm2,
+        _compute_fine_side_ratio(_choose_step_mm(lo_mm, hi_mm)) * side_mm2,
         supports.towers_mm,
     )
 
 
-def _place_columns(lo_mm: Floats, hi_mm: Floats, count: float) -> Rays:
-    """Place approximately this number of columns over the bounds (3,) of a mesh."""
+def _compute_fine_side_ratio(step_mm: float) -> float:
+    """Compute the ratio of the area of sides at a distance of `SIDE_STEP_MM` to that at another distance."""
+    ratio: float = (step_mm / SIDE_STEP_MM) ** SIDE_EXPONENT
+    return ratio
+
+
+def _choose_step_mm(lo_mm: Floats, hi_mm: Floats) -> float:
+    """Choose the distance of the columns over the bounds (3,) of a mesh."""
     width_mm, depth_mm = (hi_mm - lo_mm)[:2].tolist()
-    return place_rays(lo_mm, hi_mm, max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count)))
+    count = min(MAX_COLUMN_COUNT, max(COLUMN_COUNT, width_mm * depth_mm / MAX_STEP_MM**2))
+    return _compute_step_mm(lo_mm, hi_mm, count)
+
+
+def _compute_step_mm(lo_mm: Floats, hi_mm: Floats, count: float) -> float:
+    """Compute the distance of approximately this number of columns over the bounds (3,) of a mesh."""
+    width_mm, depth_mm = (hi_mm - lo_mm)[:2].tolist()
+    return max(MIN_STEP_MM, math.sqrt(width_mm * depth_mm / count))
 
 
 @jit

@@ -15,7 +15,7 @@ from decompose.export import write_decomposition
 from decompose.files.names import REPORT
 from decompose.geometry import Model
 from decompose.print_time import CostModel
-from decompose.rebalance import SlicedCuts, rebalance_planes
+from decompose.rebalance import MAX_ROUNDS, SlicedCuts, rebalance_planes
 from decompose.results import Decomposition
 from drivers.printers import UsableVolume
 from farm.planning.error_translation import translate_errors
@@ -23,9 +23,6 @@ from farm.planning.part_records import DecomposedPart, SliceTask
 from farm.planning.parts.slice_part import slice_part
 from slicing.plate import PlateResult
 from slicing.settings import Resources, SettingsRequest, find_engine, resolve_settings
-
-MAX_REBALANCES = 6
-"""Maximum number of times that the cuts are moved; two or three usually suffice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +122,7 @@ def rebalance_by_slices(
         If a part cannot be sliced (`PartSlicer.slice_parts`).
     """
     rounds = [slicer.slice_parts(decomposition, folder / "0")]
-    for number in range(1, MAX_REBALANCES + 1):
+    for number in range(1, MAX_ROUNDS + 1):
         try:
             moved_decomposition = rebalance_planes(model, [r.cuts for r in rounds], cost, executor)
         except DecomposeError:  # the parts are valid without moved cuts

@@ -161,7 +161,7 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
     assert step["codes"] == [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": "2-1^"}]
     assert report["cut_list"] == [
-        {"length_mm": length_mm, "diameter_mm": 2.85, "count": 1} for length_mm in (9.0, 5.0)
+        {"length_mm": length_mm, "diameter_mm": 2.85, "count": 1} for length_mm in (8.0, 4.0)
     ]
     assert [pin["kind"] for pin in report["pins"]] == ["key", "key"]
     assert [mark["text"] for mark in report["marks"]] == ["1-2^", "2-1^"]

@@ -214,5 +214,5 @@ def test_supports_are_estimated_from_few_columns(bench: Solid) -> None:
     result = measure_solid(bench)
     support_mm3, side_mm2, towers_mm = estimate_supports(vertices[faces], float(OVERHANG_COS), 400)
     assert support_mm3 == pytest.approx(result.support_mm3, rel=0.1)
-    assert side_mm2 == pytest.approx(result.support_side_mm2, rel=0.15)
+    assert side_mm2 == pytest.approx(result.fine_support_side_mm2, rel=0.15)
     assert towers_mm == result.towers_mm == 0.0

@@ -47,9 +47,9 @@ def test_tour_is_as_long_as_a_way_to_all_islands(kinds):
         assert tour_cells == 0.0
         return
     distances_cells = np.linalg.norm(np.array(centres)[:, None] - np.array(centres), axis=2)
-    # Any way to all islands is at least as long as the shortest tree that connects them. A tiny length is
-    # added because a distance of 0 would count as no connection.
-    tree_cells = minimum_spanning_tree(distances_cells + 1e-9).sum()
+    # Any way to all islands is at least as long as the shortest tree that connects them. A cell is added to
+    # each distance because one of 0 would count as no connection.
+    tree_cells = minimum_spanning_tree(distances_cells + 1.0).sum() - (len(centres) - 1)
     assert tree_cells - 1e-6 < tour_cells < (len(centres) - 1) * distances_cells.max() + 1e-6
 
 

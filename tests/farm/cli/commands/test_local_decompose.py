@@ -25,7 +25,7 @@ def test_coupon_is_a_closed_stl_and_its_fits_are_reported(
     local.coupon(path, "3")
     assert trimesh.load_mesh(path).is_watertight
     output = capsys.readouterr().out
-    assert "0.1 to 0.7 mm wider than a pin of 3 mm" in output and "11, 9 and 5 mm" in output
+    assert "0.1 to 0.7 mm wider than a pin of 3 mm" in output and "11, 8, 5 and 4 mm" in output
     assert "the number that fits, in mm (4: 0.4)" in output
 
 
