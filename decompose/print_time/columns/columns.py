@@ -53,7 +53,7 @@ class Columns:
     holes_mm
         Integral of the number of holes of the part.
     island_paths_mm2
-        Integral of the length of the way from island to island in a layer.
+        Integral of the length of the travel between islands in a layer.
     first_layer
         (nx, ny) bool, true where the part or its support stands on the bed.
     step_mm

@@ -57,7 +57,7 @@ def sum_islands_mm(
     -------
     tuple
         Integrals over the height, in mm: number of islands minus one, number of bodies minus one, and number
-        of holes. Then, in mm2, the integral of the length of the way from island to island.
+        of holes. Then, in mm2, the integral of the length of the travel between islands.
     """
     nx, ny = shape
     extra_island_count, extra_body_count, total_hole_count, tour_cells = 0, 0, 0, 0.0

@@ -22,7 +22,7 @@ class RasterCounts(NamedTuple):
     islands, bodies, holes
         Number of islands, of bodies, and of holes of the bodies. Cells that share a corner are connected.
     tour_cells
-        Length of the way from island to island, in cells.
+        Length of the travel between islands, in cells.
     """
 
     islands: int

@@ -1,4 +1,4 @@
-"""Length of the way from island to island of a layer, in the order in which a slicer visits them.
+"""Length of the travel between islands of a layer, in the order in which a slicer visits them.
 
 CuraEngine prints all supports of a layer first, then the part. From an island it travels to the nearest one
 that is not printed yet.

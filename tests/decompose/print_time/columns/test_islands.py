@@ -1,4 +1,4 @@
-"""Counts of islands, bodies and holes in the raster of a level, and the way from island to island."""
+"""Counts of islands, bodies and holes in the raster of a level, and the travel between islands."""
 
 import math
 
