@@ -30,10 +30,10 @@ from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_
 
 MAX_ROUNDS = 6  # maximum number of times that callers move the planes of a decomposition
 MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, for which all parts are sliced again
-# Minimum gains for each mm by which planes move, as shares of the makespan; the next one is used if no move
-# gains as much. With each move, the sliced time of a part may jump, so planes that contribute little stay as
-# long as others gain more.
-MIN_GAINS_PER_MM = (3e-4, 5e-6)
+# Minimum gains for each mm by which planes move, as shares of the makespan, for each part; the next one is
+# used if no move gains as much. With each move, the sliced time of a part may jump, so planes that contribute
+# little stay as long as others gain more. The more parts there are, the more of them may jump.
+MIN_GAINS_PER_MM = (3e-6, 0.0)
 STOP_SHARE = 0.5  # share of a move after which the faces of a part are stopped that was too slow after it
 
 
@@ -118,7 +118,7 @@ class _Goal(NamedTuple):
     best_ratio
         Least sliced makespan so far, divided by that of the decomposition from which the planes move.
     min_gain_per_mm
-        Minimum gain for each mm by which planes move, as a share of the makespan.
+        Minimum gain for each mm by which planes move, as a share of the makespan, for each part.
     failed_moves
         Decompositions after other moves from there, which did not end sooner.
     """
@@ -175,7 +175,8 @@ def _shift_planes(
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in box_pieces])
     max_s = (1.0 - MIN_GAIN) * goal.best_ratio * old_s
     stops = tuple(_list_stops(boxes_mm, start, goal.failed_moves, max_s))
-    rules = MoveRules(goal.min_gain_per_mm * old_s, stops)
+    min_gain_s_per_mm = goal.min_gain_per_mm * len(box_pieces) * old_s
+    rules = MoveRules(max(min_gain_s_per_mm, MoveRules().min_gain_s_per_mm), stops)
     grid = problem.build_grid(problem.model)
     shifted_pieces = shift_box_planes(problem, grid, boxes_mm, box_pieces, rules=rules)
     return shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= max_s else None
