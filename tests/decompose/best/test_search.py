@@ -269,7 +269,7 @@ def test_broken_rule_is_reported_after_the_budget_was_spent(
     assert not second_attempt.finished
 
 
-@pytest.mark.parametrize(("budget_s", "attempt_count"), [(1.9, 1), (2.1, 2), (2.9, 2), (3.1, 3)])
+@pytest.mark.parametrize(("budget_s", "attempt_count"), [(1.6, 1), (2.1, 2), (2.6, 2), (3.1, 3)])
 def test_no_attempt_starts_with_too_little_budget(
     budget_s: float,
     attempt_count: int,
