@@ -27,7 +27,6 @@ OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
 # Minimum gain from a rotation, as a share of the makespan: cuts along the model's sides are easier to glue.
 MIN_ROTATION_GAIN = 0.01
 MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
-MIN_EFFORT_SHARE = 0.7  # minimum effort of a single attempt, as a share of that of the first one
 SPENT_REASON = "not started: the budget was spent"
 
 
@@ -97,8 +96,7 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[PlannedAttemp
     budget, then the engine `parallelobox`, because any result is better than none. The next rounds try other
     grids, then rotations of the model about z, then other grids at the best angle. The attempts of a round
     have equal shares of the remaining budget. A round has only so many attempts that each can spend as much
-    effort as the first attempt, but at least one as long as there is no result, or as `MIN_EFFORT_SHARE` of
-    this effort is left. The other attempts form the
+    effort as the first attempt, but at least one as long as there is no result. The other attempts form the
     next round, with the rest of the budget.
 
     Parameters
@@ -118,9 +116,9 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[PlannedAttemp
     remaining_s, first_s = compute_remaining_s(problem, state), state.attempts[0].effort_s
     if not planned_attempts or remaining_s <= 0.0:
         return ()
-    # An attempt with much less effort than the first one is cut short, and hardly ever wins.
+    # An attempt with less effort than the first one is cut short, and hardly ever wins.
     count = len(planned_attempts) if first_s <= 0.0 else int(remaining_s / first_s)
-    if state.best_result is None or remaining_s >= MIN_EFFORT_SHARE * first_s:
+    if state.best_result is None:
         count = max(1, count)
     return tuple(
         replace(planned_attempt, budget_s=remaining_s / min(count, len(planned_attempts)))

@@ -134,8 +134,7 @@ def test_round_is_as_large_as_the_budget_allows(cost: CostModel, result: Decompo
     def plan_round(budget_s: float) -> tuple[PlannedAttempt, ...]:
         return plan_next_round(make_problem(cost, budget_s), state)
 
-    assert plan_round(16.9) == ()
-    assert plan_round(17.0) == (PlannedAttempt(Engine.GUILLOTINE, "auto", OTHER_YAWS_DEG[0], 7.0),)
+    assert plan_round(19.0) == ()
     assert plan_round(20.0) == (PlannedAttempt(Engine.GUILLOTINE, "auto", OTHER_YAWS_DEG[0], 10.0),)
     assert [(planned_attempt.yaw_deg, planned_attempt.budget_s) for planned_attempt in plan_round(35.0)] == [
         (45.0, 12.5),
