@@ -46,7 +46,7 @@ class CostModel:
     The errors were measured on parts that the decomposition makes, with each model held out from the fit. If
     the supports of a part are measured in its pose, the mean error is 1.5 %. In each of five settings, it is
     at most 2.3 %, even if only two of the settings are used for the fit. Prices from tables assume supports
-    down to the bed; their mean error is 2.8 % (bench/prices/model.py, bench/prices/print_time.csv).
+    down to the bed; their mean error is 3.7 % (bench/prices/model.py, bench/prices/print_time.csv).
     """
 
     fixed_s: float
