@@ -5,14 +5,17 @@ from __future__ import annotations
 import pickle
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from decompose import rebalance as rebalance_module
 from decompose.best import rotate_about_z
 from decompose.decompose import decompose_model
 from decompose.engines.guillotine import shift_box_planes
+from decompose.errors import GeometryError
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.pieces import cut_box, sort_pieces
@@ -20,7 +23,7 @@ from decompose.print_time import CostModel
 from decompose.printers import TargetPrinter
 from decompose.problem import Problem
 from decompose.rebalance import SlicedCuts, _cut_previous_boxes, rebalance_planes
-from decompose.results import Attempt, Cutting, Decomposition, Part
+from decompose.results import Attempt, Cutting, Decomposition, Part, finish_result
 
 PRINTERS = tuple(TargetPrinter(name, ((220.0, 220.0, 200.0),)) for name in "abcd")
 OPTIONS = Options(Engine.GUILLOTINE, 6, fit_first_layer=False, prove=False)
@@ -160,7 +163,7 @@ def test_planes_move_on_after_a_move_that_failed_and_then_back(time_factor: floa
 def test_planes_move_again_from_where_they_were_best_if_they_cannot_move_on(
     decomposition: Decomposition, cost: CostModel
 ) -> None:
-    """Use a round whose cuts leave out one part of the model, so that the result would break a rule."""
+    """Use a failed round with a box that is there twice, whose planes cannot be moved."""
     first = make_cuts(decomposition, make_times_s(decomposition, 1))
     moved = rebalance_planes(MODEL, [first], cost)
     assert moved is not None and moved.cutting is not None
@@ -171,6 +174,34 @@ def test_planes_move_again_from_where_they_were_best_if_they_cannot_move_on(
     )
     assert rebalance_planes(MODEL, [failed], cost) is None
     assert rebalance_planes(MODEL, [first, failed], cost) is not None
+
+
+@pytest.mark.parametrize("error_count", [1, 4])
+def test_move_that_breaks_a_rule_is_followed_by_another_one(
+    error_count: int, decomposition: Decomposition, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Use two starts and two minimum gains, and let the first results break a rule."""
+    first = make_cuts(decomposition, make_times_s(decomposition, 1))
+    moved = rebalance_planes(MODEL, [first], cost)
+    assert moved is not None
+    failed = make_cuts(moved, make_times_s(moved, find_part_number(moved, decomposition, 2), 1.25))
+    assert failed.makespan_s > first.makespan_s
+    calls = []
+
+    def finish_with_errors(*args: Any) -> Decomposition:
+        calls.append(args)
+        if len(calls) <= error_count:
+            raise GeometryError("wall", None, "thin")
+        return finish_result(*args)
+
+    monkeypatch.setattr(rebalance_module, "finish_result", finish_with_errors)
+    if error_count == 1:
+        assert rebalance_planes(MODEL, [first, failed], cost) is not None
+        assert len(calls) == 2
+    else:
+        with pytest.raises(GeometryError, match="thin"):
+            rebalance_planes(MODEL, [first, failed], cost)
+        assert len(calls) == 4
 
 
 def test_rotated_model_is_rebalanced_in_its_own_frame(cost: CostModel) -> None:

@@ -33,12 +33,12 @@ class MoveRules(NamedTuple):
     Attributes
     ----------
     min_gain_s_per_mm
-        Minimum gain of makespan for each mm by which a plane moves.
+        Minimum gain of makespan for each mm by which a group of faces moves.
     stops
         Positions that faces of the boxes may not pass.
     """
 
-    min_gain_s_per_mm: float = 0.05  # so that no plane moves without a gain
+    min_gain_s_per_mm: float = 0.05  # so that no face moves without a gain
     stops: Sequence[FaceStop] = ()
 
 
